@@ -1,0 +1,27 @@
+"""``shuttle-marl COMMAND …`` is short for ``python -m shuttle_marl.COMMAND …``."""
+
+import importlib
+import sys
+from typing import Final
+
+_COMMANDS: Final = {
+    "data": "download, convert, summarise and check annotated matches",
+    "dynamics": "fit, evaluate and describe the models of the game",
+    "league": "play a tournament between policies",
+}
+
+
+def main() -> int:
+    """Run the command named by the first argument."""
+    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+    if name not in _COMMANDS:
+        lines = "\n".join(f"  {command:10} {text}" for command, text in _COMMANDS.items())
+        out = sys.stdout if name in ("--help", "-h") else sys.stderr
+        out.write(f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n`shuttle-marl COMMAND --help` shows the flags of one.\n")
+        return 0 if out is sys.stdout else 2
+    command = importlib.import_module(f"shuttle_marl.{name}.__main__")
+    return int(command.main(sys.argv[2:]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""What all command lines share: commands generated from typed functions, and errors without traceback."""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import tyro
+from rich.console import Console
+
+from shuttle_marl.errors import ShuttleError
+
+Command = Callable[..., Any]
+
+
+def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
+    """Parse the command line, call the command, and return the exit status.
+
+    Args:
+        commands: one function, or subcommands by name. Flags come from the signature, help from the docstring.
+        prog: name of the program in help texts.
+        description: first lines of the help.
+        argv: arguments; default ``sys.argv[1:]``.
+
+    Returns:
+        0, or 1 after a :class:`ShuttleError` (its message goes to standard error), or 130 after an interrupt.
+    """
+    args = list(sys.argv[1:] if argv is None else argv)
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    try:
+        if isinstance(commands, dict):
+            tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args)
+        else:
+            tyro.cli(commands, prog=prog, description=description, args=args)
+    except ShuttleError as error:
+        console.print(f"[bold red]error:[/] {prog}: ", end="")
+        console.print(str(error), markup=False)
+        return 1
+    except KeyboardInterrupt:
+        console.print("interrupted; what was written is whole")
+        return 130
+    return 0

@@ -1,0 +1,83 @@
+"""The badminton court in metres, and the nine target areas of a half.
+
+Frame ("egocentric metres"): the origin lies on the floor under the middle of the net; ``y`` points from the striker
+to the opponent, ``x`` to the striker's right. So the striker stands at ``y < 0`` and a stroke lands at ``y > 0``.
+Lengths follow the BWF Laws of Badminton (13.40 m x 6.10 m, singles width 5.18 m, net 1.55 m at the posts).
+The cuts between the areas are those with which ShuttleSet was annotated (Wang et al., KDD 2023).
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+LENGTH: Final = 13.40
+"""Length of the court [m]."""
+WIDTH: Final = 6.10
+"""Width of the court between the doubles side lines [m]."""
+SINGLES_WIDTH: Final = 5.18
+"""Width between the singles side lines [m]."""
+NET_HEIGHT: Final = 1.55
+"""Height of the net at the posts [m]."""
+NET_HEIGHT_CENTRE: Final = 1.524
+"""Height of the net in the middle [m]."""
+SHORT_SERVICE: Final = 1.98
+"""Distance of the short service line from the net [m]."""
+
+HALF_LENGTH: Final = LENGTH / 2
+HALF_WIDTH: Final = SINGLES_WIDTH / 2
+SIDE_CUT: Final = 73.5 * LENGTH / 660
+"""|x| beyond which an area is a side area [m] (73.5 of the data's 660 length units)."""
+MIDDLE_CUT: Final = 114 * LENGTH / 660
+"""Distance from the net where the front areas end and the middle ones begin [m]."""
+BACK_CUT: Final = 276 * LENGTH / 660
+"""Distance from the net where the middle areas end and the back ones begin [m]."""
+
+AREAS: Final = (
+    "front-right",
+    "front-centre",
+    "front-left",
+    "middle-right",
+    "middle-centre",
+    "middle-left",
+    "back-right",
+    "back-centre",
+    "back-left",
+)
+"""The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
+N_AREAS: Final = len(AREAS)
+
+Floats = npt.NDArray[np.floating]
+
+
+def area_of(x: Floats, y: Floats) -> npt.NDArray[np.int8]:
+    """The area of a landing point, the nearest one for points outside the court.
+
+    Args:
+        x: metres to the striker's right, any shape.
+        y: metres beyond the net, same shape; values below zero (the striker's own half) count as the front.
+
+    Returns:
+        Index into :data:`AREAS`, same shape; -1 where a coordinate is NaN.
+    """
+    x, y = np.asarray(x), np.asarray(y)
+    # The receiver looks the other way, so the striker's left (x < 0) is the receiver's right (side 0).
+    side = 1 + (x > SIDE_CUT).astype(np.int8) - (x < -SIDE_CUT).astype(np.int8)
+    depth = (y > MIDDLE_CUT).astype(np.int8) + (y > BACK_CUT).astype(np.int8)
+    area = (3 * depth + side).astype(np.int8)
+    return np.where(np.isnan(x) | np.isnan(y), np.int8(-1), area)
+
+
+def in_court(x: Floats, y: Floats, margin: float = 0.0) -> npt.NDArray[np.bool_]:
+    """Whether a point lies in the opponent's singles court, lines widened by ``margin`` metres; False for NaN."""
+    x, y = np.asarray(x), np.asarray(y)
+    inside: npt.NDArray[np.bool_] = (np.abs(x) <= HALF_WIDTH + margin) & (y >= -margin) & (y <= HALF_LENGTH + margin)
+    return inside
+
+
+def area_centre(area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+    """Centres of areas in the striker's frame, shape ``area.shape + (2,)`` [m]."""
+    area = np.asarray(area)
+    xs = np.array([-(SIDE_CUT + HALF_WIDTH) / 2, 0.0, (SIDE_CUT + HALF_WIDTH) / 2])
+    ys = np.array([MIDDLE_CUT / 2, (MIDDLE_CUT + BACK_CUT) / 2, (BACK_CUT + HALF_LENGTH) / 2])
+    return np.stack([xs[area % 3], ys[area // 3]], axis=-1)

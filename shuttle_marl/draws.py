@@ -1,0 +1,51 @@
+"""Random numbers by counter: a draw depends on (seed, match, rally, stroke) alone.
+
+So batch size, order and number of threads never change a rally, and any rally can be replayed from its numbers. The
+mixing function is the finaliser of SplitMix64 (Steele, Lea & Flood, OOPSLA 2014; constants of Stafford's Mix13).
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+UInt64s = npt.NDArray[np.uint64]
+
+CHOICE_ONE: Final = 65535
+"""Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative chance can also say "certainly"."""
+
+_GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
+_MIX_2: Final = np.uint64(0x94D049BB133111EB)
+
+
+def mix(x: UInt64s) -> UInt64s:
+    """A bijection of 64-bit integers that scrambles all bits; any shape."""
+    x = (x ^ (x >> np.uint64(30))) * _MIX_1
+    x = (x ^ (x >> np.uint64(27))) * _MIX_2
+    return x ^ (x >> np.uint64(31))
+
+
+def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
+    """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts."""
+    with np.errstate(over="ignore"):
+        key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + _GOLDEN)
+        for number in numbers:
+            key = mix((key ^ np.asarray(number).astype(np.uint64)) + _GOLDEN)
+    return key
+
+
+def draw(key: UInt64s, counter: npt.NDArray[np.integer] | int) -> UInt64s:
+    """64 random bits for each key and counter."""
+    with np.errstate(over="ignore"):
+        return mix(mix(key + np.asarray(counter).astype(np.uint64) * _GOLDEN) + _GOLDEN)
+
+
+def outcome_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
+    """The part of a draw that decides the outcome of a stroke: uniform in [0, 65536)."""
+    return (bits & np.uint64(0xFFFF)).astype(np.int32)
+
+
+def choice_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
+    """The part of a draw that chooses a stroke: uniform in [0, 65535)."""
+    return (((bits >> np.uint64(32)) * np.uint64(CHOICE_ONE)) >> np.uint64(32)).astype(np.int32)

@@ -1,0 +1,107 @@
+"""The contract of a policy: probabilities over the catalogue for a batch of states, nothing illegal."""
+
+import dataclasses
+import functools
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.rally import Game
+
+
+class PolicyError(ShuttleError):
+    """A policy that cannot be found, raises, or returns something that is no distribution over the legal strokes."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class States:
+    """A batch of B decisions, seen by the striker.
+
+    Attributes:
+        game: the tables of the game.
+        state: ``[B]`` int32 state numbers.
+        score: ``[B, 4]`` int16 points of the striker, points of the receiver, games of the striker, games of the
+            receiver before this rally; None where there is no match around the rally.
+    """
+
+    game: Game
+    state: npt.NDArray[np.int32]
+    score: npt.NDArray[np.int16] | None = None
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    @functools.cached_property
+    def own(self) -> npt.NDArray[np.int32]:
+        """``[B]`` catalogue index of the striker's own last stroke, n for none."""
+        return self.game.edge_own[self.state >> 1]
+
+    @functools.cached_property
+    def incoming(self) -> npt.NDArray[np.int32]:
+        """``[B]`` catalogue index of the incoming stroke, n for none: the striker serves."""
+        return self.game.edge_incoming[self.state >> 1]
+
+    @functools.cached_property
+    def contact(self) -> npt.NDArray[np.int32]:
+        """``[B]`` contact offered: 0 below, 1 above the net."""
+        return self.state & 1
+
+    @functools.cached_property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """``[B, n]`` legal strokes."""
+        return self.game.mask(self.state)
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What every player is. A policy that reads ``states.score`` must say so with ``reads_score = True``."""
+
+    def probabilities(self, states: States) -> npt.NDArray[np.floating]:
+        """``[B, n]`` chance of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
+        ...
+
+
+def reads_score(policy: Policy) -> bool:
+    """Whether a policy reads more than the state of the rally, so that it cannot be tabulated."""
+    return bool(getattr(policy, "reads_score", False))
+
+
+def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDArray[np.float64]:
+    """Call a policy and check what it returns.
+
+    Raises:
+        PolicyError: the policy raised, or a row is no distribution over the legal strokes; says which state and stroke.
+    """
+    try:
+        raw = policy.probabilities(states)
+    except Exception as error:
+        raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error}") from error
+    try:
+        p = np.asarray(raw, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PolicyError(f"policy {name!r} returned {type(raw).__name__}, no array of numbers") from error
+    expected = (len(states), states.game.n_strokes)
+    if p.shape != expected:
+        raise PolicyError(f"policy {name!r} returned shape {p.shape}, expected {expected}")
+    describe = states.game.describe
+    bad = ~np.isfinite(p).all(axis=1)
+    if bad.any():
+        row = int(bad.argmax())
+        raise PolicyError(f"policy {name!r} returned NaN or infinity in state: {describe(int(states.state[row]))}")
+    illegal = (p != 0) & ~states.mask
+    if illegal.any():
+        row, stroke = map(int, np.argwhere(illegal)[0])
+        raise PolicyError(
+            f"policy {name!r} plays the illegal stroke {states.game.catalogue.names[stroke]} with probability "
+            f"{p[row, stroke]:g} in state: {describe(int(states.state[row]))}"
+        )
+    wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise PolicyError(
+            f"policy {name!r} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
+            f"{describe(int(states.state[row]))}"
+        )
+    return p

@@ -1,0 +1,86 @@
+"""Policies compiled to tables: one 16-bit cumulative chance a legal pair, the same layout as the game."""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.draws import CHOICE_ONE
+from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.rally import Game
+
+_CHUNK = 4096
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class TabulatedPolicy:
+    """A policy on every state of one game.
+
+    Attributes:
+        game: the game it was compiled for.
+        cumulative: ``[P]`` uint16, chance of the legal strokes of a state up to and including this one, in units of
+            1/65535; a draw u in [0, 65535) chooses the first stroke whose entry exceeds u.
+    """
+
+    game: Game
+    cumulative: npt.NDArray[np.uint16]
+
+    def pair_probabilities(self) -> npt.NDArray[np.float64]:
+        """``[P]`` chance of each legal pair given its state, exactly as it is played from the table."""
+        upper = self.cumulative.astype(np.int64)
+        lower = np.r_[0, upper[:-1]]
+        lower[self.game.pair_start[:-1][np.diff(self.game.pair_start) > 0]] = 0
+        return (upper - lower) / CHOICE_ONE
+
+    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+        """``[B, n]`` chance of each stroke; see :class:`shuttle_marl.policy.base.Policy`."""
+        game = self.game
+        if states.game.hash != game.hash:
+            raise PolicyError("this policy was tabulated for another game; tabulate it again")
+        p = np.zeros((len(states), game.n_strokes))
+        counts = game.legal_count(states.state)
+        rows = np.repeat(np.arange(len(states)), counts)
+        pairs = np.arange(counts.sum()) + np.repeat(game.pair_start[states.state] - np.r_[0, np.cumsum(counts)[:-1]], counts)
+        p[rows, game.pair_stroke[pairs]] = self.pair_probabilities()[pairs]
+        return p
+
+    def padded(self) -> npt.NDArray[np.uint16]:
+        """``[S, K - 1]`` cumulative chances, K the largest number of legal strokes; filled up with 65535.
+
+        The stroke chosen by a draw u is k = number of entries <= u: a batch is decided by one gather and one comparison.
+        """
+        game = self.game
+        width = int(game.legal_count(np.arange(game.n_states)).max())
+        table = np.full((game.n_states, width), CHOICE_ONE, dtype=np.uint16)
+        s = game.pair_state
+        table[s, np.arange(game.n_pairs) - game.pair_start[s]] = self.cumulative
+        return table[:, :-1]
+
+
+def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolicy:
+    """Evaluate a policy on every state.
+
+    Raises:
+        PolicyError: the policy reads more than the state, raises, or is no distribution over the legal strokes somewhere.
+    """
+    if isinstance(policy, TabulatedPolicy) and policy.game.hash == game.hash:
+        return policy
+    if reads_score(policy):
+        raise PolicyError(f"policy {name!r} reads the score, so it has no table over states; evaluate it by sampling")
+    playable = np.flatnonzero(game.legal_count(np.arange(game.n_states)) > 0).astype(np.int32)
+    p = np.zeros(game.n_pairs)
+    for chunk in np.array_split(playable, max(1, len(playable) // _CHUNK)):
+        rows = checked_probabilities(policy, States(game=game, state=chunk), name)
+        first, last = game.pair_start[chunk[0]], game.pair_start[chunk[-1] + 1]
+        p[first:last] = rows[np.searchsorted(chunk, game.pair_state[first:last]), game.pair_stroke[first:last]]
+    return from_pair_probabilities(game, p)
+
+
+def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
+    """Compile ``[P]`` chances (each state sums to 1) to a table; rounds the cumulative chance to 1/65535."""
+    total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
+    before = total[game.pair_start[game.pair_state]]
+    last = game.pair_start[1:][np.diff(game.pair_start) > 0] - 1
+    chance = total[1:] - before
+    chance /= np.repeat(chance[last], np.diff(game.pair_start)[np.diff(game.pair_start) > 0])
+    return TabulatedPolicy(game=game, cumulative=np.rint(chance * CHOICE_ONE).astype(np.uint16))

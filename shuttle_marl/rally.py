@@ -1,0 +1,269 @@
+"""The pure rules of a rally, on tables, for a batch at a time. No torch, no environment, no policy.
+
+A rally alternates between two players. The one to hit is the striker, the other the receiver. What decides a stroke is
+the striker's **state**: their own last stroke, the incoming stroke, and the **contact** they are offered (below or above
+the net). One 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above.
+
+How the tables are laid out
+---------------------------
+``START = n`` stands for "no stroke yet". A pair (own last stroke x, incoming stroke y) that can occur is an **edge**
+x → y; edge 0 is START → START, the start of a rally. State ``s = 2 * edge + contact``. The replies to stroke y from
+contact c do not depend on x, and their edges y → z lie next to each other: ``reply_start[y, c]`` up to
+``reply_start[y, c] + reply_count[y, c]``. So the k-th legal stroke of a state is a number, and so is what follows it.
+A **legal pair** is (state, k); its row in ``threshold`` is ``pair_start[state] + k``.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.stroke import Catalogue
+
+OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
+FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)
+ONE: Final = 1 << 16
+"""Probability 1 in the fixed point of the tables."""
+ROOT: Final = 0
+"""The state in which every rally starts: the serve, struck from below the net."""
+
+Ints = npt.NDArray[np.int32]
+UInts = npt.NDArray[np.uint16]
+
+
+class GameError(ShuttleError):
+    """Tables that cannot be read or do not form a game."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Game:
+    """A compiled game: n strokes, E edges, S = 2 E states, P legal pairs.
+
+    Attributes:
+        catalogue: the n strokes.
+        edge_own: ``[E]`` int32, the striker's own last stroke, n for none.
+        edge_incoming: ``[E]`` int32, the incoming stroke, n for none (the serve).
+        reply_start: ``[n + 1, 2]`` int32, first edge of the replies to a stroke, by contact.
+        reply_count: ``[n + 1, 2]`` int32, their number.
+        pair_start: ``[S + 1]`` int32, first legal pair of a state.
+        threshold: ``[P, 3]`` uint16, cumulative chances of fault, + winner, + returned from below, in units of 1/65536.
+    """
+
+    catalogue: Catalogue
+    edge_own: Ints
+    edge_incoming: Ints
+    reply_start: Ints
+    reply_count: Ints
+    pair_start: Ints
+    threshold: UInts
+
+    @property
+    def n_strokes(self) -> int:
+        """Number of strokes in the catalogue."""
+        return len(self.catalogue)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states S; the second contact of edge 0 (a serve from above) has no legal stroke and never occurs."""
+        return 2 * len(self.edge_own)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of legal pairs P."""
+        return len(self.threshold)
+
+    @functools.cached_property
+    def pair_state(self) -> Ints:
+        """``[P]`` state of each legal pair."""
+        return np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start))
+
+    @functools.cached_property
+    def pair_edge(self) -> Ints:
+        """``[P]`` edge that follows each legal pair if the stroke is returned; the next state is ``2 * edge + contact``."""
+        s = self.pair_state
+        k = np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[s]
+        return self.reply_start[self.edge_incoming[s >> 1], s & 1] + k
+
+    @functools.cached_property
+    def pair_stroke(self) -> Ints:
+        """``[P]`` catalogue index of the stroke of each legal pair."""
+        return self.edge_incoming[self.pair_edge]
+
+    @functools.cached_property
+    def hash(self) -> str:
+        """SHA-256 over the names of the strokes and all tables, hexadecimal: the version of the game."""
+        digest = hashlib.sha256(self.catalogue.version.encode())
+        for name, array in self._arrays().items():
+            digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+    def legal_count(self, state: npt.NDArray[np.integer]) -> Ints:
+        """Number of legal strokes in each state."""
+        return self.pair_start[state + 1] - self.pair_start[state]
+
+    def legal_strokes(self, state: int) -> Ints:
+        """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
+        return self.pair_stroke[self.pair_start[state] : self.pair_start[state + 1]]
+
+    @functools.cached_property
+    def reply_mask(self) -> npt.NDArray[np.bool_]:
+        """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
+        mask = np.zeros((self.n_strokes + 1, 2, self.n_strokes), dtype=bool)
+        s = self.pair_state
+        mask[self.edge_incoming[s >> 1], s & 1, self.pair_stroke] = True
+        return mask
+
+    def mask(self, state: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+        """``[..., n]`` which strokes are legal in each state."""
+        return self.reply_mask[self.edge_incoming[np.asarray(state) >> 1], np.asarray(state) & 1]
+
+    @functools.cached_property
+    def reply_rank(self) -> npt.NDArray[np.int16]:
+        """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
+        rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
+        s = self.pair_state
+        rank[self.edge_incoming[s >> 1], s & 1, self.pair_stroke] = np.arange(self.n_pairs) - self.pair_start[s]
+        return rank
+
+    def pair(self, state: npt.NDArray[np.integer], stroke: npt.NDArray[np.integer]) -> Ints:
+        """Legal pair of a state and a stroke, -1 where the stroke is not legal; any shape."""
+        state = np.asarray(state)
+        rank = self.reply_rank[self.edge_incoming[state >> 1], state & 1, stroke]
+        return np.where(rank < 0, -1, self.pair_start[state] + rank).astype(np.int32)
+
+    def chances(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """``[P]`` each: chance that the stroke is good, that a good one is returned, that a return is from above."""
+        fault, winner, below = (self.threshold[:, i].astype(np.float64) for i in range(3))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            good = (ONE - fault) / ONE
+            returned = np.where(fault < ONE, (ONE - winner) / (ONE - fault), 0.0)
+            above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
+        return good, returned, above
+
+    def describe(self, state: int) -> str:
+        """A state in words: own last stroke, incoming stroke, contact."""
+        names = (*self.catalogue.names, "none")
+        own, incoming = names[self.edge_own[state >> 1]], names[self.edge_incoming[state >> 1]]
+        return f"own {own}, incoming {incoming}, contact {'above' if state & 1 else 'below'}"
+
+    def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"}
+
+    def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
+        """Write the tables as safetensors, beside and moved into place."""
+        header = {"strokes": json.dumps(self.catalogue.names), "hash": self.hash, **(metadata or {})}
+        replace_file(path, save({k: np.ascontiguousarray(v) for k, v in self._arrays().items()}, metadata=header))
+
+    @classmethod
+    def load(cls, path: Path) -> "Game":
+        """Read tables written by :meth:`save`.
+
+        Raises:
+            GameError: the file is missing, damaged, or its hash does not fit.
+        """
+        try:
+            with safe_open(path, framework="numpy") as file:
+                header = file.metadata() or {}
+                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
+            game = cls(catalogue=Catalogue.from_names(json.loads(header["strokes"])), **arrays)
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+            raise GameError(f"{path}: no readable game tables ({error}); fit or install the model again") from error
+        if game.hash != header.get("hash"):
+            raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
+        return game
+
+
+def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, Ints]:
+    """The index tables of a game from who may answer what.
+
+    Args:
+        catalogue: the n strokes.
+        replies: ``[n + 1, n]`` whether stroke z may answer stroke y (row n: at the start of a rally). The contact height
+            of z is the contact from which it is legal.
+
+    Returns:
+        ``edge_own``, ``edge_incoming``, ``reply_start``, ``reply_count``, ``pair_start`` of :class:`Game`. Only strokes
+        that can be reached from the serve get edges.
+
+    Raises:
+        GameError: a reachable stroke has no legal reply from one of the contacts, or a serve is no serve.
+    """
+    n = len(catalogue)
+    if (replies[n] != catalogue.is_serve).any() or replies[:n, catalogue.is_serve].any():
+        raise GameError("exactly the serves must be legal at the start, and only there")
+    reachable = np.zeros(n + 1, dtype=bool)
+    frontier = [n]
+    while frontier:
+        y = frontier.pop()
+        if reachable[y]:
+            continue
+        reachable[y] = True
+        frontier.extend(np.flatnonzero(replies[y]).tolist())
+    own, incoming = [n], [n]
+    reply_start = np.zeros((n + 1, 2), dtype=np.int32)
+    reply_count = np.zeros((n + 1, 2), dtype=np.int32)
+    for y in [n, *np.flatnonzero(reachable[:n]).tolist()]:
+        for contact in (0, 1):
+            strokes = np.flatnonzero(replies[y] & (catalogue.height == contact))
+            if not len(strokes) and y != n:
+                raise GameError(f"no legal reply to {catalogue.names[y]} from contact {contact}")
+            reply_start[y, contact], reply_count[y, contact] = len(own), len(strokes)
+            own.extend([y] * len(strokes))
+            incoming.extend(strokes.tolist())
+    edge_incoming = np.array(incoming, dtype=np.int32)
+    counts = reply_count[edge_incoming].ravel()
+    return {
+        "edge_own": np.array(own, dtype=np.int32),
+        "edge_incoming": edge_incoming,
+        "reply_start": reply_start,
+        "reply_count": reply_count,
+        "pair_start": np.r_[0, np.cumsum(counts)].astype(np.int32),
+    }
+
+
+def thresholds(
+    p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]
+) -> UInts:
+    """Fixed-point thresholds ``[P, 3]`` from the three chances, each rounded to the nearest 1/65536.
+
+    The first three outcomes together never reach 1, so the last one keeps at least 1/65536.
+    """
+    fault = 1 - p_good
+    winner = fault + p_good * (1 - p_returned)
+    below = winner + p_good * p_returned * (1 - p_above)
+    cumulative = np.rint(np.stack([fault, winner, below], axis=-1) * ONE)
+    if not np.isfinite(cumulative).all():
+        raise GameError("a chance of the dynamics is not a number; the model is damaged")
+    return np.clip(cumulative, 0, ONE - 1).astype(np.uint16)
+
+
+def strike(
+    game: Game, state: npt.NDArray[np.integer], k: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]
+) -> tuple[npt.NDArray[np.int8], Ints]:
+    """Play the k-th legal stroke of each state.
+
+    Args:
+        game: the tables.
+        state: ``[B]`` state of the striker.
+        k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
+        draw: ``[B]`` uniform integers in [0, 65536).
+
+    Returns:
+        ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
+        -1 where the rally is over.
+    """
+    limits = game.threshold[game.pair_start[state] + k]
+    outcome = (np.asarray(draw)[..., None] >= limits).sum(axis=-1).astype(np.int8)
+    edge = game.reply_start[game.edge_incoming[state >> 1], state & 1] + k
+    following = np.where(outcome >= RETURNED_BELOW, 2 * edge + outcome - RETURNED_BELOW, -1)
+    return outcome, following.astype(np.int32)

@@ -1,0 +1,145 @@
+"""The vocabulary of strokes and the catalogue of those that players use.
+
+A stroke is shot type x target area x contact height x technique. The catalogue is a fixed, versioned list; an action
+of every environment is an index into it, and every stroke has a readable name such as
+``smash:middle-left:above:forehand``.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.court import AREAS
+
+SHOTS: Final = (
+    "short-serve",
+    "long-serve",
+    "clear",
+    "lift",
+    "drop",
+    "smash",
+    "half-smash",
+    "drive",
+    "push",
+    "net-kill",
+    "net-shot",
+    "block",
+    "cross-court-net-shot",
+)
+"""Shot types; the first two are the serves."""
+HEIGHTS: Final = ("below", "above")
+"""Height of the contact relative to the top of the net."""
+TECHNIQUES: Final = ("forehand", "backhand", "around-the-head")
+
+N_SHOTS: Final = len(SHOTS)
+N_SERVES: Final = 2
+N_TECHNIQUES: Final = len(TECHNIQUES)
+BELOW: Final = 0
+ABOVE: Final = 1
+
+Int8s = npt.NDArray[np.int8]
+
+
+class UnknownStrokeError(ValueError):
+    """A name or a combination that is not in the catalogue."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Catalogue:
+    """The strokes that can be played, in a fixed order; serves come first.
+
+    Attributes:
+        shot: ``[n]`` index into :data:`SHOTS`.
+        area: ``[n]`` index into :data:`shuttle_marl.court.AREAS`, the intended target.
+        height: ``[n]`` 0 below, 1 above the net.
+        technique: ``[n]`` index into :data:`TECHNIQUES`.
+    """
+
+    shot: Int8s
+    area: Int8s
+    height: Int8s
+    technique: Int8s
+
+    @classmethod
+    def from_names(cls, names: Iterable[str]) -> "Catalogue":
+        """Build a catalogue from stroke names, in their order.
+
+        Raises:
+            UnknownStrokeError: a name that is not ``shot:area:height:technique``, or one given twice.
+        """
+        names = list(names)
+        if len(set(names)) != len(names):
+            raise UnknownStrokeError("a stroke name stands in the catalogue twice")
+        parts = np.array([parse(name) for name in names], dtype=np.int8).reshape(-1, 4)
+        return cls(*(np.ascontiguousarray(column) for column in parts.T))
+
+    def __len__(self) -> int:
+        return len(self.shot)
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        """Readable names, in order."""
+        rows = zip(self.shot, self.area, self.height, self.technique, strict=True)
+        return tuple(f"{SHOTS[s]}:{AREAS[a]}:{HEIGHTS[h]}:{TECHNIQUES[t]}" for s, a, h, t in rows)
+
+    @functools.cached_property
+    def is_serve(self) -> npt.NDArray[np.bool_]:
+        """``[n]`` whether a stroke is a serve."""
+        return self.shot < N_SERVES
+
+    @functools.cached_property
+    def version(self) -> str:
+        """First 12 hex digits of the SHA-256 of the names."""
+        return hashlib.sha256("\n".join(self.names).encode()).hexdigest()[:12]
+
+    def index(self, name: str) -> int:
+        """Index of a stroke by name.
+
+        Raises:
+            UnknownStrokeError: not in the catalogue.
+        """
+        try:
+            return self._index_by_name[name]
+        except KeyError:
+            parse(name)  # says which part is misspelt, if one is
+            raise UnknownStrokeError(
+                f"{name!r} is not in catalogue {self.version}: no elite player used it often enough"
+            ) from None
+
+    @functools.cached_property
+    def _index_by_name(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
+
+    @functools.cached_property
+    def by_parts(self) -> npt.NDArray[np.int16]:
+        """``[13, 9, 2, 3]`` catalogue index of every combination, -1 where there is none."""
+        table = np.full((N_SHOTS, len(AREAS), len(HEIGHTS), N_TECHNIQUES), -1, dtype=np.int16)
+        table[self.shot, self.area, self.height, self.technique] = np.arange(len(self))
+        return table
+
+
+def parse(name: str) -> tuple[int, int, int, int]:
+    """Split ``shot:area:height:technique`` into indices.
+
+    Raises:
+        UnknownStrokeError: the wrong number of parts, or an unknown part.
+    """
+    vocabularies: Sequence[tuple[str, tuple[str, ...]]] = (
+        ("shot type", SHOTS),
+        ("area", AREAS),
+        ("height", HEIGHTS),
+        ("technique", TECHNIQUES),
+    )
+    parts = name.split(":")
+    if len(parts) != len(vocabularies):
+        raise UnknownStrokeError(f"{name!r}: a stroke is named shot:area:height:technique")
+    for part, (kind, words) in zip(parts, vocabularies, strict=True):
+        if part not in words:
+            raise UnknownStrokeError(f"{name!r}: unknown {kind} {part!r}; expected one of {', '.join(words)}")
+    s, a, h, t = (words.index(part) for part, (_, words) in zip(parts, vocabularies, strict=True))
+    return s, a, h, t
