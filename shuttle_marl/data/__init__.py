@@ -1,0 +1,1 @@
+"""Annotated matches: one schema, readers, cleaning, splits, download."""

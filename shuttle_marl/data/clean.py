@@ -21,8 +21,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl import court
+from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, UNKNOWN, WINNER
-from shuttle_marl.data.shuttleset import Match, RawGame, list_matches, read_game
+from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.stroke import SHOTS
 
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
@@ -92,8 +93,6 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     matches = [m for m in list_matches(root) if m.present and (wanted is None or m.name in wanted)]
     absent = (wanted or set()) - {m.name for m in matches}
     if absent or not matches:
-        from shuttle_marl.data.errors import DataError
-
         missing = ", ".join(sorted(absent)) or "every match"
         raise DataError(root, f"no files of {missing}; get them with `python -m shuttle_marl.data download`")
     tables, dropped, rallies, total = [], collections.Counter[str](), 0, 0
@@ -236,9 +235,7 @@ def _outcomes(
     return outcome, reason
 
 
-def _broken_rallies(
-    raw: RawGame, rally: npt.NDArray[np.int64], first: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _broken_rallies(raw: RawGame, rally: npt.NDArray[np.int64], first: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Rows of rallies whose strokes are not numbered 1, 2, … or whose players do not alternate."""
     inside = ~first[1:]
     wrong = np.r_[False, inside & ((np.diff(raw.stroke) != 1) | (raw.by_a[1:] == raw.by_a[:-1]))]

@@ -1,0 +1,1 @@
+"""Policies: the contract, tables, and the players that come with the package."""
