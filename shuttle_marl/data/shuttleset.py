@@ -67,7 +67,7 @@ FAR_OFF: Final = 5.0
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
 _COLUMNS: Final = (
     "rally", "ball_round", "time", "frame_num", "roundscore_A", "roundscore_B", "player", "type", "aroundhead",
-    "backhand", "hit_height", "landing_area", "lose_reason", "getpoint_player", "flaw", *_NUMBERS,
+    "backhand", "hit_height", "landing_height", "landing_area", "lose_reason", "getpoint_player", "flaw", *_NUMBERS,
 )  # fmt: skip
 _MATCH_COLUMNS: Final = ("id", "video", "winner", "loser")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
@@ -121,7 +121,8 @@ class RawGame:
         rally, stroke: ``[n]`` numbers given by the annotators.
         by_a: ``[n]`` whether player A is the striker.
         shot: ``[n]`` names of :data:`shuttle_marl.stroke.SHOTS`, or ``""`` where unknown.
-        height: ``[n]`` 0 below, 1 above the net, -1 missing.
+        height: ``[n]`` contact height: 0 below, 1 above the net, -1 missing.
+        met_height: ``[n]`` height at which the receiver met the shuttle, likewise.
         backhand, around_head, flaw: ``[n]`` flags.
         label_area: ``[n]`` area label 1..16 of the landing as annotated, 0 missing.
         reason: ``[n]`` names of ``schema.REASONS``, or ``""``.
@@ -140,6 +141,7 @@ class RawGame:
     by_a: npt.NDArray[np.bool_]
     shot: npt.NDArray[np.str_]
     height: npt.NDArray[np.int8]
+    met_height: npt.NDArray[np.int8]
     backhand: npt.NDArray[np.bool_]
     around_head: npt.NDArray[np.bool_]
     flaw: npt.NDArray[np.bool_]
@@ -228,10 +230,13 @@ def read_game(match: Match, path: Path) -> RawGame:
                 raise DataError(path, f"unknown {column} {value!r}; expected one of {known}", line=n)
         return np.array([names[value] for value in columns[column]])
 
-    heights = optional("hit_height")
-    for n, value in zip(lines, heights, strict=True):
-        if not (np.isnan(value) or value in (1, 2)):
-            raise DataError(path, f"hit_height {value:g}; expected 1 (above) or 2 (below the net)", line=n)
+    def heights(column: str) -> npt.NDArray[np.int8]:
+        values = optional(column)
+        for n, value in zip(lines, values, strict=True):
+            if not (np.isnan(value) or value in (1, 2)):
+                raise DataError(path, f"{column} {value:g}; expected 1 (above) or 2 (below the net)", line=n)
+        return np.where(np.isnan(values), -1, 2 - np.nan_to_num(values)).astype(np.int8)
+
     labels = np.nan_to_num(optional("landing_area"))
     for n, value in zip(lines, labels, strict=True):
         if not 0 <= value <= 16:
@@ -248,7 +253,8 @@ def read_game(match: Match, path: Path) -> RawGame:
         stroke=integers("ball_round"),
         by_a=one_of("player", {"A": "A", "B": "B"}) == "A",
         shot=one_of("type", {**SHOT_NAMES, UNKNOWN_SHOT: "", "": ""}),
-        height=np.where(np.isnan(heights), -1, 2 - np.nan_to_num(heights)).astype(np.int8),
+        height=heights("hit_height"),
+        met_height=heights("landing_height"),
         backhand=optional("backhand") == 1,
         around_head=optional("aroundhead") == 1,
         flaw=optional("flaw") == 1,
