@@ -1,0 +1,75 @@
+# `make demo` plays a tournament, `make test` runs all tests. Both install what they need into .venv, once.
+
+PYTHON ?= python3
+VENV ?= .venv
+# Matches a pair that `make demo` plays.
+MATCHES ?= 200
+# Another package index to look at too, for example one with CPU builds of PyTorch; see the README.
+TORCH_INDEX ?=
+
+export PIP_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install -qq $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
+# Each stamp stands for one finished installation. Whatever the larger one covers, the smaller one needs not do again.
+RUN_STAMP := $(VENV)/.installed-run
+TEST_STAMP := $(VENV)/.installed-test
+INPUTS := pyproject.toml constraints.txt
+
+.PHONY: help demo test lint format lock clean
+.NOTPARALLEL:
+
+help:
+	@echo 'make demo     play a tournament between the players of the package, into runs/demo'
+	@echo 'make test     run all tests'
+	@echo 'make lint     check format, style, types and floors'
+	@echo 'make format   format the code and mend what can be mended'
+	@echo 'make lock     choose all versions anew and write them to constraints.txt'
+	@echo 'make clean    remove .venv and caches'
+
+demo: $(RUN_STAMP)
+	@rm -rf runs/demo
+	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo
+
+test: $(TEST_STAMP)
+	$(BIN)/python -m pytest
+
+lint: $(TEST_STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+format: $(TEST_STAMP)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo 'Python 3.11 or later is needed; `make PYTHON=python3.11 …` chooses another one'; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(RUN_STAMP): $(INPUTS) | $(BIN)/python
+	@echo 'Installing into $(VENV), once …'
+	@$(INSTALL) --editable .
+	@touch $@
+
+$(TEST_STAMP): $(INPUTS) | $(BIN)/python
+	@echo 'Installing into $(VENV), with PyTorch and the tools of the tests, once …'
+	@$(INSTALL) --editable '.[test]'
+	@touch $(RUN_STAMP) $@
+
+# Versions are chosen in an environment of their own. The build part of a version (`+cpu`) is left out, so that the pin
+# holds for the builds of every platform.
+lock: export PIP_CONSTRAINT :=
+lock:
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT \
+		&& $(PYTHON) -m venv "$$folder" \
+		&& "$$folder/bin/python" -m pip install -qq 'torch$(shell sed -n 's/^torch\(==[^+]*\)$$/\1/p' constraints.txt)' . '.[test]' editables \
+		&& "$$folder/bin/python" -m pip freeze --all --exclude pip --exclude shuttle-marl \
+		| sed 's/+cpu$$//' | { sed -n '/^#/p' constraints.txt; cat; } > constraints.txt.part \
+		&& mv constraints.txt.part constraints.txt
+
+clean:
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,102 @@
+"""The pages of the documentation: links lead somewhere, and code blocks are of a kind that is run."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+MARKDOWN = MarkdownIt("commonmark").enable("table")
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("docs", "benchmarks", "experiments", "datasets")
+PAGES = sorted([*ROOT.glob("*.md"), *(page for folder in FOLDERS for page in ROOT.glob(f"{folder}/**/*.md"))])
+
+
+def tokens(text: str) -> Iterator[Token]:
+    for token in MARKDOWN.parse(text):
+        yield token
+        yield from token.children or ()
+
+
+def targets(page: Path) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    found = [t.attrGet("href") or t.attrGet("src") for t in tokens(text) if t.type in ("link_open", "image")]
+    return [str(target) for target in found] + re.findall(r'<(?:img|a)\b[^>]*\b(?:src|href)="([^"]+)"', text)
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page, made as GitHub makes them."""
+    found: set[str] = set()
+    heading = False
+    for token in MARKDOWN.parse(page.read_text(encoding="utf-8")):
+        if heading:
+            text = "".join(t.content for t in token.children or () if t.type in ("text", "code_inline"))
+            slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
+            number = sum(other == slug or re.fullmatch(rf"{re.escape(slug)}-\d+", other) is not None for other in found)
+            found.add(f"{slug}-{number}" if number else slug)
+        heading = token.type == "heading_open"
+    return found
+
+
+def broken(page: Path) -> list[str]:
+    wrong = []
+    for target in targets(page):
+        parts = urlsplit(target)
+        if parts.scheme:
+            continue
+        file = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+        missing_heading = file.suffix == ".md" and parts.fragment and file.is_file() and parts.fragment not in anchors(file)
+        if not file.exists() or missing_heading:
+            wrong.append(target)
+    return wrong
+
+
+def test_there_are_pages() -> None:
+    assert {page.relative_to(ROOT).as_posix() for page in PAGES} >= {"README.md", "CONTRIBUTING.md", "docs/index.md"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_relative_links_and_images_exist(page: Path) -> None:
+    assert broken(page) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_python_block_escapes_the_runner(page: Path) -> None:
+    languages = [t.info for t in tokens(page.read_text(encoding="utf-8")) if t.type == "fence"]
+    assert [
+        info for info in languages if info.lower().startswith(("py", "bash run")) and info not in ("python", "bash run")
+    ] == []
+
+
+def test_index_lists_every_page_of_the_documentation() -> None:
+    index = ROOT / "docs" / "index.md"
+    listed = {(index.parent / urlsplit(target).path).resolve() for target in targets(index)}
+    assert {page for page in ROOT.glob("docs/**/*.md") if page != index} <= listed
+
+
+def test_broken_links_are_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    (tmp_path / "other.md").write_text("# A heading, `with` code!\n", encoding="utf-8")
+    page.write_text(
+        "[good](other.md#a-heading-with-code) [web](https://example.org) [here](#top)\n\n# Top\n"
+        '[gone](gone.md) ![picture](no.png) [no heading](other.md#b) <img src="nothing.svg">\n',
+        encoding="utf-8",
+    )
+    assert broken(page) == ["gone.md", "no.png", "other.md#b", "nothing.svg"]
+
+
+def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
+    """One page that is right, and one with a wrong line of each language."""
+    (tmp_path / "conftest.py").write_text((ROOT / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
+    good = "```python\n# written.py\nx = 1\n```\n```bash run\ncat written.py | grep 'x = 1'\n```\n```bash\nfalse\n```\n"
+    (tmp_path / "good.md").write_text(good + "```python\nassert x == 1\n```\n", encoding="utf-8")
+    (tmp_path / "bad.md").write_text("```python\nassert False\n```\n```bash run\nfalse\n```\n", encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "good.md", "bad.md"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "3 passed" in done.stdout, done.stdout
+    assert "2 failed" in done.stdout, done.stdout

@@ -1,0 +1,128 @@
+"""What is shipped: the wheel holds models and tables, works on its own, and no third-party data is tracked."""
+
+import hashlib
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT_LIMIT = 1 << 20
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def tracked() -> list[Path]:
+    """Files of the repository; of an unpacked source distribution, all files outside hidden folders."""
+    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        names = [name for name in done.stdout.split("\0") if name]
+    else:
+        names = [
+            str(p.relative_to(ROOT))
+            for p in ROOT.rglob("*")
+            if not any(part[0] == "." for part in p.relative_to(ROOT).parts)
+        ]
+    return [ROOT / name for name in names if (ROOT / name).is_file()]
+
+
+def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    shipped = {str(path.relative_to(ROOT)) for path in tracked() if (ROOT / "shuttle_marl") in path.parents}
+    assert shipped <= names
+    assert {"shuttle_marl/py.typed", "shuttle_marl/models/default/game.safetensors"} <= names
+    assert {name.split("/")[0].split("-")[0] for name in names} == {"shuttle_marl"}
+    assert [name for name in names if name.endswith((".csv", ".pyc"))] == []
+
+
+def test_wheel_carries_licence_and_extras(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        (licence,) = (name for name in archive.namelist() if name.endswith("/licenses/LICENSE"))
+        assert archive.read(licence) == (ROOT / "LICENSE").read_bytes()
+        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        text = archive.read(metadata).decode()
+    assert "License-Expression: MIT" in text
+    needed = [line for line in text.splitlines() if line.startswith("Requires-Dist:") and "extra ==" not in line]
+    assert needed
+    assert [line for line in needed if "torch" in line] == []
+
+
+def test_installed_wheel_loads_its_models_elsewhere(wheel: Path, tmp_path: Path) -> None:
+    target = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(target)
+    code = (
+        "import shuttle_marl, shuttle_marl.dynamics as d\n"
+        "print(shuttle_marl.__file__)\nprint(d.default_game().n_pairs)\nprint(d.model_folder())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(target)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    file, pairs, folder = done.stdout.splitlines()
+    assert target in Path(file).parents
+    assert target in Path(folder).parents
+    assert int(pairs) > 0
+
+
+def test_every_pin_is_exact_and_names_no_address() -> None:
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert [line for line in pins if not re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", line)] == []
+
+
+def test_environment_of_the_tests_is_the_pinned_one() -> None:
+    """Every distribution that the package and its extras need, directly or not, has a pin."""
+    from importlib.metadata import distribution
+
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {canonicalize_name(line.split("==")[0]) for line in lines if "==" in line}
+    seen: set[tuple[str, str]] = set()
+    queue = [("shuttle-marl", ""), ("shuttle-marl", "test")]
+    while queue:
+        name, extra = queue.pop()
+        if (name, extra) in seen:
+            continue
+        seen.add((name, extra))
+        for text in distribution(name).requires or []:
+            need = Requirement(text)
+            if need.marker is None or need.marker.evaluate({"extra": extra}):
+                queue += [(canonicalize_name(need.name), e) for e in ("", *need.extras)]
+    assert {name for name, _ in seen} - {"shuttle-marl"} <= pinned
+
+
+def test_no_file_of_the_annotated_matches_is_tracked() -> None:
+    """The package knows the SHA-256 of every file of the data sets."""
+    manifest = "\n".join(p.read_text(encoding="utf-8") for p in (ROOT / "shuttle_marl" / "data").glob("*manifest*"))
+    foreign = set(re.findall(r"\b[0-9a-f]{64}\b", manifest))
+    assert len(foreign) > 100
+    files = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in tracked()}
+    assert [path for path, digest in files.items() if digest in foreign] == []
+    assert [path for path in files if re.fullmatch(r"(set\d+|match)\.csv", path.name)] == []
+
+
+def test_no_file_names_a_folder_of_somebodys_machine() -> None:
+    home = re.compile(rb"(?<![\w.~)}/*-])/(?:home|root|Users|opt|work|mnt|srv)/\w")
+    texts = [path for path in tracked() if path.stat().st_size < TEXT_LIMIT and b"\0" not in path.read_bytes()]
+    assert len(texts) > 20
+    found = {str(path.relative_to(ROOT)): match[0] for path in texts if (match := home.search(path.read_bytes()))}
+    assert found == {}
+    assert home.search(b"see /ho" + b"me/me/data")
