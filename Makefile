@@ -6,6 +6,8 @@ VENV ?= .venv
 MATCHES ?= 200
 # Another package index to look at too, for example one with CPU builds of PyTorch; see the README.
 TORCH_INDEX ?=
+# Further flags of pytest, for example '-m "not slow"'.
+PYTEST_FLAGS ?=
 
 export PIP_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -33,13 +35,13 @@ demo: $(RUN_STAMP)
 	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo
 
 test: $(TEST_STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PYTEST_FLAGS)
 
 lint: $(TEST_STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports --no-logo
+	$(BIN)/lint-imports --no-logo --no-cache
 
 format: $(TEST_STAMP)
 	$(BIN)/ruff format .
@@ -72,4 +74,4 @@ lock:
 		&& mv constraints.txt.part constraints.txt
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis

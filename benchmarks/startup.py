@@ -1,0 +1,75 @@
+"""How long commands take to say hello: CPU time of ``--help`` and of imports, each in a fresh interpreter.
+
+    python -m benchmarks.startup [--repeat N] [--json]
+
+CPU time is user plus system time of the process and all its threads; the smallest of N runs is reported, after one run
+that fills the bytecode caches.
+"""
+
+import dataclasses
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Final
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+import shuttle_marl
+
+_IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Timing:
+    """CPU seconds of one command."""
+
+    command: str
+    cpu_s: float
+
+
+def cpu_seconds(command: list[str], repeat: int) -> float:
+    """Least CPU time of ``repeat`` runs of a command [s].
+
+    Raises:
+        subprocess.CalledProcessError: the command fails.
+    """
+    times = []
+    for _ in range(repeat + 1):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(times[1:])
+
+
+def measure(repeat: int) -> list[Timing]:
+    """Time ``--help`` of the package and of each of its commands, and the imports that users write."""
+    commands = sorted(path.parent.name for path in Path(shuttle_marl.__file__).parent.glob("*/__main__.py"))
+    arguments = [["-c", "pass"], *(["-c", statement] for statement in _IMPORTS), ["-m", "shuttle_marl", "--help"]]
+    arguments += [["-m", f"shuttle_marl.{name}", "--help"] for name in commands]
+    return [Timing(command=" ".join(["python", *a]), cpu_s=cpu_seconds([sys.executable, *a], repeat)) for a in arguments]
+
+
+def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure and print.
+
+    Args:
+        repeat: runs of each command; the fastest counts.
+        as_json: print JSON instead of a table.
+    """
+    timings = measure(repeat)
+    if as_json:
+        print(json.dumps([dataclasses.asdict(t) for t in timings], indent=2))
+        return
+    table = Table("command", "CPU s")
+    for timing in timings:
+        table.add_row(timing.command, f"{timing.cpu_s:.2f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
