@@ -1,0 +1,50 @@
+"""The random numbers of one rally after another, named by seed, rally and stroke as in :mod:`shuttle_marl.draws`."""
+
+from array import array
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.draws import draw, outcome_draw, stream
+
+_RALLIES: Final = 32
+_STROKES: Final = 32
+
+
+class EpisodeDraws:
+    """Draws of rallies 0, 1, 2, … of one stream, made many at a time.
+
+    Stroke k of rally r is decided by ``outcome_draw(draw(stream(seed, *numbers, r), k))``; its bit 16 at k = 0 says who
+    serves where that is drawn by lot.
+    """
+
+    def __init__(self, seed: int, *numbers: int) -> None:
+        self._name = (seed, *numbers)
+        self._block = -1
+        self._outcomes = array("H")
+        self._lots = b""
+
+    def first_server(self, rally: int) -> int:
+        """Who serves first in a rally, by lot: 0 or 1."""
+        self._prepare(rally)
+        return self._lots[rally % _RALLIES]
+
+    def rally(self, rally: int) -> "array[int]":
+        """The first draws of a rally, uniform in [0, 65536); :meth:`more` has the next ones."""
+        self._prepare(rally)
+        start = rally % _RALLIES * _STROKES
+        return self._outcomes[start : start + _STROKES]
+
+    def more(self, rally: int, known: int) -> "array[int]":
+        """Draws ``known`` and following of a rally."""
+        bits = draw(stream(*self._name, rally), np.arange(known, known + _STROKES))
+        return array("H", outcome_draw(bits).astype(np.uint16).tobytes())
+
+    def _prepare(self, rally: int) -> None:
+        block = rally // _RALLIES
+        if block != self._block:
+            rallies = np.arange(block * _RALLIES, (block + 1) * _RALLIES)
+            bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
+            self._outcomes = array("H", outcome_draw(bits).astype(np.uint16).tobytes())
+            self._lots = ((bits[:, 0] >> np.uint64(16)) & np.uint64(1)).astype(np.uint8).tobytes()
+            self._block = block

@@ -1,0 +1,125 @@
+"""A match between two players, as a PettingZoo AEC environment."""
+
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.env.base import AGENTS, RENDER_MODES, OptionError, RenderMode, ShuttleEnv
+from shuttle_marl.env.episode_draws import EpisodeDraws
+from shuttle_marl.env.observation import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
+from shuttle_marl.rally import Game
+from shuttle_marl.scoring import BWF, Rules, wins_game
+
+__all__ = ["env", "raw_env"]
+
+
+def env(*, action: ActionView = "flat", **kwargs: Any) -> CheckedEnv:
+    """The environment with PettingZoo's checks; an illegal stroke loses the match.
+
+    Args:
+        action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
+            ``MultiDiscrete([13, 9, 2, 3])``.
+        **kwargs: those of :class:`raw_env`.
+    """
+    return wrapped(raw_env(**kwargs), action)
+
+
+class raw_env(ShuttleEnv):
+    """A match: best of three games to 21; the winner of a rally serves next.
+
+    Args:
+        first_server: who serves first, 0 or 1; None: by lot, seeded.
+        reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
+        rules: points, lead, cap and games.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        max_strokes: strokes after which a match is cut off (truncated); None: never.
+        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+
+    Raises:
+        OptionError: an option that is not among those.
+        GameError: there is no such model.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "match_v0",
+        "render_modes": list(RENDER_MODES),
+        "is_parallelizable": False,
+        "render_fps": 2,
+    }
+
+    def __init__(
+        self,
+        *,
+        first_server: Literal[0, 1] | None = None,
+        reward: Literal["match", "rally"] = "match",
+        rules: Rules = BWF,
+        game: Game | str | None = None,
+        max_strokes: int | None = None,
+        render_mode: RenderMode | None = None,
+    ) -> None:
+        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        if first_server not in (None, 0, 1):
+            raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a draw by lot")
+        if reward not in ("match", "rally"):
+            raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
+        self.first_server = first_server
+        self.reward = reward
+        self.rules = rules
+
+    def _begin_episode(self) -> int:
+        assert self.last_seed is not None
+        self._source = EpisodeDraws(self.last_seed, self.episode)
+        self._rally = 0
+        self._by_game: list[list[int]] = [[0, 0]]
+        self._games = [0, 0]
+        self._match_winner: int | None = None
+        server = self._source.first_server(0) if self.first_server is None else self.first_server
+        self._note_score(server)
+        return server
+
+    def _end_rally(self, winner: int) -> None:
+        points = self._by_game[-1]
+        points[winner] += 1
+        if wins_game(points[winner], points[1 - winner], self.rules):
+            self._games[winner] += 1
+            if self._games[winner] == self.rules.games:
+                self._match_winner = winner
+            else:
+                self._by_game.append([0, 0])
+        self._note_score(winner)
+        if self.reward == "rally" or self._match_winner is not None:
+            self._pay(winner)
+        if self._match_winner is not None:
+            self._finish()
+        else:
+            self._rally += 1
+            self._begin_rally(winner)
+
+    def _note_score(self, server: int) -> None:
+        """Prepare what both see of the score: own and other points, own and other games, own and other serve."""
+        rows = []
+        for own in (0, 1):
+            pair = (own, 1 - own)
+            points = [self._by_game[-1][p] / self.rules.cap for p in pair]
+            games = [self._games[p] / self.rules.games for p in pair]
+            rows.append(np.array([*points, *games, *(float(server == p) for p in pair)], dtype=np.float32))
+        self._scores = tuple(rows)
+        self._server = server
+
+    def _vector(self, row: npt.NDArray[np.float32], player: int) -> npt.NDArray[np.float32]:
+        vector = np.empty(RALLY_WIDTH + SCORE_WIDTH, dtype=np.float32)
+        vector[:RALLY_WIDTH] = row
+        vector[RALLY_WIDTH:] = self._scores[player]
+        return vector
+
+    def _match_info(self) -> dict[str, Any]:
+        return {"points": tuple(self._by_game[-1]), "games": tuple(self._games), "server": AGENTS[self._server]}
+
+    def _snapshot_of_match(self) -> dict[str, Any]:
+        by_game = tuple((a, b) for a, b in self._by_game)
+        return {"by_game": by_game, "match_winner": self._match_winner}
+
+    def _title(self) -> str:
+        return f"match {self.episode + 1} of seed {self.last_seed}"

@@ -1,0 +1,257 @@
+"""Points, games and matches, for a batch at a time, and the exact odds of winning them.
+
+BWF Laws of Badminton, Law 7: best of three games to 21; a game is won by two clear points, at the latest by the 30th
+point; the winner of a rally serves next, so the winner of a game serves first in the next one.
+"""
+
+import dataclasses
+from typing import Final, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.errors import ShuttleError
+
+Int8s = npt.NDArray[np.int8]
+Floats = npt.NDArray[np.float64]
+
+
+class ScoringError(ShuttleError):
+    """Rules, scores or chances that no match can have."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rules:
+    """When a game and a match are won.
+
+    Attributes:
+        points: points that win a game.
+        clear: lead that is needed, unless the cap is reached.
+        cap: points that win a game whatever the lead.
+        games: games that win the match (2: best of three).
+    """
+
+    points: int = 21
+    clear: int = 2
+    cap: int = 30
+    games: int = 2
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.clear <= self.points <= self.cap <= 127 and 1 <= self.games <= 63):
+            raise ScoringError(f"{self}: expected 1 <= clear <= points <= cap <= 127 and 1 <= games <= 63")
+
+    @property
+    def max_games(self) -> int:
+        """Most games a match can have."""
+        return 2 * self.games - 1
+
+
+BWF: Final = Rules()
+"""The rules of the sport since 2006."""
+
+
+@overload
+def wins_game(own: int, other: int, rules: Rules = BWF) -> bool: ...
+@overload
+def wins_game(own: Int8s, other: Int8s, rules: Rules = BWF) -> npt.NDArray[np.bool_]: ...
+def wins_game(own: int | Int8s, other: int | Int8s, rules: Rules = BWF) -> bool | npt.NDArray[np.bool_]:
+    """Whether the first of two point scores has won the game; two numbers, or arrays of any shape."""
+    return ((own >= rules.points) & (own - other >= rules.clear)) | (own >= rules.cap)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Score:
+    """The scores of B matches, of at most G games each. Players are 0 and 1.
+
+    Attributes:
+        by_game: ``[B, G, 2]`` int8 points in each game, zero in games not yet begun.
+        games: ``[B, 2]`` int8 games won.
+        server: ``[B]`` int8 who serves the next rally: the winner of the last one.
+        rules: when a game and a match are won.
+    """
+
+    by_game: Int8s
+    games: Int8s
+    server: Int8s
+    rules: Rules
+
+    def __len__(self) -> int:
+        return len(self.server)
+
+    @property
+    def over(self) -> npt.NDArray[np.bool_]:
+        """``[B]`` whether the match is over."""
+        return self.games.max(axis=1) >= self.rules.games
+
+    @property
+    def winner(self) -> Int8s:
+        """``[B]`` who won the match, -1 while it goes on."""
+        return np.where(self.over, self.games.argmax(axis=1), -1).astype(np.int8)
+
+    @property
+    def game(self) -> npt.NDArray[np.int64]:
+        """``[B]`` index of the current game, of the last one played when the match is over."""
+        return self.games.sum(axis=1, dtype=np.int64) - self.over
+
+    @property
+    def points(self) -> Int8s:
+        """``[B, 2]`` points in the current game, of the last one played when the match is over."""
+        return self.by_game[np.arange(len(self)), self.game]
+
+    def seen_by(self, player: npt.NDArray[np.integer] | int) -> npt.NDArray[np.int16]:
+        """``[B, 4]`` points of a player, of the opponent, games of the player, of the opponent."""
+        rows = np.arange(len(self))
+        points = self.points
+        columns = (points[rows, player], points[rows, 1 - player], self.games[rows, player], self.games[rows, 1 - player])
+        return np.stack(columns, axis=1).astype(np.int16)
+
+
+def new(first_server: npt.ArrayLike, rules: Rules = BWF) -> Score:
+    """B matches at love all.
+
+    Args:
+        first_server: ``[B]`` who serves the first rally, 0 or 1.
+        rules: when a game and a match are won.
+
+    Raises:
+        ScoringError: a server that is neither 0 nor 1, or no one-dimensional batch.
+    """
+    server = np.asarray(first_server)
+    if server.ndim != 1 or not np.isin(server, (0, 1)).all():
+        raise ScoringError(f"first server {first_server!r}: expected a one-dimensional array of 0 and 1")
+    batch = len(server)
+    return Score(
+        by_game=np.zeros((batch, rules.max_games, 2), dtype=np.int8),
+        games=np.zeros((batch, 2), dtype=np.int8),
+        server=server.astype(np.int8),
+        rules=rules,
+    )
+
+
+def step(score: Score, winner: npt.NDArray[np.integer]) -> Score:
+    """Count one rally of each match.
+
+    Args:
+        score: before the rally; not changed.
+        winner: ``[B]`` who won it, 0 or 1; -1 where no rally has ended. Matches that are over stay as they are.
+    """
+    rows = np.flatnonzero((winner >= 0) & ~score.over)
+    won_by = winner[rows]
+    by_game, games, server = score.by_game.copy(), score.games.copy(), score.server.copy()
+    game = score.game[rows]
+    by_game[rows, game, won_by] += 1
+    server[rows] = won_by
+    games[rows, won_by] += wins_game(by_game[rows, game, won_by], by_game[rows, game, 1 - won_by], score.rules)
+    return Score(by_game=by_game, games=games, server=server, rules=score.rules)
+
+
+def game_win_probability(
+    p_serving: npt.ArrayLike,
+    p_receiving: npt.ArrayLike,
+    *,
+    points: tuple[int, int] = (0, 0),
+    server: int | None = None,
+    rules: Rules = BWF,
+) -> Floats:
+    """Exact chance that player 0 wins the current game.
+
+    Args:
+        p_serving: chance that player 0 wins a rally in which player 0 serves; any shape.
+        p_receiving: chance that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
+        points: points of players 0 and 1.
+        server: who serves next; None: drawn by lot, the mean of both.
+        rules: when a game is won.
+
+    Returns:
+        One chance for each pair of chances.
+
+    Raises:
+        ScoringError: a chance outside [0, 1], or a score that the rules do not allow.
+    """
+    serving, receiving = _chances(p_serving, p_receiving)
+    _check_server(server)
+    return _by_server(_game(serving, receiving, points, rules), server)
+
+
+def match_win_probability(
+    p_serving: npt.ArrayLike,
+    p_receiving: npt.ArrayLike,
+    *,
+    first_server: int | None = None,
+    games: tuple[int, int] = (0, 0),
+    points: tuple[int, int] = (0, 0),
+    rules: Rules = BWF,
+) -> Floats:
+    """Exact chance that player 0 wins the match, if rallies are independent given who serves.
+
+    Args:
+        p_serving: chance that player 0 wins a rally in which player 0 serves; any shape.
+        p_receiving: chance that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
+        first_server: who serves the next rally; None: drawn by lot, the mean of both.
+        games: games won so far by players 0 and 1.
+        points: points of both in the current game.
+        rules: when a game and the match are won.
+
+    Returns:
+        One chance for each pair of chances.
+
+    Raises:
+        ScoringError: a chance outside [0, 1], or a score that the rules do not allow.
+    """
+    serving, receiving = _chances(p_serving, p_receiving)
+    _check_server(first_server)
+    if not all(0 <= g < rules.games for g in games):
+        raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match goes on")
+    whole_game = _game(serving, receiving, (0, 0), rules)
+    one, zero = np.ones_like(serving), np.zeros_like(serving)
+    odds: dict[tuple[int, int], tuple[Floats, Floats]] = {}
+    for own in range(rules.games, games[0] - 1, -1):
+        for other in range(rules.games, games[1] - 1, -1):
+            if rules.games in (own, other):
+                odds[own, other] = (one, one) if own == rules.games else (zero, zero)
+                continue
+            # The winner of a game has won its last rally and serves first in the next game.
+            won, lost = odds[own + 1, other][0], odds[own, other + 1][1]
+            game = _game(serving, receiving, points, rules) if (own, other) == games and any(points) else whole_game
+            odds[own, other] = (lost + game[0] * (won - lost), lost + game[1] * (won - lost))
+    return _by_server(odds[games], first_server)
+
+
+def _game(serving: Floats, receiving: Floats, points: tuple[int, int], rules: Rules) -> tuple[Floats, Floats]:
+    """Chance that player 0 wins a game from a score, when player 0 serves next and when player 1 does."""
+    own, other = points
+    if own < 0 or other < 0 or wins_game(own, other, rules) or wins_game(other, own, rules):
+        raise ScoringError(f"points {points}: expected a game that goes on, to {rules.points} points, cap {rules.cap}")
+    one, zero = np.ones_like(serving), np.zeros_like(serving)
+    # Rows of the score table from the cap downwards; below[j] is the row of one more own point.
+    below: dict[int, tuple[Floats, Floats]] = {}
+    for i in range(rules.cap, own - 1, -1):
+        row: dict[int, tuple[Floats, Floats]] = {}
+        for j in range(rules.cap, other - 1, -1):
+            if wins_game(i, j, rules):
+                row[j] = (one, one)
+            elif wins_game(j, i, rules):
+                row[j] = (zero, zero)
+            else:
+                win, lose = below[j][0], row[j + 1][1]
+                row[j] = (lose + serving * (win - lose), lose + receiving * (win - lose))
+        below = row
+    return below[other]
+
+
+def _chances(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[Floats, Floats]:
+    serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
+    for p in (serving, receiving):
+        bad = ~((p >= 0) & (p <= 1))
+        if bad.any():
+            raise ScoringError(f"chance of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
+    return serving, receiving
+
+
+def _check_server(server: int | None) -> None:
+    if server not in (None, 0, 1):
+        raise ScoringError(f"server {server!r}: expected 0, 1, or None for a draw by lot")
+
+
+def _by_server(odds: tuple[Floats, Floats], server: int | None) -> Floats:
+    return np.asarray((odds[0] + odds[1]) / 2 if server is None else odds[server])
