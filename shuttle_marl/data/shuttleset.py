@@ -2,28 +2,27 @@
 
 Sources: Wang et al., "ShuttleSet: A Human-Annotated Stroke-Level Singles Dataset for Badminton Tactical Analysis",
 KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT.
+
+A value that cannot be what it should be is an error that names file, line and value. The exception is a file that is byte
+for byte a published one (its SHA-256 stands in the manifest): nobody can mend that, so its bad rows are marked unreadable,
+and cleaning drops and counts them. None of the files of the 82 public matches has such a row.
 """
 
-import csv
 import dataclasses
-import io
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.data.errors import DataError
+from shuttle_marl.data import upstream
+from shuttle_marl.data.errors import DataError, Problem
 from shuttle_marl.data.players import discipline, player_id
-
-SOURCES: Final = {
-    "ShuttleSet": Path("ShuttleSet/set"),
-    "ShuttleSet22": Path("CoachAI-Challenge-IJCAI2023/ShuttleSet22/set"),
-}
-"""Folder of each data set below the root of the download."""
+from shuttle_marl.data.schema import REASONS
+from shuttle_marl.data.sheet import Sheet
+from shuttle_marl.stroke import SHOTS
 
 SHOT_NAMES: Final = {
     "發短球": "short-serve",
@@ -45,7 +44,7 @@ SHOT_NAMES: Final = {
     "擋小球": "block",
     "勾球": "cross-court-net-shot",
 }
-"""Shot types of the files (README of the data sets) and ours."""
+"""Shot types of the files and ours. The files say 過度切球 for the passive drop, the data sets' README says 過渡切球."""
 UNKNOWN_SHOT: Final = "未知球種"
 
 REASON_NAMES: Final = {
@@ -63,14 +62,22 @@ POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
 """Points with pixel coordinates in every row."""
 FAR_OFF: Final = 5.0
 """A point more than this far outside the lines [m] cannot be real: the file or its homography is broken."""
+BAD_HOMOGRAPHY: Final = 0.2
+"""The homography of a game is broken when more than this share of its rows puts both players in one half."""
 
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
 _COLUMNS: Final = (
     "rally", "ball_round", "time", "frame_num", "roundscore_A", "roundscore_B", "player", "type", "aroundhead",
     "backhand", "hit_height", "landing_height", "landing_area", "lose_reason", "getpoint_player", "flaw", *_NUMBERS,
 )  # fmt: skip
-_MATCH_COLUMNS: Final = ("id", "video", "winner", "loser")
+_MATCH_COLUMNS: Final = ("id", "video", "winner", "loser", "set")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
+_MOST: Final = 9999
+"""No match has more rallies, strokes in a rally, or rows in the list of matches."""
+_MOST_FRAMES: Final = 10_000_000
+
+_SHOT_CODES: Final = {**{name: SHOTS.index(shot) for name, shot in SHOT_NAMES.items()}, UNKNOWN_SHOT: -1, "": -1}
+_REASON_CODES: Final = {**{name: REASONS.index(reason) for name, reason in REASON_NAMES.items()}, "": -1}
 
 # The court in the frame of the homographies: 355 x 960 units, net at 480, 660 units from base line to base line.
 _UNIT: Final = 13.40 / 660
@@ -83,11 +90,12 @@ class Match:
 
     Attributes:
         name: folder name, the same in both data sets.
-        source: key of :data:`SOURCES`.
+        source: ``ShuttleSet`` or ``ShuttleSet22``.
         number: ``id`` in that data set.
         players: identifiers of players A and B of the files; A won the match.
         discipline: MS or WS.
         folder: where the files of the games are; it need not exist.
+        n_games: number of games, as listed.
         homography: ``[3, 3]`` pixels to court units.
     """
 
@@ -97,16 +105,27 @@ class Match:
     players: tuple[str, str]
     discipline: str
     folder: Path
+    n_games: int
     homography: npt.NDArray[np.float64]
 
     @property
     def present(self) -> bool:
-        """Whether the files of its games are there."""
+        """Whether its folder is there."""
         return self.folder.is_dir()
 
     def games(self) -> list[Path]:
-        """The files of its games, in order."""
-        return sorted(self.folder.glob("set*.csv"))
+        """The files of its games, in order.
+
+        Raises:
+            DataError: not as many as ``match.csv`` says.
+        """
+        found = sorted(path for path in self.folder.glob("set*.csv") if re.fullmatch(r"set\d\.csv", path.name))
+        if [path.name for path in found] != [f"set{i + 1}.csv" for i in range(self.n_games)]:
+            there = ", ".join(path.name for path in found) or "none"
+            raise DataError(
+                self.folder, f"match.csv lists {self.n_games} games, files set1.csv, set2.csv, …; there: {there}"
+            )
+        return found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -117,239 +136,205 @@ class RawGame:
         match: the match.
         game: number of the game, from 1.
         path: the file.
+        broken_homography: see :data:`BAD_HOMOGRAPHY`; the points mean nothing.
         line: ``[n]`` line in the file of each row.
-        rally, stroke: ``[n]`` numbers given by the annotators.
+        unreadable: ``[n]`` rows with an impossible value, which was replaced by a missing one.
+        rally, stroke: ``[n]`` numbers given by the annotators, from 1; 0 missing.
         by_a: ``[n]`` whether player A is the striker.
-        shot: ``[n]`` names of :data:`shuttle_marl.stroke.SHOTS`, or ``""`` where unknown.
+        shot: ``[n]`` index into :data:`shuttle_marl.stroke.SHOTS`, -1 unknown.
         height: ``[n]`` contact height: 0 below, 1 above the net, -1 missing.
         met_height: ``[n]`` height at which the receiver met the shuttle, likewise.
         backhand, around_head, flaw: ``[n]`` flags.
         label_area: ``[n]`` area label 1..16 of the landing as annotated, 0 missing.
-        reason: ``[n]`` names of ``schema.REASONS``, or ``""``.
-        winner: ``[n]`` ``"A"``, ``"B"`` or ``""``.
-        score: ``[n, 2]`` points of A and B after the rally.
-        clock, frame: ``[n]`` seconds and frames into the video.
+        reason: ``[n]`` index into ``schema.REASONS``, -1 where no rally ends or it is missing.
+        winner: ``[n]`` 0 for A, 1 for B, -1 where no rally ends or it is missing.
+        score: ``[n, 2]`` points of A and B after the rally, -1 missing.
+        clock, frame: ``[n]`` seconds and frames into the video, -1 missing.
         point: for each of :data:`POINTS`, ``[n, 2]`` court metres, origin under the net, not yet egocentric; NaN missing.
     """
 
     match: Match
     game: int
     path: Path
+    broken_homography: bool
     line: npt.NDArray[np.int64]
+    unreadable: npt.NDArray[np.bool_]
     rally: npt.NDArray[np.int64]
     stroke: npt.NDArray[np.int64]
     by_a: npt.NDArray[np.bool_]
-    shot: npt.NDArray[np.str_]
+    shot: npt.NDArray[np.int8]
     height: npt.NDArray[np.int8]
     met_height: npt.NDArray[np.int8]
     backhand: npt.NDArray[np.bool_]
     around_head: npt.NDArray[np.bool_]
     flaw: npt.NDArray[np.bool_]
     label_area: npt.NDArray[np.int8]
-    reason: npt.NDArray[np.str_]
-    winner: npt.NDArray[np.str_]
+    reason: npt.NDArray[np.int8]
+    winner: npt.NDArray[np.int8]
     score: npt.NDArray[np.int64]
     clock: npt.NDArray[np.int64]
     frame: npt.NDArray[np.int64]
     point: dict[str, npt.NDArray[np.float64]]
 
+    def take(self, rows: npt.NDArray[np.integer]) -> "RawGame":
+        """Some of the rows, in the order given."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        taken = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
+        return dataclasses.replace(self, **taken, point={name: xy[rows] for name, xy in self.point.items()})
 
-def list_matches(root: Path) -> list[Match]:
-    """The matches of both data sets below ``root``; one that stands in both is listed once, from ShuttleSet.
+
+def list_matches(root: Path, problems: list[Problem] | None = None) -> list[Match]:
+    """The matches of both data sets below ``root``.
+
+    A match that stands in both is listed once: from ShuttleSet, unless only the other folder is there. (Eight matches do;
+    the two copies hold the same values but for ``landing_height``, which is missing in more rows of one of them.)
+
+    Args:
+        root: folder of the download.
+        problems: where to add what is wrong instead of raising; such matches are left out.
 
     Raises:
-        DataError: a list is missing, or names an unknown player or a match without homography.
+        DataError: no list is there or readable, or, without ``problems``, a list names a match twice, players of no or
+            different disciplines, a match without homography, or holds an impossible value.
     """
-    matches: dict[str, Match] = {}
-    found = [name for name, folder in SOURCES.items() if (root / folder / "match.csv").is_file()]
-    if not found:
-        expected = ", ".join(f"{folder}/match.csv" for folder in SOURCES.values())
+    sources = [name for name, folder in upstream.SOURCES.items() if (root / folder / "match.csv").is_file()]
+    if not sources:
+        expected = ", ".join(f"{folder}/match.csv" for folder in upstream.SOURCES.values())
         raise DataError(root, f"no match data here: expected {expected}; get it with `python -m shuttle_marl.data download`")
-    for source in found:
-        folder = root / SOURCES[source]
-        homographies = {
-            row["video"]: _homography(folder / "homography.csv", line, row["homography_matrix"])
-            for line, row in _rows(folder / "homography.csv", _HOMOGRAPHY_COLUMNS)
-        }
-        for line, row in _rows(folder / "match.csv", _MATCH_COLUMNS):
-            name = row["video"]
-            if name in matches:
-                continue
-            if name not in homographies:
-                raise DataError(folder / "homography.csv", f"no homography for match {name!r}")
-            players = (player_id(row["winner"]), player_id(row["loser"]))
-            kinds = {kind for kind in map(discipline, players) if kind is not None}
-            if len(kinds) != 1:
-                raise DataError(
-                    folder / "match.csv",
-                    f"players {players} belong to no or to different disciplines; add them to shuttle_marl/data/players.py",
-                    line=line,
-                )
-            matches[name] = Match(
-                name=name,
-                source=source,
-                number=_integer(folder / "match.csv", line, "id", row["id"]),
-                players=players,
-                discipline=kinds.pop(),
-                folder=folder / name,
-                homography=homographies[name],
-            )
+    found: list[Problem] = []
+    matches: dict[str, Match] = {}
+    for source in sources:
+        for match in _list_source(root / upstream.SOURCES[source], source, found):
+            other = matches.get(match.name)
+            if other is None or (match.present and not other.present):
+                matches[match.name] = match
+    if problems is not None:
+        problems.extend(found)
+    elif found:
+        raise DataError.of(found)
     return list(matches.values())
 
 
-def read_game(match: Match, path: Path) -> RawGame:
+def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Match]:
+    homographies = _homographies(folder / "homography.csv", problems)
+    sheet = Sheet(folder / "match.csv", _MATCH_COLUMNS)
+    numbers = sheet.integers("id", 1, _MOST, missing=0)
+    n_games = sheet.integers("set", 1, 9, missing=0)
+    matches: dict[str, Match] = {}
+    for i, name in enumerate(sheet.text("video")):
+        players = (player_id(sheet.text("winner")[i]), player_id(sheet.text("loser")[i]))
+        kinds = {kind for kind in map(discipline, players) if kind is not None}
+        if not name or name in matches:
+            sheet.mark(i, f"match {name!r} stands twice in the list or has no name")
+        if name not in homographies:
+            sheet.mark(i, f"no homography for match {name!r} in homography.csv")
+        if len(kinds) != 1:
+            sheet.mark(i, f"players {players} belong to no or to different disciplines; see shuttle_marl/data/players.py")
+        if not sheet.unreadable[i]:
+            matches[name] = Match(
+                name=name,
+                source=source,
+                number=int(numbers[i]),
+                players=players,
+                discipline=kinds.pop(),
+                folder=folder / name,
+                n_games=int(n_games[i]),
+                homography=homographies[name],
+            )
+    problems.extend(sheet.problems)
+    return list(matches.values())
+
+
+def _homographies(path: Path, problems: list[Problem]) -> dict[str, npt.NDArray[np.float64]]:
+    sheet = Sheet(path, _HOMOGRAPHY_COLUMNS)
+    homographies = {}
+    for i, (name, text) in enumerate(zip(sheet.text("video"), sheet.text("homography_matrix"), strict=True)):
+        try:
+            matrix = np.array(json.loads(text), dtype=np.float64)
+        except (ValueError, TypeError):
+            matrix = np.empty(0)
+        if matrix.shape == (3, 3) and np.isfinite(matrix).all():
+            homographies[name] = matrix
+        else:
+            sheet.mark(i, f"homography_matrix {text!r} of match {name!r} is no 3 x 3 matrix")
+    problems.extend(sheet.problems)
+    return homographies
+
+
+def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -> RawGame:
     """Read the file of one game.
 
+    Args:
+        match: the match it belongs to.
+        path: the file, one of ``match.games()``.
+        problems: where to add impossible values instead of raising.
+
     Raises:
-        DataError: missing column, wrong encoding, truncated row, unknown shot type or reason, a value that is no
-            number, or a point that lies far off the court. The message names file, line and value.
+        DataError: a file that cannot be decoded, lacks a column or rows; and, unless ``problems`` is given or the file is a
+            published one, an impossible value. The message names file, line and value.
     """
-    number = re.fullmatch(r"set(\d+)", path.stem)
-    if number is None:
-        raise DataError(path, "the file of a game is named set<number>.csv")
-    lines: list[int] = []
-    columns: dict[str, list[str]] = {column: [] for column in _COLUMNS}
-    for line, row in _rows(path, _COLUMNS):
-        lines.append(line)
-        for column in _COLUMNS:
-            columns[column].append(row[column])
-    if not lines:
-        raise DataError(path, "no rows")
-
-    def integers(column: str) -> npt.NDArray[np.int64]:
-        return np.array([_integer(path, n, column, value) for n, value in zip(lines, columns[column], strict=True)])
-
-    def optional(column: str) -> npt.NDArray[np.float64]:
-        values = zip(lines, columns[column], strict=True)
-        return np.array([_number(path, n, column, value) if value else np.nan for n, value in values])
-
-    def one_of(column: str, names: dict[str, str]) -> npt.NDArray[np.str_]:
-        for n, value in zip(lines, columns[column], strict=True):
-            if value not in names:
-                known = ", ".join(key for key in names if key)
-                raise DataError(path, f"unknown {column} {value!r}; expected one of {known}", line=n)
-        return np.array([names[value] for value in columns[column]])
-
-    def heights(column: str) -> npt.NDArray[np.int8]:
-        values = optional(column)
-        for n, value in zip(lines, values, strict=True):
-            if not (np.isnan(value) or value in (1, 2)):
-                raise DataError(path, f"{column} {value:g}; expected 1 (above) or 2 (below the net)", line=n)
-        return np.where(np.isnan(values), -1, 2 - np.nan_to_num(values)).astype(np.int8)
-
-    labels = np.nan_to_num(optional("landing_area"))
-    for n, value in zip(lines, labels, strict=True):
-        if not 0 <= value <= 16:
-            raise DataError(path, f"landing_area {value:g}; expected 1 to 16", line=n)
-    point = {
-        name: _project(path, lines, name, optional(f"{name}_x"), optional(f"{name}_y"), match.homography) for name in POINTS
-    }
-    return RawGame(
+    sheet = Sheet(path, _COLUMNS)
+    point = {name: _project(sheet, name, match.homography) for name in POINTS}
+    striker, receiver = point["player_location"][:, 1], point["opponent_location"][:, 1]
+    broken = bool((striker * receiver > 0).mean() > BAD_HOMOGRAPHY)
+    if not broken:
+        _check_points(sheet, point)
+    raw = RawGame(
         match=match,
-        game=int(number.group(1)),
+        game=int(path.stem.removeprefix("set")),
         path=path,
-        line=np.array(lines),
-        rally=integers("rally"),
-        stroke=integers("ball_round"),
-        by_a=one_of("player", {"A": "A", "B": "B"}) == "A",
-        shot=one_of("type", {**SHOT_NAMES, UNKNOWN_SHOT: "", "": ""}),
-        height=heights("hit_height"),
-        met_height=heights("landing_height"),
-        backhand=optional("backhand") == 1,
-        around_head=optional("aroundhead") == 1,
-        flaw=optional("flaw") == 1,
-        label_area=labels.astype(np.int8),
-        reason=one_of("lose_reason", {**REASON_NAMES, "": ""}),
-        winner=one_of("getpoint_player", {"A": "A", "B": "B", "": ""}),
-        score=np.stack([integers("roundscore_A"), integers("roundscore_B")], axis=1),
-        clock=np.array([_seconds(path, n, value) for n, value in zip(lines, columns["time"], strict=True)]),
-        frame=integers("frame_num"),
+        broken_homography=broken,
+        line=sheet.line,
+        rally=sheet.integers("rally", 1, _MOST, missing=0),
+        stroke=sheet.integers("ball_round", 1, _MOST, missing=0),
+        by_a=sheet.choices("player", {"A": 0, "B": 1}) == 0,
+        shot=sheet.choices("type", _SHOT_CODES),
+        height=_height(sheet, "hit_height"),
+        met_height=_height(sheet, "landing_height"),
+        backhand=sheet.codes("backhand", 1) == 1,
+        around_head=sheet.codes("aroundhead", 1) == 1,
+        flaw=sheet.codes("flaw", 1) == 1,
+        label_area=sheet.codes("landing_area", 16),
+        reason=sheet.choices("lose_reason", _REASON_CODES),
+        winner=sheet.choices("getpoint_player", {"A": 0, "B": 1, "": -1}),
+        score=np.stack([sheet.integers(f"roundscore_{who}", 0, 30, missing=-1) for who in "AB"], axis=1),
+        clock=sheet.seconds("time"),
+        frame=sheet.integers("frame_num", 0, _MOST_FRAMES, missing=-1),
         point=point,
+        unreadable=sheet.unreadable,
     )
+    found = sorted(sheet.problems, key=lambda problem: problem.line or 0)
+    if problems is not None:
+        problems.extend(found)
+    elif found and not upstream.is_published(sheet.content):
+        raise DataError.of(found)
+    return raw
 
 
-def _rows(path: Path, required: tuple[str, ...]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield (line, row) of a CSV file in UTF-8 with a header, values stripped of nothing."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror})") from error
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        value = raw[error.start : error.end].hex()
-        raise DataError(path, f"byte 0x{value} is not UTF-8; save the file as UTF-8", line=line) from None
-    reader = csv.reader(io.StringIO(text, newline=""))
-    header = next(reader, [])
-    missing = [column for column in required if column not in header]
-    if missing:
-        raise DataError(path, f"missing column {', '.join(missing)}; the header is {','.join(header)!r}", line=1)
-    try:
-        for row in reader:
-            if len(row) != len(header):
-                raise DataError(
-                    path,
-                    f"{len(row)} fields instead of {len(header)}, ending in {row[-1:]}: is the file truncated?",
-                    line=reader.line_num,
-                )
-            yield reader.line_num, dict(zip(header, row, strict=True))
-    except csv.Error as error:
-        raise DataError(path, str(error), line=reader.line_num) from error
+def _height(sheet: Sheet, column: str) -> npt.NDArray[np.int8]:
+    """Heights of the files (1 above, 2 below the net; the data sets' README says 0) as ours, -1 missing."""
+    codes = sheet.codes(column, 2)
+    return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
-def _number(path: Path, line: int, column: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise DataError(path, f"{column} {value!r} is not a number", line=line)
-    return number
-
-
-def _integer(path: Path, line: int, column: str, value: str) -> int:
-    number = _number(path, line, column, value)
-    if number != int(number):
-        raise DataError(path, f"{column} {value!r} is not a whole number", line=line)
-    return int(number)
-
-
-def _seconds(path: Path, line: int, value: str) -> int:
-    clock = re.fullmatch(r"(\d+):([0-5]\d):([0-5]\d)", value)
-    if clock is None:
-        raise DataError(path, f"time {value!r}; expected h:mm:ss", line=line)
-    hours, minutes, seconds = map(int, clock.groups())
-    return 3600 * hours + 60 * minutes + seconds
-
-
-def _homography(path: Path, line: int, text: str) -> npt.NDArray[np.float64]:
-    try:
-        matrix = np.array(json.loads(text), dtype=np.float64)
-    except (ValueError, TypeError):
-        matrix = np.empty(0)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise DataError(path, f"homography_matrix {text!r} is not a 3 x 3 matrix", line=line)
-    return matrix
-
-
-def _project(
-    path: Path,
-    lines: list[int],
-    name: str,
-    x: npt.NDArray[np.float64],
-    y: npt.NDArray[np.float64],
-    homography: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
-    """Pixels to metres on the court, origin under the middle of the net."""
+def _project(sheet: Sheet, name: str, homography: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """``[n, 2]`` pixels to metres on the court, origin under the middle of the net; NaN where a pixel is missing."""
+    x, y = sheet.numbers(f"{name}_x"), sheet.numbers(f"{name}_y")
     image = homography @ np.stack([x, y, np.ones_like(x)])
-    metres: npt.NDArray[np.float64] = ((image[:2] / image[2]).T - _CENTRE) * _UNIT
-    limits = np.array([3.05, 6.70]) + FAR_OFF
-    for i in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):
-        raise DataError(
-            path,
-            f"{name} at pixel ({x[i]:g}, {y[i]:g}) is {metres[i, 0]:.1f} m, {metres[i, 1]:.1f} m from the middle of the "
-            "net, far off the court: a wrong value or a wrong homography",
-            line=lines[i],
-        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        metres: npt.NDArray[np.float64] = ((image[:2] / image[2]).T - _CENTRE) * _UNIT
     return metres
+
+
+def _check_points(sheet: Sheet, point: dict[str, npt.NDArray[np.float64]]) -> None:
+    """Mark points far off the court and make them missing."""
+    limits = np.array([3.05, 6.70]) + FAR_OFF
+    for name, metres in point.items():
+        for row in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):
+            pixel = f"{sheet.text(f'{name}_x')[row]}, {sheet.text(f'{name}_y')[row]}"
+            sheet.mark(
+                row,
+                f"{name} at pixel ({pixel}) is {metres[row, 0]:.1f} m, {metres[row, 1]:.1f} m from the middle of the net, "
+                "far off the court: a wrong value or a wrong homography",
+            )
+            metres[row] = np.nan
