@@ -15,9 +15,16 @@ RETURNED, FAULT, WINNER, UNKNOWN = range(4)
 REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown")
 """How: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent."""
 
+SOURCES: Final = ("ShuttleSet", "ShuttleSet22", "simulated")
+DISCIPLINES: Final = ("MS", "WS")
+"""Men's singles, women's singles."""
+
+REACH_OVER: Final = 0.5
+"""A contact point lies at most this far beyond the net [m]: players may reach over it, and points are marked by hand."""
+
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("match", pa.string(), False, "Name of the match, the folder name of the data set."),
-    ("source", pa.string(), False, "Data set: ShuttleSet or ShuttleSet22."),
+    ("source", pa.string(), False, "Data set: ShuttleSet, ShuttleSet22, or simulated."),
     ("discipline", pa.string(), False, "MS (men's singles) or WS (women's singles)."),
     ("game", pa.int8(), False, "Game within the match, from 1."),
     ("rally", pa.int16(), False, "Rally within the game, as numbered by the annotators."),
@@ -39,8 +46,8 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("striker_y", pa.float32(), True, "Position of the striker at contact [m], negative."),
     ("receiver_x", pa.float32(), True, "Position of the receiver at contact [m]."),
     ("receiver_y", pa.float32(), True, "Position of the receiver at contact [m], positive."),
-    ("clock", pa.int32(), True, "Time in the video [s]."),
-    ("frame", pa.int32(), True, "Frame in the video."),
+    ("clock", pa.int32(), True, "Time in the video [s], never falling in a rally; null where it does not fit."),
+    ("frame", pa.int32(), True, "Frame in the video, rising in a rally; null where it does not fit."),
     ("outcome", pa.int8(), False, "Index into OUTCOMES."),
     ("reason", pa.int8(), False, "Index into REASONS."),
     ("points", pa.int8(), True, "Points of the striker in this game AFTER the rally."),

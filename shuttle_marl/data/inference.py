@@ -1,0 +1,143 @@
+"""What the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
+
+import bisect
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.data.shuttleset import RawGame
+
+WRONG_HEIGHTS: Final = 0.7
+"""Contact heights are replaced in a game where they agree less often with those at which the receiver met the shuttle."""
+MIRRORED: Final = ("ShuttleSet", range(9, 21))
+"""Matches whose area labels are mirrored left-right in the lower half."""
+
+# Area labels of the files (as the player of that half sees them) to indices of court.AREAS; labels above 9 lie outside.
+_LABEL_AREA: Final = np.array([-1, 0, 2, 6, 8, 3, 5, 1, 4, 7] + [-1] * 7, dtype=np.int8)
+_OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "short", "foul"))
+_RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
+
+Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+
+
+def arrange(raw: RawGame) -> tuple[RawGame, int]:
+    """Put the rallies in order and leave out repeated rows.
+
+    Two games of the data have one rally at the end of the file that was played early; one stroke stands there twice.
+
+    Returns:
+        The rows in playing order, and how many were left out.
+    """
+    raw = raw.take(np.argsort(raw.rally, kind="stable"))
+    same = (np.diff(raw.rally) == 0) & (np.diff(raw.stroke) == 0) & (raw.by_a[1:] == raw.by_a[:-1]) & (raw.stroke[1:] > 1)
+    repeated = np.r_[False, same]
+    return raw.take(np.flatnonzero(~repeated)), int(repeated.sum())
+
+
+def rally_starts(raw: RawGame) -> Bools:
+    """``[n]`` first row of each rally, also of one that bears the number of the rally before it."""
+    return np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
+
+
+def broken_rallies(raw: RawGame, first: Bools) -> Bools:
+    """``[n]`` rows of rallies with strokes not numbered 1, 2, …, players who do not alternate, or a number that is taken."""
+    rally = np.cumsum(first) - 1
+    inside = ~first[1:]
+    wrong = np.r_[False, inside & ((np.diff(raw.stroke) != 1) | (raw.by_a[1:] == raw.by_a[:-1]))]
+    wrong |= first & ((raw.stroke != 1) | (raw.rally < 1))
+    wrong |= first & np.r_[False, np.diff(raw.rally) == 0]
+    return np.asarray(np.bincount(rally, weights=wrong)[rally] > 0)
+
+
+def sides(raw: RawGame, first: Bools) -> tuple[Ints, Bools]:
+    """``[n]`` sign of the striker's half by vote within the rally, 0 without evidence; and rows that contradict it.
+
+    Ends swap between games and in the middle of a third game, so nothing is assumed about them. Player A stays in one half
+    during a rally; every stroke votes with the positions of both players, the contact point and (unless the shuttle fell
+    short) the landing point.
+    """
+    rally = np.cumsum(first) - 1
+    own = [np.sign(raw.point[name][:, 1]) for name in ("player_location", "hit")]
+    other = [-np.sign(raw.point["opponent_location"][:, 1])]
+    over = ~np.isin(raw.reason, (_NET, _SHORT))
+    other.append(np.where(over, -np.sign(raw.point["landing"][:, 1]), np.nan))
+    vote = np.nansum(np.stack(own + other), axis=0)
+    sign_a = np.sign(np.bincount(rally, weights=np.where(raw.by_a, vote, -vote)))
+    side = np.where(raw.by_a, sign_a[rally], -sign_a[rally]).astype(np.int64)
+    return side, vote * side < 0
+
+
+def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:
+    """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS.
+
+    The winner of a rally is who scored; the annotated winner is asked where the score does not tell because a rally before
+    it is missing. A reason that contradicts the winner means that the annotators missed the last stroke.
+    """
+    ends = np.flatnonzero(np.r_[first[1:], True])
+    before = np.vstack([[0, 0], raw.score[ends[:-1]]])
+    gained = raw.score[ends] - before
+    by_score = np.where((gained == [1, 0]).all(1), 0, np.where((gained == [0, 1]).all(1), 1, -1))
+    winner = np.where(by_score < 0, raw.winner[ends], by_score)
+    won = winner == np.where(raw.by_a[ends], 0, 1)
+    given = raw.reason[ends]
+    contradiction = (given >= 0) & (np.isin(given, (_OUT, _NET, _SHORT, _FOUL)) == won)
+    unknown = (winner < 0) | contradiction
+    outcome = np.full(len(first), RETURNED)
+    outcome[ends] = np.where(unknown, UNKNOWN, np.where(won, WINNER, FAULT))
+    reason = np.full(len(first), _RETURNED)
+    reason[ends] = np.where(unknown | (given < 0), _UNKNOWN, given)
+    return outcome, reason
+
+
+def contact_heights(raw: RawGame, first: Bools) -> npt.NDArray[np.int8]:
+    """``[n]`` contact heights, taken from the stroke before where those of the game are wrong as a whole; -1 missing."""
+    met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]]).astype(np.int8)
+    both = (met >= 0) & (raw.height >= 0)
+    wrong = both.mean() > 0.5 and (met == raw.height)[both].mean() < WRONG_HEIGHTS
+    return met if wrong else raw.height
+
+
+def timed(raw: RawGame, first: Bools) -> Bools:
+    """``[n]`` rows whose frame is given and fits: the longest run of rows of a rally whose frames increase."""
+    fits = np.zeros(len(first), dtype=bool)
+    given = (raw.frame >= 0) & (raw.clock >= 0)
+    for rally in np.split(np.arange(len(first)), np.flatnonzero(first)[1:]):
+        rows = rally[given[rally]]
+        frames = raw.frame[rows]
+        fits[rows if (np.diff(frames) > 0).all() else rows[_longest_increasing(frames)]] = True
+    return fits
+
+
+def _longest_increasing(values: Ints) -> list[int]:
+    """Indices of the longest strictly increasing subsequence (Schensted, Canad. J. Math. 1961)."""
+    tails: list[int] = []
+    ends: list[int] = []
+    before: list[int] = []
+    for i, value in enumerate(values.tolist()):
+        length = bisect.bisect_left(tails, value)
+        before.append(ends[length - 1] if length else -1)
+        tails[length : length + 1] = [value]
+        ends[length : length + 1] = [i]
+    chain = []
+    i = ends[-1] if ends else -1
+    while i >= 0:
+        chain.append(i)
+        i = before[i]
+    return chain[::-1]
+
+
+def corrected_label(raw: RawGame, own_half: Bools) -> npt.NDArray[np.int8]:
+    """``[n]`` area labels as the receiver sees them, -1 outside the court.
+
+    The annotators name right and left as the player of the half sees them in which the shuttle came down: of a stroke
+    that fell back into the striker's own half that is the striker.
+    """
+    label = _LABEL_AREA[raw.label_area]
+    source, numbers = MIRRORED
+    mirror = own_half.copy()
+    if raw.match.source == source and raw.match.number in numbers:
+        mirror ^= raw.point["landing"][:, 1] > 0
+    return np.where(mirror & (label >= 0), 3 * (label // 3) + 2 - label % 3, label).astype(np.int8)
