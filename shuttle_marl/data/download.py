@@ -1,0 +1,148 @@
+"""Fetches the published data: pinned commit, every file checked, resumable, whole files only."""
+
+import concurrent.futures
+import contextlib
+import errno
+import os
+import tempfile
+import threading
+import time
+import urllib.parse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+import pooch
+import requests
+
+from shuttle_marl.data import upstream
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+
+TIMEOUT: Final = (10.0, 30.0)
+"""Seconds to wait for a connection, and between two pieces of an answer."""
+_TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
+_RESUME: Final = "what was fetched is kept: run the same command again to go on"
+_STALE: Final = 3600.0
+
+
+class DownloadError(ShuttleError):
+    """A file that cannot be fetched; says which and why."""
+
+
+def download(
+    out: Path,
+    *,
+    base_url: str = upstream.BASE_URL,
+    manifest: Mapping[str, str] | None = None,
+    jobs: int = 8,
+    retries: int = 3,
+    pause: float = 1.0,
+    on_file: Callable[[int, int], None] | None = None,
+) -> int:
+    """Fetch every file of the manifest that is not there with the right hash.
+
+    A file is written beside its place, checked, and moved there; a download that is killed leaves no half file behind.
+
+    Args:
+        out: folder; files go to their paths of the manifest below it.
+        base_url: where the files are; a path of the manifest is appended.
+        manifest: SHA-256 by path; default that of the published data.
+        jobs: files fetched at a time.
+        retries: further tries after a broken connection, a busy server or a wrong hash.
+        pause: seconds before the first of them; doubled each time.
+        on_file: called with (files in place, files in all) after each file.
+
+    Returns:
+        Number of files that were fetched.
+
+    Raises:
+        DownloadError: no connection, an HTTP error, a wrong hash after all tries, or a file that cannot be written.
+    """
+    files = dict(upstream.manifest() if manifest is None else manifest)
+    stop = threading.Event()
+
+    def place(path: str) -> bool:
+        target = out / path
+        if stop.is_set() or (target.is_file() and pooch.file_hash(str(target)) == files[path]):
+            return False
+        url = f"{base_url.rstrip('/')}/{urllib.parse.quote(path)}"
+        _fetch(url, target, files[path], retries=retries, pause=pause, stop=stop)
+        return True
+
+    fetched = 0
+    with concurrent.futures.ThreadPoolExecutor(max(1, jobs)) as pool:
+        futures = [pool.submit(place, path) for path in files]
+        try:
+            for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
+                fetched += future.result()
+                if on_file is not None:
+                    on_file(done, len(files))
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+    replace_file(out / "LICENSE", upstream.licence().encode())
+    return fetched
+
+
+def _fetch(url: str, target: Path, digest: str, *, retries: int, pause: float, stop: threading.Event) -> None:
+    """Fetch one file, trying again where that may help."""
+    for attempt in range(retries + 1):
+        try:
+            _fetch_once(url, target, digest)
+            return
+        except _TryAgainError as error:
+            # A stop means that another file failed for good: its error is the one to tell.
+            if attempt == retries or stop.wait(pause * 2**attempt):
+                raise DownloadError(f"{error}; gave up after {attempt + 1} tries; {_RESUME}") from error
+
+
+class _TryAgainError(Exception):
+    """A failure that may pass."""
+
+
+def _fetch_once(url: str, target: Path, digest: str) -> None:
+    temporary = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale(target)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            pooch.HTTPDownloader(timeout=TIMEOUT)(url, file, None)
+            file.flush()
+            os.fsync(file.fileno())
+        got = pooch.file_hash(temporary)
+        if got != digest:
+            raise _TryAgainError(f"{url}: SHA-256 is {got}, expected {digest}: the file was altered on its way")
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    except requests.HTTPError as error:
+        message = f"{url}: {error}"
+        if error.response is not None and error.response.status_code in _TRANSIENT:
+            raise _TryAgainError(message) from error
+        raise DownloadError(f"{message}; is --base-url right? {_RESUME}") from error
+    except requests.RequestException as error:  # a subclass of OSError: it must come first
+        raise _TryAgainError(f"{url}: no answer ({_cause(error)}); is this machine online?") from error
+    except OSError as error:
+        full = " (free some space)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        raise DownloadError(f"{target}: cannot be written: {error.strerror}{full}; {_RESUME}") from error
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove what a killed download left beside a file; a younger rest may belong to one that is running."""
+    for rest in target.parent.glob(f".{target.name}.*.part"):
+        with contextlib.suppress(OSError):
+            if time.time() - rest.stat().st_mtime > _STALE:
+                rest.unlink()
+
+
+def _cause(error: BaseException) -> str:
+    """The innermost reason of a network error, which says most."""
+    while error.__cause__ or error.__context__:
+        error = error.__cause__ or error.__context__ or error
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
