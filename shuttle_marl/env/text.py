@@ -19,16 +19,16 @@ def as_text(snapshot: Snapshot) -> str:
     return "\n".join(lines) + "\n"
 
 
+def shot_in_words(catalogue: Catalogue, stroke: int) -> str:
+    """The shot type in words: ``cross-court net shot``."""
+    return SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
+
+
 def in_words(catalogue: Catalogue, stroke: int) -> str:
     """A stroke in words: ``smash to the middle left, forehand above the net``."""
-    shot, area, height, technique = (
-        SHOTS[catalogue.shot[stroke]],
-        AREAS[catalogue.area[stroke]],
-        HEIGHTS[catalogue.height[stroke]],
-        TECHNIQUES[catalogue.technique[stroke]],
-    )
-    spoken = shot.replace("-", " ").replace("cross court", "cross-court")
-    return f"{spoken} to the {area.replace('-', ' ')}, {technique.replace('-', ' ')} {height} the net"
+    area = AREAS[catalogue.area[stroke]].replace("-", " ")
+    technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
+    return f"{shot_in_words(catalogue, stroke)} to the {area}, {technique} {HEIGHTS[catalogue.height[stroke]]} the net"
 
 
 def score_lines(snapshot: Snapshot) -> list[str]:

@@ -1,0 +1,86 @@
+"""Saving and loading a game, and what happens to damaged files."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from shuttle_marl.dynamics import default_game, model_folder
+from shuttle_marl.rally import Game, GameError
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "new folder" / "game.safetensors"
+    default_game().save(path, {"note": "for tests"})
+    return path
+
+
+def test_a_game_survives_saving(saved: Path) -> None:
+    game, again = default_game(), Game.load(saved)
+    assert again.hash == game.hash
+    assert again.catalogue.names == game.catalogue.names
+    for field in dataclasses.fields(Game):
+        if field.name != "catalogue":
+            before, after = getattr(game, field.name), getattr(again, field.name)
+            assert before.dtype == after.dtype
+            assert (before == after).all()
+
+
+def test_nothing_but_the_file_is_left_behind(saved: Path) -> None:
+    assert [p.name for p in saved.parent.iterdir()] == ["game.safetensors"]
+
+
+@pytest.mark.parametrize("name", ["threshold", "edge_own", "reply_start", "pair_start"])
+def test_the_hash_covers_every_table(name: str) -> None:
+    game = default_game()
+    table = getattr(game, name).copy()
+    table.flat[-1] ^= 1
+    assert dataclasses.replace(game, **{name: table}).hash != game.hash
+
+
+def test_the_hash_covers_the_names() -> None:
+    game = default_game()
+    names = list(game.catalogue.names)
+    names[-2:] = names[:-3:-1]
+    renamed = dataclasses.replace(game, catalogue=type(game.catalogue).from_names(names))
+    assert renamed.hash != game.hash
+
+
+def test_a_flipped_bit_is_found(saved: Path) -> None:
+    content = bytearray(saved.read_bytes())
+    content[-5] ^= 4
+    saved.write_bytes(content)
+    with pytest.raises(GameError, match="damaged, install the model again"):
+        Game.load(saved)
+
+
+@pytest.mark.parametrize("keep", [0, 7, 500, -1])
+def test_a_file_cut_short_is_found(saved: Path, keep: int) -> None:
+    saved.write_bytes(saved.read_bytes()[:keep])
+    with pytest.raises(GameError, match=r"game\.safetensors"):
+        Game.load(saved)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(GameError, match=r"nowhere\.safetensors"):
+        Game.load(tmp_path / "nowhere.safetensors")
+
+
+@pytest.mark.parametrize(
+    "header", [None, {"strokes": "no list"}, {"strokes": '["smash:moon:above:forehand"]'}, {"strokes": "[]"}]
+)
+def test_other_safetensors_are_no_game(tmp_path: Path, header: dict[str, str] | None) -> None:
+    path = tmp_path / "other.safetensors"
+    save_file({"threshold": np.zeros((1, 3), np.uint16)}, path, metadata=header)
+    with pytest.raises(GameError, match="no readable game tables"):
+        Game.load(path)
+
+
+def test_models_are_found_by_name_and_by_folder(saved: Path) -> None:
+    assert model_folder("default").is_dir()
+    assert model_folder(str(saved.parent)) == saved.parent
+    with pytest.raises(GameError, match=r"no model 'typo'.*shipped"):
+        model_folder("typo")

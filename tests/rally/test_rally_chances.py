@@ -1,0 +1,99 @@
+"""Fixed-point chances, and strokes decided by them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike, thresholds
+
+chance = st.floats(0.0, 1.0)
+
+
+def test_thresholds_of_round_chances() -> None:
+    table = thresholds(np.array([0.75, 1.0, 0.0]), np.array([0.5, 0.5, 0.3]), np.array([0.5, 0.25, 0.7]))
+    # good 3/4: fault below 1/4; winner 3/8 more; returned 3/8, half of it from below.
+    assert table[0].tolist() == [0.25 * ONE, 0.625 * ONE, 0.8125 * ONE]
+    assert table[1].tolist() == [0, 0.5 * ONE, 0.875 * ONE]
+    assert table[2].tolist() == [ONE - 1, ONE - 1, ONE - 1], "the last outcome keeps the smallest chance there is"
+
+
+@given(st.lists(st.tuples(chance, chance, chance), min_size=1, max_size=20))
+def test_thresholds_are_monotone_and_nearest(chances: list[tuple[float, float, float]]) -> None:
+    good, returned, above = np.array(chances).T
+    table = thresholds(good, returned, above).astype(np.int64)
+    assert (np.diff(table, axis=1) >= 0).all()
+    exact = np.stack([1 - good, 1 - good * returned, 1 - good * returned * above], axis=1)
+    error = np.abs(table / ONE - exact)
+    assert (error[exact * ONE <= ONE - 1] <= 0.5 / ONE + 1e-12).all()
+    assert (error <= 1 / ONE + 1e-12).all()
+
+
+@pytest.mark.parametrize("position", [0, 1, 2])
+def test_thresholds_refuse_nan(position: int) -> None:
+    chances = [np.array([0.5]), np.array([0.5]), np.array([0.5])]
+    chances[position] = np.array([np.nan])
+    with pytest.raises(GameError, match="not a number"):
+        thresholds(*chances)
+
+
+@given(st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(0.05, 1.0), chance), min_size=1, max_size=5))
+def test_chances_invert_thresholds(chances: list[tuple[float, float, float]]) -> None:
+    game = default_game()
+    wanted = np.array(chances).T
+    threshold = game.threshold.copy()
+    threshold[: len(chances)] = thresholds(*wanted)
+    found = np.stack(type(game)(**{**_fields(game), "threshold": threshold}).chances())[:, : len(chances)]
+    # A conditional chance is a quotient of two rounded numbers: its error grows as what it is conditional on shrinks.
+    condition = np.stack([np.ones(len(chances)), wanted[0], wanted[0] * wanted[1]])
+    assert (np.abs(found - wanted) <= 2.5 / ONE / condition).all()
+
+
+def _fields(game: object) -> dict[str, object]:
+    return {name: getattr(game, name) for name in game.__dataclass_fields__}  # type: ignore[attr-defined]
+
+
+def test_all_draws_of_a_stroke_give_its_chances_exactly() -> None:
+    game = default_game()
+    rng = np.random.default_rng(5)
+    good, returned, above = game.chances()
+    draws = np.arange(ONE)
+    for pair in [0, game.n_pairs - 1, *rng.integers(game.n_pairs, size=30)]:
+        state = game.pair_state[pair]
+        k = pair - game.pair_start[state]
+        outcome, _ = strike(game, np.full(ONE, state), np.full(ONE, k), draws)
+        share = np.bincount(outcome, minlength=4) / ONE
+        q = good[pair] * returned[pair]
+        expected = [1 - good[pair], good[pair] - q, q * (1 - above[pair]), q * above[pair]]
+        assert share == pytest.approx(expected, abs=1e-12)
+        assert (np.diff(outcome) >= 0).all(), "outcomes are ordered by draw"
+
+
+def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
+    game = default_game()
+    rng = np.random.default_rng(6)
+    pair = rng.integers(game.n_pairs, size=20_000)
+    state = game.pair_state[pair]
+    outcome, following = strike(game, state, pair - game.pair_start[state], rng.integers(ONE, size=len(pair)))
+    over = (outcome == FAULT) | (outcome == WINNER)
+    assert (following[over] == -1).all()
+    go_on, before, after = ~over, state[~over], following[~over]
+    assert (game.edge_own[after >> 1] == game.edge_incoming[before >> 1]).all()
+    assert (game.edge_incoming[after >> 1] == game.pair_stroke[pair[go_on]]).all()
+    assert ((after & 1) == (outcome[go_on] == RETURNED_ABOVE)).all()
+    assert (outcome[go_on] >= RETURNED_BELOW).all()
+    assert over.any()
+    assert go_on.any()
+
+
+def test_strike_treats_each_rally_of_a_batch_by_itself() -> None:
+    game = default_game()
+    rng = np.random.default_rng(7)
+    pair = rng.integers(game.n_pairs, size=200)
+    state, draw = game.pair_state[pair], rng.integers(ONE, size=200)
+    k = pair - game.pair_start[state]
+    outcome, following = strike(game, state, k, draw)
+    for i in range(200):
+        one = strike(game, state[i : i + 1], k[i : i + 1], draw[i : i + 1])
+        assert (one[0][0], one[1][0]) == (outcome[i], following[i])

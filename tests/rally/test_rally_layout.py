@@ -1,0 +1,152 @@
+"""The index tables of a game, on random small games."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.rally import ROOT, Game, GameError, layout, thresholds
+from shuttle_marl.stroke import SHOTS, Catalogue
+
+Bools = npt.NDArray[np.bool_]
+
+
+def small_catalogue(rng: np.random.Generator, rallies: int) -> Catalogue:
+    """Two serves, and strokes of which at least one is played from above and one from below."""
+    serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
+    heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
+    names = {f"{SHOTS[2 + i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
+    return Catalogue.from_names([*serves, *sorted(names)])
+
+
+def random_replies(rng: np.random.Generator, catalogue: Catalogue, density: float) -> Bools:
+    n = len(catalogue)
+    replies = rng.random((n + 1, n)) < density
+    for contact in (0, 1):
+        can = np.flatnonzero((catalogue.height == contact) & ~catalogue.is_serve)
+        replies[np.arange(n), rng.choice(can, n)] = True
+    replies[:n, catalogue.is_serve] = False
+    replies[n] = catalogue.is_serve
+    return replies
+
+
+def random_game(seed: int, rallies: int = 8, density: float = 0.3) -> tuple[Game, Bools]:
+    rng = np.random.default_rng(seed)
+    catalogue = small_catalogue(rng, rallies)
+    replies = random_replies(rng, catalogue, density)
+    tables = layout(catalogue, replies)
+    pairs = int(tables["pair_start"][-1])
+    p = rng.uniform(0, 1, (3, pairs))
+    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), **tables), replies
+
+
+games = st.builds(random_game, st.integers(0, 10_000), st.integers(2, 11), st.floats(0.0, 1.0))
+
+
+def reachable_edges(catalogue: Catalogue, replies: Bools) -> set[tuple[int, int]]:
+    """All (own last stroke, incoming stroke) that play can reach, by walking from the start."""
+    n = len(catalogue)
+    found: set[tuple[int, int]] = set()
+    frontier = [(n, n)]
+    while frontier:
+        edge = frontier.pop()
+        if edge not in found:
+            found.add(edge)
+            frontier.extend((edge[1], int(z)) for z in np.flatnonzero(replies[edge[1]]))
+    return found
+
+
+@given(games)
+def test_edges_are_exactly_those_that_play_can_reach(made: tuple[Game, Bools]) -> None:
+    game, replies = made
+    edges = list(zip(game.edge_own.tolist(), game.edge_incoming.tolist(), strict=True))
+    assert edges[0] == (game.n_strokes, game.n_strokes)
+    assert len(set(edges)) == len(edges)
+    assert set(edges) == reachable_edges(game.catalogue, replies)
+
+
+@given(games)
+def test_pairs_number_the_legal_strokes_of_each_state_in_order(made: tuple[Game, Bools]) -> None:
+    game, replies = made
+    height = game.catalogue.height
+    row = 0
+    for state in range(game.n_states):
+        incoming, contact = game.edge_incoming[state >> 1], state & 1
+        expected = np.flatnonzero(replies[incoming] & (height == contact))
+        assert game.legal_strokes(state).tolist() == expected.tolist()
+        assert game.legal_count(np.array(state)) == len(expected)
+        for stroke in expected:
+            assert game.pair_state[row] == state
+            assert game.pair_stroke[row] == stroke
+            edge = game.pair_edge[row]
+            assert (game.edge_own[edge], game.edge_incoming[edge]) == (incoming, stroke)
+            row += 1
+    assert row == game.n_pairs
+
+
+@given(games)
+def test_masks_and_pair_numbers_agree(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    state = np.repeat(np.arange(game.n_states), game.n_strokes).reshape(-1, game.n_strokes)
+    stroke = np.broadcast_to(np.arange(game.n_strokes), state.shape)
+    pair = game.pair(state, stroke)
+    assert ((pair >= 0) == game.mask(np.arange(game.n_states))).all()
+    assert pair[pair >= 0].tolist() == list(range(game.n_pairs))
+    assert (game.pair_state[pair[pair >= 0]] == state[pair >= 0]).all()
+    assert (game.pair_stroke[pair[pair >= 0]] == stroke[pair >= 0]).all()
+
+
+@given(games)
+def test_every_reachable_state_has_a_stroke_and_only_the_start_a_serve(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    counts = game.legal_count(np.arange(game.n_states))
+    assert counts[1] == 0, "a serve from above the net"
+    assert (np.delete(counts, 1) > 0).all()
+    assert game.catalogue.is_serve[game.legal_strokes(ROOT)].all()
+    assert not game.catalogue.is_serve[game.pair_stroke[game.pair_state != ROOT]].any()
+
+
+def test_layout_names_a_stroke_without_reply() -> None:
+    rng = np.random.default_rng(0)
+    catalogue = small_catalogue(rng, 6)
+    replies = random_replies(rng, catalogue, 1.0)
+    replies[3, catalogue.height == 1] = False
+    with pytest.raises(GameError, match=f"no legal reply to {catalogue.names[3]} from contact 1"):
+        layout(catalogue, replies)
+
+
+def test_layout_forgives_a_stroke_without_reply_that_is_never_played() -> None:
+    rng = np.random.default_rng(0)
+    catalogue = small_catalogue(rng, 6)
+    replies = random_replies(rng, catalogue, 1.0)
+    replies[:, 3] = False
+    replies[3] = False
+    assert 3 not in layout(catalogue, replies)["edge_incoming"]
+
+
+@pytest.mark.parametrize(("row", "stroke", "value"), [(-1, 0, False), (-1, 4, True), (3, 1, True)])
+def test_layout_wants_serves_at_the_start_and_only_there(row: int, stroke: int, value: bool) -> None:
+    rng = np.random.default_rng(0)
+    catalogue = small_catalogue(rng, 6)
+    replies = random_replies(rng, catalogue, 0.5)
+    replies[row, stroke] = value
+    with pytest.raises(GameError, match="serves"):
+        layout(catalogue, replies)
+
+
+def test_shipped_game_has_the_layout_of_its_replies() -> None:
+    game = default_game()
+    rebuilt = layout(game.catalogue, game.reply_mask.any(axis=1))
+    for name, table in rebuilt.items():
+        assert (getattr(game, name) == table).all(), name
+
+
+def test_describe_names_both_strokes_and_the_contact() -> None:
+    game, _ = random_game(1)
+    assert game.describe(ROOT) == "own none, incoming none, contact below"
+    state = game.n_states - 1
+    own, incoming = game.edge_own[state >> 1], game.edge_incoming[state >> 1]
+    names = game.catalogue.names
+    assert game.describe(state) == f"own {names[own]}, incoming {names[incoming]}, contact above"
