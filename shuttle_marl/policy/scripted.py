@@ -1,0 +1,153 @@
+"""Three styles of play written down as a coach would: preferences in points, played through a softmax.
+
+Every rule gives or takes points; a stroke with one point more is played e (2.7) times as often. The rules speak of shot
+types, target areas, the contact offered, the incoming shot, and where the opponent stands: they struck their last stroke
+where one's own last stroke landed.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.court import area_centre
+from shuttle_marl.policy.base import States
+from shuttle_marl.rally import ONE
+from shuttle_marl.stroke import SHOTS
+
+Points = npt.NDArray[np.float64]
+
+SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
+"""Take the serve short: a long one invites the smash."""
+
+ATTACK_ABOVE: Final = {
+    "smash": 4.0,
+    "net-kill": 4.0,
+    "half-smash": 3.0,
+    "drop": 2.0,
+    "push": 2.0,
+    "drive": 1.5,
+    "net-shot": 1.0,
+    "cross-court-net-shot": 1.0,
+    "block": 0.5,
+    "clear": -1.0,
+}
+"""Attacking, contact above the net: hit down; the harder the better; a clear gives the attack away."""
+ATTACK_BELOW: Final = {
+    "net-shot": 2.5,
+    "cross-court-net-shot": 2.5,
+    "push": 2.0,
+    "drive": 2.0,
+    "block": 1.5,
+    "drop": 1.0,
+    "clear": -1.0,
+    "lift": -1.0,
+}
+"""Attacking, contact below the net: keep the shuttle flat or tight, so that the opponent has to lift."""
+
+DEFEND: Final = {
+    "short-serve": 2.0,
+    "long-serve": 1.0,
+    "net-kill": 4.0,
+    "lift": 2.0,
+    "clear": 2.0,
+    "drop": 2.0,
+    "net-shot": 2.0,
+    "half-smash": 1.0,
+    "block": 1.0,
+    "cross-court-net-shot": 1.0,
+    "push": 0.5,
+    "drive": 0.0,
+    "smash": 0.0,
+}
+"""Defensive: high and deep, or soft and low; no hard hitting but for a shuttle that sits on the net."""
+DEFEND_AGAINST_SMASH: Final = {"block": 2.0, "lift": 1.0, "drive": -1.0}
+"""Defensive, in addition, against a smash, half smash or net kill: soak up its pace with a block, or lift it out."""
+POWER: Final = ("smash", "half-smash", "net-kill")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ScriptedPolicy:
+    """Softmax over the points that a set of rules gives to each stroke.
+
+    Attributes:
+        points: the rules: a batch of states -> ``[B, n]`` points of every stroke; illegal ones are left out afterwards.
+    """
+
+    points: Callable[[States], Points]
+
+    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+        """``[B, n]`` softmax of the points over the legal strokes."""
+        points = np.where(states.mask, self.points(states), -np.inf)
+        weight = np.exp(points - points.max(axis=1, keepdims=True))
+        p: npt.NDArray[np.float64] = weight / weight.sum(axis=1, keepdims=True)
+        return p
+
+
+def attacking(states: States) -> Points:
+    """Hit down from above, stay flat or tight from below, serve short, and send the opponent running.
+
+    Each metre between the opponent and the target gives 0.5 points.
+    """
+    shot = states.game.catalogue.shot
+    above = states.contact[:, None] == 1
+    preference = np.where(above, _by_shot(ATTACK_ABOVE)[shot], _by_shot({**ATTACK_BELOW, **SERVE})[shot])
+    return preference + 0.5 * distance_from_opponent(states)
+
+
+def defensive(states: States) -> Points:
+    """Play high and deep, absorb the smash, and aim at the centre so that the opponent gets no angle.
+
+    A target off the centre line costs a point, and a lift, clear or long serve that is not deep costs 2 points.
+    """
+    catalogue = states.game.catalogue
+    points = _by_shot(DEFEND)[catalogue.shot]
+    points = points - (catalogue.area % 3 != 1)
+    high = np.isin(catalogue.shot, [SHOTS.index(name) for name in ("lift", "clear", "long-serve")])
+    points = points - 2.0 * (high & (catalogue.area // 3 != 2))
+    smashed = np.isin(_incoming_shot(states), [SHOTS.index(name) for name in POWER])
+    return points + smashed[:, None] * _by_shot(DEFEND_AGAINST_SMASH)[catalogue.shot]
+
+
+def safe(states: States) -> Points:
+    """Keep the shuttle in play, and the opponent from hitting down.
+
+    Each percentage point less of a chance to fault gives 1 point; each one less of a chance that the opponent returns the
+    shuttle from above the net, and each one of a chance that it is not returned at all, gives 0.1. The chances are read
+    from the game itself.
+    """
+    game = states.game
+    counts = game.legal_count(states.state)
+    row = np.repeat(np.arange(len(states)), counts)
+    pair = np.arange(len(row)) + np.repeat(game.pair_start[states.state] - np.cumsum(counts) + counts, counts)
+    fault, winner, below = game.threshold[pair].T.astype(np.float64) / ONE  # cumulative
+    points = np.zeros((len(states), game.n_strokes))
+    points[row, game.pair_stroke[pair]] = 100.0 * (1 - fault) - 10.0 * (1 - below) + 10.0 * (winner - fault)
+    return points
+
+
+STYLES: Final[Mapping[str, Callable[[States], Points]]] = {"attacking": attacking, "defensive": defensive, "safe": safe}
+"""The rule sets by the name of the policy."""
+
+
+def distance_from_opponent(states: States) -> Points:
+    """``[B, n]`` metres between the opponent and the centre of each stroke's target area; 0 where nobody has moved yet.
+
+    The opponent is taken to stand at the centre of the area to which the striker's own last stroke went.
+    """
+    catalogue = states.game.catalogue
+    target = area_centre(catalogue.area)
+    between = np.linalg.norm(target[:, None] - target[None], axis=-1)
+    return np.vstack([between, np.zeros(len(catalogue))])[states.own]
+
+
+def _by_shot(points: Mapping[str, float]) -> Points:
+    """``[13]`` points of every shot type, 0 for those that are not named."""
+    return np.array([points.get(name, 0.0) for name in SHOTS])
+
+
+def _incoming_shot(states: States) -> npt.NDArray[np.int64]:
+    """``[B]`` shot type of the incoming stroke, -1 when serving."""
+    return np.r_[states.game.catalogue.shot.astype(np.int64), -1][states.incoming]
