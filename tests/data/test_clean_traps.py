@@ -1,0 +1,389 @@
+"""Every defect of the published data, made on purpose, and what cleaning makes of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from upstream_layout import (
+    CLEAR,
+    COLUMNS,
+    DROP,
+    HOMOGRAPHY,
+    LIFT,
+    SERVE,
+    SHUTTLESET,
+    SHUTTLESET22,
+    SMASH,
+    Hit,
+    Layout,
+    game,
+    plain_game,
+    rally,
+    write_rows,
+)
+
+from shuttle_marl import court
+from shuttle_marl.data import clean_matches
+from shuttle_marl.data.clean import Cleaned
+from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.schema import FAULT, OUTCOMES, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.stroke import SHOTS
+
+NAME = "Viktor_AXELSEN _CHEN_Long_Malaysia_Masters_2020_ Finals"
+
+
+def cleaned(root: Path, *games: list[dict[str, str]], **options: object) -> Cleaned:
+    Layout(root).match(NAME, games, **options)
+    result = clean_matches(root)
+    assert [str(v) for v in violations(result.strokes)] == []
+    assert result.account.strokes == result.account.strokes_kept + sum(result.account.dropped.values())
+    return result
+
+
+def column(result: Cleaned, name: str) -> list:
+    return result.strokes[name].to_pylist()
+
+
+def test_a_sound_game_is_kept_whole(tmp_path: Path) -> None:
+    result = cleaned(tmp_path, plain_game(4))
+    assert result.account.as_json() == {
+        "matches": 1,
+        "rallies": {"total": 4, "kept": 4},
+        "strokes": {"total": 13, "kept": 13},
+        "dropped": {},
+        "area_agreement": 1.0,
+    }
+    first = result.strokes.slice(0, 3).to_pylist()
+    assert [row["player"] for row in first] == ["viktor-axelsen", "chen-long", "viktor-axelsen"]
+    assert [SHOTS[row["shot"]] for row in first] == ["short-serve", "lift", "smash"]
+    assert [row["height"] for row in first] == [0, 0, 1]
+    assert [OUTCOMES[row["outcome"]] for row in first] == ["returned", "returned", "winner"]
+    assert [court.AREAS[row["area"]] for row in first] == ["front-centre", "back-left", "middle-left"]
+    assert (first[1]["landing_x"], first[1]["landing_y"]) == pytest.approx((LIFT.x, LIFT.y), abs=1e-3)
+    assert (first[1]["striker_x"], first[1]["striker_y"]) == pytest.approx((0.2, -4.0), abs=1e-3)
+    assert (first[1]["receiver_x"], first[1]["receiver_y"]) == pytest.approx((0.1, 3.8), abs=1e-3)
+    assert first[0]["contact_x"] is None
+    assert (first[1]["contact_x"], first[1]["contact_y"]) == pytest.approx((-SERVE.x, -SERVE.y), abs=1e-3)
+    assert [(row["points"], row["points_opponent"]) for row in first] == [(1, 0), (0, 1), (1, 0)]
+
+
+def test_technique(tmp_path: Path) -> None:
+    hits = [Hit("發短球", 0, 2.2, backhand=True), LIFT, Hit("殺球", 0, 4.0, 1, around_head=True),
+            Hit("擋小球", 0, 1.0, 2, backhand=True, around_head=True)]  # fmt: skip
+    result = cleaned(tmp_path, rally(1, "A", hits, (1, 0), reason="掛網"))
+    assert column(result, "technique") == [1, 0, 2, 1]
+
+
+def test_ends_swap_between_and_within_games(tmp_path: Path) -> None:
+    """Egocentric coordinates do not depend on who plays where; the ends change in the middle of the third game."""
+    late = [
+        rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝", a_below=False),
+        rally(2, "A", [SERVE, LIFT, SMASH], (2, 0), reason="對手落地致勝", a_below=True),
+    ]
+    result = cleaned(tmp_path, plain_game(4, a_below=True), plain_game(4, a_below=False), game(late))
+    games = [result.strokes.filter(np.equal(column(result, "game"), i)) for i in (1, 2, 3)]
+    for name in ("landing_x", "landing_y", "striker_y", "receiver_y", "area"):
+        np.testing.assert_allclose(games[0][name].to_numpy(), games[1][name].to_numpy(), atol=1e-3)
+        np.testing.assert_allclose(games[2][name].to_numpy()[:3], games[2][name].to_numpy()[3:], atol=1e-3)
+    assert result.account.area_agreement == 1
+
+
+@pytest.mark.parametrize(("number", "source", "mirror"), [
+    (9, SHUTTLESET, True), (20, SHUTTLESET, True), (8, SHUTTLESET, False), (21, SHUTTLESET, False),
+    (12, SHUTTLESET22, False),
+])  # fmt: skip
+def test_mirrored_labels(tmp_path: Path, number: int, source: str, mirror: bool) -> None:
+    games = [plain_game(4, a_below=below, mirror_below=mirror) for below in (True, False)]
+    result = cleaned(tmp_path, *games, number=number, source=source)
+    assert result.account.area_agreement == 1
+
+
+def test_labels_decide_nothing(tmp_path: Path) -> None:
+    """Labels mirrored where nobody expects it lower the agreement and change no area."""
+    result = cleaned(tmp_path, plain_game(4, mirror_below=True), number=3)
+    assert result.account.area_agreement is not None
+    assert result.account.area_agreement < 1
+    sound = clean_matches(Layout(tmp_path / "sound").match(NAME, [plain_game(4)]).parents[2])
+    assert column(result, "area") == column(sound, "area")
+
+
+def test_labels_outside_the_court_are_null(tmp_path: Path) -> None:
+    result = cleaned(tmp_path, plain_game(2))
+    out = result.strokes.filter(np.equal(column(result, "outcome"), FAULT)).to_pylist()
+    assert [(row["label_area"], row["in_court"], REASONS[row["reason"]]) for row in out] == [(None, False, "out")]
+    assert court.AREAS[out[0]["area"]] == "back-left"
+
+
+def test_a_match_in_both_sets_counts_once(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match(NAME, [plain_game(4)], source=SHUTTLESET, players=("Viktor AXELSEN", "CHEN Long"))
+    layout.match(NAME, [plain_game(4)], source=SHUTTLESET22, number=7, players=("VIKTOR Axelsen", "Chen Long"))
+    layout.match("Other", [plain_game(2)], source=SHUTTLESET22, number=8)
+    result = clean_matches(tmp_path)
+    assert result.account.matches == 2
+    assert result.account.strokes == 13 + 6
+    assert set(column(result, "source")) == {"ShuttleSet", "ShuttleSet22"}
+    assert set(column(result, "player")) == {"viktor-axelsen", "chen-long"}
+
+
+@pytest.mark.parametrize("there", [SHUTTLESET, SHUTTLESET22])
+def test_a_match_in_both_lists_is_read_from_the_folder_that_is_there(tmp_path: Path, there: str) -> None:
+    layout = Layout(tmp_path)
+    for source in (SHUTTLESET, SHUTTLESET22):
+        layout.match(NAME, [plain_game(4)], source=source, files=source == there)
+    result = clean_matches(tmp_path)
+    assert result.account.matches == 1
+    assert result.account.strokes_kept == 13
+
+
+def test_listed_matches_without_files_are_passed_over(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match(NAME, [plain_game(4)])
+    layout.match("Withheld", [plain_game(4)], source=SHUTTLESET22, files=False)
+    assert clean_matches(tmp_path).account.matches == 1
+
+
+def test_unknown_serve_leaves_the_rest_of_its_rally(tmp_path: Path) -> None:
+    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
+    rows[0] |= {"type": "未知球種", "flaw": "1"}
+    for name in ("landing_x", "landing_y", "landing_area", "player_location_x", "player_location_y"):
+        rows[0][name] = ""
+    rows[1]["hit_x"] = rows[1]["hit_y"] = ""
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {"unknown shot type": 1}
+    assert column(result, "stroke") == [2, 3]
+    assert column(result, "contact_x") == [None, pytest.approx(-LIFT.x, abs=1e-3)]
+    assert column(result, "outcome") == [RETURNED, WINNER]
+
+
+def test_missing_winner_follows_from_the_score(tmp_path: Path) -> None:
+    rows = game([
+        rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="", winner=""),
+        rally(2, "A", [SERVE, LIFT, SMASH, CLEAR], (2, 0), reason="", winner=""),
+        rally(4, "A", [SERVE, LIFT], (4, 0), reason="", winner=""),  # rally 3 was not annotated: two points at once
+        rally(5, "A", [SERVE, LIFT], (4, 1), reason="", winner=""),
+    ])  # fmt: skip
+    result = cleaned(tmp_path, rows)
+    ends = [row["outcome"] for row in result.strokes.to_pylist() if row["outcome"] != RETURNED]
+    assert ends == [WINNER, FAULT, UNKNOWN, WINNER]
+    assert {REASONS[r] for r in column(result, "reason")} == {"returned", "unknown"}
+
+
+def test_a_reason_that_contradicts_the_winner_makes_the_outcome_unknown(tmp_path: Path) -> None:
+    """The last hitter cannot hit the net and win: the annotators missed a stroke."""
+    result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="掛網", winner="A"))
+    assert column(result, "outcome") == [RETURNED, RETURNED, UNKNOWN]
+
+
+def test_the_score_outweighs_the_annotated_winner(tmp_path: Path) -> None:
+    result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], (0, 1), reason="掛網", winner="A"))
+    assert column(result, "outcome") == [RETURNED, RETURNED, FAULT]
+
+
+@pytest.mark.parametrize(("chinese", "reason", "outcome"), [
+    ("出界", "out", FAULT), ("掛網", "net", FAULT), ("未過網", "short", FAULT), ("犯規", "foul", FAULT),
+    ("對手落地致勝", "landed", WINNER), ("落點判斷失誤", "misjudged", WINNER), ("對手落地判斷失誤", "misjudged", WINNER),
+])  # fmt: skip
+def test_reasons(tmp_path: Path, chinese: str, reason: str, outcome: int) -> None:
+    score = (0, 1) if outcome == FAULT else (1, 0)
+    result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], score, reason=chinese))
+    assert result.strokes.to_pylist()[-1]["reason"] == REASONS.index(reason)
+    assert result.strokes.to_pylist()[-1]["outcome"] == outcome
+
+
+def test_broken_homography_drops_the_game_alone(tmp_path: Path) -> None:
+    """Both players in one half, and points far off the court: the game is dropped, not refused."""
+    squeezed = plain_game(4)
+    for row in squeezed:
+        row["player_location_y"] = row["opponent_location_y"]
+    squeezed[0]["landing_x"] = "90000"
+    result = cleaned(tmp_path, plain_game(4), squeezed)
+    assert result.account.dropped == {"broken homography": 13}
+    assert set(column(result, "game")) == {1}
+
+
+def test_wrong_matrix_of_a_published_kind(tmp_path: Path) -> None:
+    """A matrix that maps the whole image to the lower half."""
+    shifted = HOMOGRAPHY.copy()
+    shifted[1, 2] += 450
+    Layout(tmp_path).match(NAME, [plain_game(4)], homography=shifted)
+    result = clean_matches(tmp_path)
+    assert result.account.dropped == {"broken homography": 13}
+    assert result.strokes.num_rows == 0
+
+
+def test_rallies_out_of_order_are_put_in_order(tmp_path: Path) -> None:
+    rows = game([
+        rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="", winner=""),
+        rally(3, "A", [SERVE, LIFT, SMASH], (3, 0), reason="", winner=""),
+        rally(2, "A", [SERVE, LIFT, SMASH], (2, 0), reason="", winner=""),
+    ])  # fmt: skip
+    result = cleaned(tmp_path, rows)
+    assert column(result, "rally") == [1, 1, 1, 2, 2, 2, 3, 3, 3]
+    assert column(result, "outcome")[2::3] == [WINNER] * 3
+
+
+def test_a_row_that_stands_there_twice(tmp_path: Path) -> None:
+    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
+    result = cleaned(tmp_path, [*rows[:2], dict(rows[1]), rows[2]])
+    assert result.account.dropped == {"repeated row": 1}
+    assert column(result, "stroke") == [1, 2, 3]
+
+
+def test_a_rally_number_given_twice_keeps_the_first(tmp_path: Path) -> None:
+    rows = game([
+        rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝"),
+        rally(1, "A", [SERVE, LIFT], (2, 0), reason="出界", frame=9000),
+    ])  # fmt: skip
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {"broken rally": 2}
+    assert column(result, "outcome") == [RETURNED, RETURNED, WINNER]
+
+
+@pytest.mark.parametrize("defect", ["gap", "same player", "starts late"])
+def test_broken_rallies_are_dropped(tmp_path: Path, defect: str) -> None:
+    bad = rally(2, "A", [SERVE, LIFT, CLEAR, SMASH], (1, 1), reason="對手落地致勝")
+    if defect == "gap":
+        bad.pop(1)
+    elif defect == "same player":
+        bad[2]["player"] = "B"
+    else:
+        bad.pop(0)
+    result = cleaned(tmp_path, [*rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝"), *bad])
+    assert result.account.dropped == {"broken rally": len(bad)}
+    assert result.account.rallies == 2
+    assert result.account.rallies_kept == 1
+
+
+def test_contact_heights_of_a_game_that_contradicts_itself(tmp_path: Path) -> None:
+    """Heights of one game at random, against those at which the receiver met the shuttle."""
+    rows = plain_game(8)
+    for i, row in enumerate(rows[:-1]):
+        row["landing_height"] = rows[i + 1]["hit_height"] if rows[i + 1]["ball_round"] != "1" else ""
+    for row in rows[1::2]:
+        row["hit_height"] = "2.0" if row["hit_height"] == "1.0" else "1.0"
+    assert cleaned(tmp_path, rows).account.dropped == {"contact heights unreliable": len(rows)}
+
+
+@pytest.mark.parametrize(("wrong", "dropped"), [(1, False), (3, True)])
+def test_contact_heights_that_contradict_the_shot_types(tmp_path: Path, wrong: int, dropped: bool) -> None:
+    """24 strokes of types with one height: one on the wrong side is an oddity, three are noise."""
+    rows = plain_game(8)
+    smashes = [row for row in rows if row["type"] == SMASH[0]] if isinstance(SMASH, tuple) else []
+    assert len(smashes) >= wrong
+    for row in smashes[:wrong]:
+        row["hit_height"] = "2.0"
+    assert bool(cleaned(tmp_path, rows).account.dropped) == dropped
+
+
+def test_contact_heights_that_agree_are_kept(tmp_path: Path) -> None:
+    rows = plain_game(8)
+    for i, row in enumerate(rows[:-1]):
+        row["landing_height"] = rows[i + 1]["hit_height"]
+    rows[2]["hit_height"] = "2.0"
+    assert column(cleaned(tmp_path, rows), "height")[2] == 0
+
+
+def test_serves_are_below_the_net_whatever_the_file_says(tmp_path: Path) -> None:
+    rows = plain_game(2)
+    rows[0]["hit_height"] = "1"
+    rows[3]["hit_height"] = ""
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {}
+    assert column(result, "height")[0] == 0
+
+
+def test_rows_that_cannot_be_used(tmp_path: Path) -> None:
+    rows = game(rally(i, "A", [SERVE, LIFT, CLEAR, SMASH, DROP], (0, i), reason="掛網", winner="B") for i in range(1, 7))
+    by_rally = {i: rows[5 * i - 5 : 5 * i] for i in range(1, 7)}
+    by_rally[1][1]["hit_height"] = ""
+    by_rally[2][0]["type"] = "挑球"
+    by_rally[3][2]["type"] = "發長球"
+    by_rally[4][1]["landing_x"] = by_rally[4][1]["landing_y"] = ""
+    # A fault may lack its landing.
+    by_rally[5][4]["landing_x"] = by_rally[5][4]["landing_y"] = ""
+    # Everything about this stroke is on the wrong side.
+    wrong = by_rally[6][2]
+    for a, b in (("player_location", "opponent_location"),):
+        for axis in "xy":
+            wrong[f"{a}_{axis}"], wrong[f"{b}_{axis}"] = wrong[f"{b}_{axis}"], wrong[f"{a}_{axis}"]
+    wrong["hit_x"], wrong["hit_y"], wrong["landing_x"], wrong["landing_y"] = (
+        wrong["landing_x"], wrong["landing_y"], wrong["hit_x"], wrong["hit_y"],
+    )  # fmt: skip
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {
+        "serve type inside a rally": 1,
+        "first stroke is no serve": 1,
+        "contact height missing": 1,
+        "side of the court unknown": 1,
+        "landing missing": 1,
+    }
+    assert column(result, "area").count(None) == 1
+
+
+def test_a_returned_stroke_cannot_land_on_the_strikers_side(tmp_path: Path) -> None:
+    hits = [SERVE, Hit("放小球", 0.0, -1.0), Hit("推球", 0.0, 5.0), Hit("放小球", 0.0, -0.3)]
+    result = cleaned(tmp_path, rally(1, "A", hits, (1, 0), reason="掛網", winner="A"))
+    assert result.account.dropped == {"landing on the striker's side": 1}
+    # The reply was then met beyond the net, which cannot be: its contact is not known.
+    assert column(result, "contact_x") == [None, None, pytest.approx(0.0, abs=1e-3)]
+    assert column(result, "area")[-1] == court.AREAS.index("front-centre")
+
+
+def test_no_evidence_about_the_side(tmp_path: Path) -> None:
+    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
+    for row in rows:
+        for name in COLUMNS:
+            if name.endswith(("_x", "_y")):
+                row[name] = ""
+    Layout(tmp_path).match(NAME, [rows])
+    assert clean_matches(tmp_path).account.dropped == {"side of the court unknown": 3}
+
+
+def test_times_that_run_backwards_are_null(tmp_path: Path) -> None:
+    rows = rally(1, "A", [SERVE, LIFT, CLEAR, CLEAR, SMASH], (1, 0), reason="對手落地致勝")
+    rows[2]["frame_num"], rows[2]["time"] = "3", "0:00:00"
+    rows[4]["frame_num"] = rows[3]["frame_num"]
+    result = cleaned(tmp_path, rows)
+    known = [frame is not None for frame in column(result, "frame")]
+    assert known[:3] == [True, True, False]
+    assert known[3:].count(True) == 1
+    assert [clock is not None for clock in column(result, "clock")] == known
+
+
+def test_players_are_the_same_however_they_are_spelt(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match("one", [plain_game(2)], players=("CHEN Yufei", "HE Bingjiao"))
+    layout.match("two", [plain_game(2)], source=SHUTTLESET22, players=("Chen Yufei", "He BingJiao"))
+    layout.match("three", [plain_game(2)], source=SHUTTLESET22, number=2, players=("PUSARLA V. Sindhu", "An Se Young"))
+    result = clean_matches(tmp_path)
+    assert set(column(result, "player")) == {"chen-yufei", "he-bingjiao", "pusarla-v-sindhu", "an-se-young"}
+    assert set(column(result, "discipline")) == {"WS"}
+
+
+def test_named_matches_only(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match("one", [plain_game(2)])
+    layout.match("two", [plain_game(4)], number=2)
+    assert clean_matches(tmp_path, ["two"]).account.strokes == 13
+
+
+def test_empty_cells_and_float_numbers(tmp_path: Path) -> None:
+    """``1.0`` for 1, and positions that were not recorded."""
+    rows = plain_game(2)
+    for row in rows:
+        row["ball_round"] += ".0"
+        row["frame_num"] += ".0"
+    for axis in "xy":
+        rows[1][f"player_location_{axis}"] = rows[1][f"opponent_location_{axis}"] = ""
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {}
+    assert column(result, "striker_x")[1] is None
+
+
+def test_writing_and_reading_rows_is_lossless(tmp_path: Path) -> None:
+    """A match that is read twice gives the same table."""
+    folder = Layout(tmp_path).match(NAME, [plain_game(4)])
+    once = clean_matches(tmp_path).strokes
+    write_rows(folder / "set1.csv", plain_game(4))
+    assert clean_matches(tmp_path).strokes.equals(once)

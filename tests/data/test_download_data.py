@@ -1,0 +1,249 @@
+"""Download against a server on this machine: resume, corruption, errors, kills."""
+
+import errno
+import hashlib
+import http.server
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote, unquote
+
+import pooch
+import pytest
+
+from shuttle_marl.data import upstream
+from shuttle_marl.data.__main__ import main
+from shuttle_marl.data.download import DownloadError, download
+
+CONTENT = {
+    "ShuttleSet/set/match.csv": b"id,video\n",
+    "ShuttleSet/set/A_B_Open_2022 _Finals/set1.csv": b"rally\n" + b"1\n" * 5000,
+    "ShuttleSet/set/A_B_Group D#1/set2.csv": "發短球\n".encode() * 3000,
+}
+MANIFEST = {path: hashlib.sha256(content).hexdigest() for path, content in CONTENT.items()}
+FIRST, SPACED, HASHED = CONTENT
+
+
+class Server(http.server.ThreadingHTTPServer):
+    """Serves CONTENT; ``plan`` holds what to do instead with the next requests for a path."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.asked: Counter[str] = Counter()
+        self.plan: dict[str, list[str]] = {}
+        self.content = dict(CONTENT)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}/root"
+
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        path = unquote(self.path).removeprefix("/root/")
+        self.server.asked[path] += 1
+        steps = self.server.plan.get(path, [])
+        step = steps.pop(0) if steps else ""
+        content = self.server.content.get(path)
+        if step.isdigit() or content is None:
+            self.send_error(int(step or 404))
+            return
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        if step == "drop":
+            self.wfile.write(content[:100])
+            self.wfile.flush()
+            self.connection.close()
+        elif step == "hang":
+            self.wfile.write(content[:5000])
+            self.wfile.flush()
+            time.sleep(20)
+        else:
+            self.wfile.write(content[::-1] if step == "corrupt" else content)
+
+    def log_message(self, *args: object) -> None:
+        pass
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    with Server() as serving:
+        thread = threading.Thread(target=serving.serve_forever, args=(0.02,), daemon=True)
+        thread.start()
+        yield serving
+        serving.shutdown()
+        thread.join(timeout=5)
+
+
+def fetch(server: Server, out: Path, **options: object) -> int:
+    settings = {"base_url": server.url, "manifest": MANIFEST, "pause": 0.01, **options}
+    return download(out, **settings)
+
+
+def files(out: Path) -> dict[str, bytes]:
+    """Everything below a folder but the licence."""
+    found = {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    found.pop("LICENSE", None)
+    return found
+
+
+def test_fetches_everything(server: Server, tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    assert fetch(server, tmp_path, on_file=lambda done, total: seen.append((done, total))) == 3
+    assert files(tmp_path) == CONTENT
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert (tmp_path / "LICENSE").read_text().startswith("MIT License\n\nCopyright (c) 2022 Wei-Yao Wang")
+
+
+def test_whole_files_are_not_fetched_again(server: Server, tmp_path: Path) -> None:
+    fetch(server, tmp_path)
+    server.asked.clear()
+    assert fetch(server, tmp_path) == 0
+    assert not server.asked
+    (tmp_path / SPACED).write_bytes(b"altered")
+    (tmp_path / FIRST).unlink()
+    assert fetch(server, tmp_path) == 2
+    assert server.asked == {SPACED: 1, FIRST: 1}
+    assert files(tmp_path) == CONTENT
+
+
+@pytest.mark.parametrize("failure", ["drop", "corrupt", "503", "429"])
+def test_passing_failures_are_tried_again(server: Server, tmp_path: Path, failure: str) -> None:
+    server.plan[SPACED] = [failure, failure]
+    fetch(server, tmp_path)
+    assert server.asked[SPACED] == 3
+    assert files(tmp_path) == CONTENT
+
+
+@pytest.mark.parametrize(("failure", "told"), [
+    ("drop", "no answer ("), ("503", "503 Server Error"), ("corrupt", f"expected {MANIFEST[SPACED]}"),
+])  # fmt: skip
+def test_lasting_failures_end_after_some_tries(server: Server, tmp_path: Path, failure: str, told: str) -> None:
+    server.plan[SPACED] = [failure] * 9
+    with pytest.raises(DownloadError) as caught:
+        fetch(server, tmp_path, retries=2)
+    assert server.asked[SPACED] == 3
+    assert quote(SPACED) in str(caught.value)
+    assert told in str(caught.value)
+    assert "gave up after 3 tries; what was fetched is kept" in str(caught.value)
+    assert SPACED not in files(tmp_path)
+    assert not [name for name in files(tmp_path) if name.endswith(".part")]
+
+
+def test_wrong_hash_tells_both(server: Server, tmp_path: Path) -> None:
+    server.content[HASHED] = b"somebody else's file"
+    got = hashlib.sha256(server.content[HASHED]).hexdigest()
+    with pytest.raises(DownloadError, match=f"SHA-256 is {got}, expected {MANIFEST[HASHED]}"):
+        fetch(server, tmp_path)
+
+
+def test_missing_file_is_told_at_once(server: Server, tmp_path: Path) -> None:
+    del server.content[SPACED]
+    with pytest.raises(DownloadError, match=r"404 Client Error.*is --base-url right\?"):
+        fetch(server, tmp_path)
+    assert server.asked[SPACED] == 1
+
+
+def test_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as closed:
+        port = closed.server_port
+    with pytest.raises(DownloadError, match=r"ConnectionRefusedError.*is this machine online\?"):
+        download(tmp_path, base_url=f"http://127.0.0.1:{port}", manifest=MANIFEST, retries=1, pause=0.01)
+    assert files(tmp_path) == {}
+
+
+def test_disk_full(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that takes no more bytes: the file is named, nothing half-written stays."""
+
+    class FullDisk:
+        def __init__(self, **kwargs: object) -> None:
+            pass
+
+        def __call__(self, url: str, file: object, caller: object) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pooch, "HTTPDownloader", FullDisk)
+    with pytest.raises(DownloadError, match=r"set.*\.csv: cannot be written: No space left on device \(free some space\)"):
+        fetch(server, tmp_path, manifest={SPACED: MANIFEST[SPACED]})
+    assert files(tmp_path) == {}
+
+
+def test_a_file_in_the_way(server: Server, tmp_path: Path) -> None:
+    (tmp_path / "ShuttleSet").write_text("not a folder")
+    with pytest.raises(DownloadError, match=r"cannot be written: (Not a directory|File exists)"):
+        fetch(server, tmp_path)
+
+
+def test_old_rests_are_removed(server: Server, tmp_path: Path) -> None:
+    folder = (tmp_path / SPACED).parent
+    folder.mkdir(parents=True)
+    old, young = folder / ".set1.csv.old.part", folder / ".set1.csv.young.part"
+    old.touch()
+    young.touch()
+    os.utime(old, (1, 1))
+    fetch(server, tmp_path)
+    assert not old.exists()
+    assert young.exists()
+
+
+def test_killed_download_leaves_no_half_file_and_resumes(server: Server, tmp_path: Path) -> None:
+    server.plan[SPACED] = ["hang"]
+    script = (
+        "import pathlib, sys, shuttle_marl.data.download as d\n"
+        f"d.download(pathlib.Path(sys.argv[1]), base_url={server.url!r}, manifest={MANIFEST!r}, jobs=3)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
+    try:
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline:
+            parts = list(tmp_path.rglob("*.part"))
+            if (tmp_path / FIRST).is_file() and (tmp_path / HASHED).is_file() and parts and parts[0].stat().st_size:
+                break
+            time.sleep(0.05)
+        else:
+            pytest.fail("the download did not get to the file that hangs")
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait(timeout=10)
+    assert not (tmp_path / SPACED).exists()
+    server.asked.clear()
+    assert fetch(server, tmp_path) == 1
+    assert server.asked == {SPACED: 1}
+    assert (tmp_path / SPACED).read_bytes() == CONTENT[SPACED]
+
+
+def test_command(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(upstream, "manifest", lambda: MANIFEST)
+    assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 0
+    out = capsys.readouterr().out
+    assert f"{tmp_path}: 3 files, all as published (3 fetched, 0 were there)" in out
+    assert "MIT License" in out
+    assert "KDD 2023" in out
+    assert "2306.15664" in out
+    del server.content[SPACED]
+    (tmp_path / SPACED).unlink()
+    assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 1
+    assert "404" in capsys.readouterr().err
+
+
+def test_the_shipped_manifest() -> None:
+    manifest = upstream.manifest()
+    assert len(manifest) == 248
+    assert all(len(digest) == 64 and set(digest) <= set("0123456789abcdef") for digest in manifest.values())
+    assert sum(path.endswith(("match.csv", "homography.csv")) for path in manifest) == 4
+    assert upstream.COMMIT in upstream.BASE_URL

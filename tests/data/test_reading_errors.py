@@ -1,0 +1,219 @@
+"""Broken files: every message names file, line and value."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from upstream_layout import HEADER, SHUTTLESET, SHUTTLESET22, Layout, plain_game
+
+from shuttle_marl.data import DataError, clean_matches, upstream
+from shuttle_marl.data.shuttleset import list_matches, read_game
+
+NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The file of the only game of a sound data set."""
+    return Layout(tmp_path).match(NAME, [plain_game(4)]) / "set1.csv"
+
+
+def edit(path: Path, line: int, column: str, value: str) -> None:
+    """Put a value into a cell; line 2 is the first row."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    cells = lines[line - 1].split(",")
+    cells[lines[0].split(",").index(column)] = value
+    lines[line - 1] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def refused(path: Path) -> DataError:
+    with pytest.raises(DataError) as caught:
+        clean_matches(path.parents[3])
+    return caught.value
+
+
+@pytest.mark.parametrize(("column", "value", "told"), [
+    ("type", "飛球", "unknown type '飛球'"),
+    ("player", "C", "unknown player 'C'; expected one of A, B"),
+    ("player", "", "unknown player ''"),
+    ("lose_reason", "累了", "unknown lose_reason '累了'"),
+    ("getpoint_player", "X", "unknown getpoint_player 'X'"),
+    ("landing_x", "12a", "landing_x '12a' is not a number"),
+    ("landing_x", "nan", "landing_x 'nan' is not a number"),
+    ("hit_y", "inf", "hit_y 'inf' is not a number"),
+    ("rally", "", "rally '' is no whole number from 1"),
+    ("rally", "one", "rally 'one' is not a number"),
+    ("ball_round", "1.5", "ball_round '1.5' is no whole number"),
+    ("ball_round", "0", "ball_round '0' is no whole number"),
+    ("roundscore_A", "31", "roundscore_A '31' is no whole number from 0 to 30"),
+    ("frame_num", "-4", "frame_num '-4' is no whole number"),
+    ("hit_height", "0", "hit_height '0'; expected nothing or 1 to 2"),
+    ("landing_height", "3", "landing_height '3'; expected nothing or 1 to 2"),
+    ("landing_area", "17", "landing_area '17'; expected nothing or 1 to 16"),
+    ("backhand", "2", "backhand '2'; expected nothing or 1 to 1"),
+    ("time", "12:61", "time '12:61'; expected h:mm:ss"),
+    ("time", "", "time ''; expected h:mm:ss"),
+    ("landing_x", "99999", "landing at pixel (99999, "),
+    ("opponent_location_y", "-500", "far off the court"),
+])  # fmt: skip
+def test_bad_value(path: Path, column: str, value: str, told: str) -> None:
+    edit(path, 5, column, value)
+    error = refused(path)
+    assert str(error).startswith(f"{path}, line 5: ")
+    assert told in str(error)
+    assert error.problems[0].line == 5
+    assert len(error.problems) == 1
+
+
+def test_all_problems_are_found(path: Path) -> None:
+    edit(path, 3, "type", "飛球")
+    edit(path, 3, "landing_area", "99")
+    edit(path, 7, "time", "soon")
+    error = refused(path)
+    assert [problem.line for problem in error.problems] == [3, 3, 7]
+    assert "2 more" in str(error)
+
+
+def test_collecting_problems_raises_nothing(path: Path) -> None:
+    edit(path, 3, "type", "飛球")
+    found: list = []
+    raw = read_game(list_matches(path.parents[3])[0], path, found)
+    assert [str(problem) for problem in found] == [str(refused(path).problems[0])]
+    assert raw.unreadable.tolist().index(True) == 1
+
+
+def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody can mend it: its bad rows are dropped and counted."""
+    edit(path, 4, "type", "飛球")
+    edit(path, 5, "landing_x", "99999")
+    edit(path, 11, "ball_round", "?")
+    monkeypatch.setattr(upstream, "_published", lambda: {upstream.hashlib.sha256(path.read_bytes()).hexdigest()})
+    account = clean_matches(path.parents[3]).account
+    assert account.dropped == {"unreadable value": 3, "broken rally": 3}
+    assert account.strokes == 13
+
+
+def test_missing_columns(path: Path) -> None:
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("hit_height", "height").replace("flaw", "law"), encoding="utf-8"
+    )
+    assert f"{path}, line 1: missing column hit_height, flaw; the header is 'rally,ball_round," in str(refused(path))
+
+
+def test_wrong_encoding(path: Path) -> None:
+    path.write_bytes(path.read_text(encoding="utf-8").encode("big5"))
+    assert str(refused(path)).startswith(f"{path}, line 2: byte 0xb5 is not UTF-8")
+
+
+def test_byte_order_mark_is_no_error(path: Path) -> None:
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert clean_matches(path.parents[3]).account.strokes_kept == 13
+
+
+@pytest.mark.parametrize("newline", ["\r\n", "\n\n"])
+def test_line_ends(path: Path, newline: str) -> None:
+    path.write_bytes(path.read_bytes().replace(b"\n", newline.encode()))
+    assert clean_matches(path.parents[3]).account.strokes_kept == 13
+
+
+def test_truncated_in_a_row(path: Path) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: content.rindex(b",", 0, -40)])
+    error = refused(path)
+    assert str(error).startswith(f"{path}, line 14: ")
+    assert "fields instead of 30" in str(error)
+    assert "truncated?" in str(error)
+
+
+@pytest.mark.parametrize(("content", "told"), [
+    ("", "the file is empty"), (HEADER + "\n", "no rows below the header"), (HEADER + "\n1,2,3\n", "3 fields instead of 30"),
+])  # fmt: skip
+def test_files_without_rows(path: Path, content: str, told: str) -> None:
+    path.write_text(content, encoding="utf-8")
+    assert told in str(refused(path))
+    assert str(path) in str(refused(path))
+
+
+def test_a_cell_that_never_ends(path: Path) -> None:
+    path.write_text(path.read_text(encoding="utf-8") + '1,"' + "x" * 200_000, encoding="utf-8")
+    assert str(refused(path)).startswith(f"{path}, line 15: ")
+
+
+def test_a_game_is_missing(path: Path) -> None:
+    path.rename(path.with_name("set2.csv"))
+    assert "match.csv lists 1 games, files set1.csv, set2.csv, …; there: set2.csv" in str(refused(path))
+
+
+def test_empty_match_folder(path: Path) -> None:
+    path.unlink()
+    assert "there: none" in str(refused(path))
+
+
+def test_no_data(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"no match data here: expected ShuttleSet/set/match\.csv.*data download"):
+        clean_matches(tmp_path)
+
+
+def test_lists_alone(tmp_path: Path) -> None:
+    Layout(tmp_path).match(NAME, [plain_game(2)], files=False)
+    with pytest.raises(DataError, match=r"no files of any match.*data download"):
+        clean_matches(tmp_path)
+
+
+def test_unknown_match(path: Path) -> None:
+    with pytest.raises(DataError, match="no files of nobody"):
+        clean_matches(path.parents[3], [NAME, "nobody"])
+
+
+def test_missing_homography_file(path: Path) -> None:
+    (path.parents[1] / "homography.csv").unlink()
+    assert "homography.csv: cannot be read (No such file or directory)" in str(refused(path))
+
+
+def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        (folder / file).write_text((folder / file).read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+
+    return change
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (replace_in("homography.csv", "[[1.06", "[[x"), "line 2: homography_matrix '[[x"),
+    (replace_in("homography.csv", "[[1.06, ", "[["), "is no 3 x 3 matrix"),
+    (replace_in("homography.csv", NAME, "Other"), f"no homography for match '{NAME}'"),
+    (replace_in("match.csv", "Viktor AXELSEN", "Somebody ELSE"), ""),
+    (replace_in("match.csv", "Viktor AXELSEN,CHEN Long", "Some BODY,Any BODY"), "line 2: players ('some-body', 'any-body')"),
+    (replace_in("match.csv", "CHEN Long", "CHEN Yufei"), "line 2: players ('viktor-axelsen', 'chen-yufei')"),
+    (replace_in("match.csv", "\n1,", "\nfirst,"), "line 2: id 'first' is not a number"),
+    (replace_in("match.csv", "video", "film"), "line 1: missing column video"),
+])  # fmt: skip
+def test_bad_lists(path: Path, change: Callable[[Path], None], told: str) -> None:
+    change(path.parents[1])
+    if told:
+        assert told in str(refused(path))
+    else:  # one known player tells the discipline
+        assert set(clean_matches(path.parents[3]).strokes["player"].to_pylist()) == {"somebody-else", "chen-long"}
+
+
+def test_match_listed_twice(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match(NAME, [plain_game(2)])
+    layout.match(NAME, [plain_game(2)], files=False)
+    with pytest.raises(DataError, match=r"match\.csv, line 3: match .* stands twice"):
+        clean_matches(tmp_path)
+
+
+def test_unreadable_file(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+    assert str(refused(path)) == f"{path}: cannot be read (Is a directory)"
+
+
+def test_both_sets_are_read(tmp_path: Path) -> None:
+    layout = Layout(tmp_path)
+    layout.match("a b", [plain_game(2)])
+    layout.match("c", [plain_game(2)], source=SHUTTLESET22)
+    matches = list_matches(tmp_path)
+    assert [(m.name, m.source, m.number) for m in matches] == [("a b", "ShuttleSet", 1), ("c", "ShuttleSet22", 1)]
+    assert matches[0].folder == tmp_path / SHUTTLESET / "a b"
