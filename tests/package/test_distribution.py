@@ -1,13 +1,18 @@
 """What is shipped: the wheel holds models and tables, works on its own, and no third-party data is tracked."""
 
+import ast
 import hashlib
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
+from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
 TEXT_LIMIT = 1 << 20
@@ -20,6 +25,13 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (path,) = folder.glob("*.whl")
     return path
+
+
+def declared_requirements() -> list[Requirement]:
+    """What pyproject.toml asks for, with all extras; not what the metadata of an older installation say."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    texts = [*project["dependencies"], *(text for extra in project["optional-dependencies"].values() for text in extra)]
+    return [need for need in map(Requirement, texts) if need.name != project["name"]]
 
 
 def tracked() -> list[Path]:
@@ -80,6 +92,21 @@ def test_installed_wheel_loads_its_models_elsewhere(wheel: Path, tmp_path: Path)
     assert int(pairs) > 0
 
 
+def test_every_import_is_of_a_declared_dependency() -> None:
+    declared = {canonicalize_name(need.name) for need in declared_requirements()}
+    imported: set[str] = set()
+    for source in (ROOT / "shuttle_marl").rglob("*.py"):
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                imported.add(node.module.split(".")[0])
+    foreign = imported - sys.stdlib_module_names - {"shuttle_marl"}
+    assert {"numpy", "tyro"} <= foreign
+    providers = packages_distributions()
+    assert [name for name in sorted(foreign) if not {canonicalize_name(d) for d in providers.get(name, ())} & declared] == []
+
+
 def test_every_pin_is_exact_and_names_no_address() -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pins = [line for line in lines if not line.startswith("#")]
@@ -88,25 +115,19 @@ def test_every_pin_is_exact_and_names_no_address() -> None:
 
 def test_environment_of_the_tests_is_the_pinned_one() -> None:
     """Every distribution that the package and its extras need, directly or not, has a pin."""
-    from importlib.metadata import distribution
-
-    from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
-
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = {canonicalize_name(line.split("==")[0]) for line in lines if "==" in line}
+    queue = [(canonicalize_name(need.name), extra) for need in declared_requirements() for extra in ("", *need.extras)]
     seen: set[tuple[str, str]] = set()
-    queue = [("shuttle-marl", ""), ("shuttle-marl", "test")]
     while queue:
         name, extra = queue.pop()
         if (name, extra) in seen:
             continue
         seen.add((name, extra))
-        for text in distribution(name).requires or []:
-            need = Requirement(text)
+        for need in map(Requirement, requires(name) or []):
             if need.marker is None or need.marker.evaluate({"extra": extra}):
                 queue += [(canonicalize_name(need.name), e) for e in ("", *need.extras)]
-    assert {name for name, _ in seen} - {"shuttle-marl"} <= pinned
+    assert {name for name, _ in seen} <= pinned
 
 
 def test_no_file_of_the_annotated_matches_is_tracked() -> None:
