@@ -30,9 +30,15 @@ def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
     """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts."""
     with np.errstate(over="ignore"):
         key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + _GOLDEN)
-        for number in numbers:
-            key = mix((key ^ np.asarray(number).astype(np.uint64)) + _GOLDEN)
+    for number in numbers:
+        key = extend(key, number)
     return key
+
+
+def extend(key: UInt64s, number: int | npt.NDArray[np.integer]) -> UInt64s:
+    """Key of the stream named by the numbers of ``key`` and one more: ``stream(s, a, b) == extend(stream(s, a), b)``."""
+    with np.errstate(over="ignore"):
+        return mix((key ^ np.asarray(number).astype(np.uint64)) + _GOLDEN)
 
 
 def draw(key: UInt64s, counter: npt.NDArray[np.integer] | int) -> UInt64s:

@@ -130,7 +130,7 @@ def _from_module(name: str, module_name: str, attribute: str, game: Game) -> Pol
     if inspect.isclass(thing):
         thing = _instance(name, thing, game)
     if callable(getattr(thing, "probabilities", None)):
-        return thing  # type: ignore[no-any-return]
+        return thing
     if callable(thing):
         return FunctionPolicy(thing)
     raise PolicyError(

@@ -1,0 +1,204 @@
+"""Thousands of matches in lock-step: each is at a rally and a stroke of its own, and all strike at once.
+
+The draws of a rally are named by the key of its match and its number, so which matches share a batch never shows in the
+results. No slot is refilled: after t steps every match that still runs has seen exactly t strokes.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl import draws
+from shuttle_marl.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.scoring import BWF, Rules, wins_game
+
+Ints = npt.NDArray[np.int32]
+Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]
+"""``(entrant [B], state [B], draw [B], striker [B], score [4, B]) -> [B]``: which of its legal strokes each striker plays.
+
+``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1.
+"""
+
+_MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES = 0, 1, 2, 3, 4, 5, 6, 8
+_ROWS: Final = 10
+_REPORT_EVERY: Final = 64
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Matches:
+    """M matches to be played.
+
+    Attributes:
+        entrant: ``[M, 2]`` int32, who plays at each seat, as the chooser counts them.
+        first_server: ``[M]`` int8, the seat that serves first.
+        key: ``[M]`` uint64, names the draws of a match; matches with one key share their draws.
+    """
+
+    entrant: Ints
+    first_server: npt.NDArray[np.int8]
+    key: draws.UInt64s
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Played:
+    """What happened in M matches: R rallies of N strokes, in the order of match, rally, stroke.
+
+    Attributes:
+        games: ``[M, 2]`` int32 games won by each seat.
+        match: ``[R]`` int32 match of each rally, from 0.
+        rally: ``[R]`` int32 number of the rally within its match, from 0.
+        server: ``[R]`` uint8 seat that served.
+        winner: ``[R]`` uint8 seat that won.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.rally`.
+        score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
+        length: ``[R]`` int32 strokes of each rally.
+        stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where
+            strokes were not kept.
+    """
+
+    games: Ints
+    match: Ints
+    rally: Ints
+    server: npt.NDArray[np.uint8]
+    winner: npt.NDArray[np.uint8]
+    reason: npt.NDArray[np.uint8]
+    score: npt.NDArray[np.uint8]
+    length: Ints
+    stroke: npt.NDArray[np.unsignedinteger]
+
+
+def play(
+    game: Game,
+    matches: Matches,
+    choose: Choose,
+    *,
+    rules: Rules = BWF,
+    keep_strokes: bool = True,
+    progress: Callable[[int], None] | None = None,
+) -> Played:
+    """Play all matches to their end.
+
+    Args:
+        game: the tables.
+        matches: who plays whom, who serves first, and with which draws.
+        choose: the strikers' decisions.
+        rules: when a game and a match are won.
+        keep_strokes: whether to return the strokes, or only their number.
+        progress: called now and then with the number of strokes played since the last call.
+    """
+    diary = _Diary(len(matches), rules, game.n_strokes)
+    games = np.zeros((len(matches), 2), dtype=np.int32)
+    entrant = matches.entrant.ravel()
+    keys, key_row = np.unique(matches.key, return_inverse=True)
+    rally_key = draws.extend(keys[:, None], np.arange(diary.longest + 1)).ravel()
+    key_row = key_row * (diary.longest + 1)
+
+    slots = np.zeros((_ROWS, len(matches)), dtype=np.int32)
+    slots[_MATCH] = np.arange(len(matches))
+    slots[_STATE] = ROOT
+    slots[_STRIKER] = slots[_SERVER] = matches.first_server
+    key = rally_key[key_row]
+    unreported = 0
+    while alive := slots.shape[1]:
+        match, state, striker, stroke = slots[: _STROKE + 1]
+        bits = draws.draw(key, stroke)
+        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
+        if keep_strokes:
+            diary.write_strokes(match, game.edge_incoming[game.first_reply[state] + k])
+        outcome, following = strike(game, state, k, draws.outcome_draw(bits))
+        stroke += 1
+        ended = np.flatnonzero(following < 0)
+        if len(ended):
+            now = slots[:, ended]
+            won_by = np.where(outcome[ended] == WINNER, now[_STRIKER], 1 - now[_STRIKER])
+            diary.write_rallies(now, won_by, outcome[ended])
+            over = _count_rally(now, won_by, rules)
+            slots[:, ended] = now
+            key[ended] = rally_key[key_row[now[_MATCH]] + now[_RALLY]]
+        goes_on = following >= 0
+        np.copyto(state, following, where=goes_on)
+        striker ^= goes_on
+        if len(ended) and over.any():
+            games[now[_MATCH, over]] = now[_GAMES:, over].T
+            slots, key = _without(ended[over], slots, key)
+        unreported += alive
+        if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not slots.shape[1]):
+            progress(unreported)
+            unreported = 0
+    return diary.read(games)
+
+
+def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:
+    """Count a rally in each column of ``now`` and set up the next one; returns which matches are over."""
+    column = np.arange(now.shape[1])
+    now[_POINTS + won_by, column] += 1
+    game_won = wins_game(now[_POINTS + won_by, column], now[_POINTS + 1 - won_by, column], rules)
+    now[_GAMES + won_by, column] += game_won
+    now[_POINTS:_GAMES, game_won] = 0
+    now[_STATE], now[_STROKE] = ROOT, 0
+    now[_STRIKER] = now[_SERVER] = won_by
+    now[_RALLY] += 1
+    over: npt.NDArray[np.bool_] = now[_GAMES + won_by, column] >= rules.games
+    return over
+
+
+def _without(gone: npt.NDArray[np.intp], slots: Ints, key: draws.UInt64s) -> tuple[Ints, draws.UInt64s]:
+    """Slots and keys without some columns: what stands at the end moves into the gaps, and the rest is cut off."""
+    alive = len(key) - len(gone)
+    moved = np.setdiff1d(np.arange(alive, len(key)), gone, assume_unique=True)
+    gaps = gone[gone < alive]
+    slots[:, gaps], key[gaps] = slots[:, moved], key[moved]
+    return slots[:, :alive], key[:alive]
+
+
+class _Diary:
+    """Collects rallies at (match, rally) and strokes at (step, match), and reads them out in order."""
+
+    def __init__(self, n_matches: int, rules: Rules, n_strokes: int) -> None:
+        self.longest = rules.max_games * (2 * rules.cap - 1)
+        """Most rallies that a match can have."""
+        self._shape = (n_matches, self.longest)
+        size = n_matches * self.longest
+        self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
+        self._score = np.zeros((size, 4), dtype=np.uint8)
+        self._length = np.zeros(size, dtype=np.int32)
+        self._stroke_type = np.uint8 if n_strokes <= 256 else np.uint16
+        self._steps: list[npt.NDArray[np.unsignedinteger]] = []
+
+    def write_strokes(self, match: Ints, stroke: Ints) -> None:
+        row = np.empty(self._shape[0], dtype=self._stroke_type)
+        row[match] = stroke
+        self._steps.append(row)
+
+    def write_rallies(self, now: Ints, won_by: npt.NDArray[np.intp], reason: npt.NDArray[np.int8]) -> None:
+        at = now[_MATCH] * self.longest + now[_RALLY]
+        self._server[at] = now[_SERVER]
+        self._winner[at] = won_by
+        self._reason[at] = reason
+        self._score[at] = now[_POINTS:].T
+        self._length[at] = now[_STROKE]
+
+    def read(self, games: Ints) -> Played:
+        at = np.flatnonzero(self._length)
+        match, rally = np.divmod(at, self.longest)
+        total = self._length.reshape(self._shape).sum(axis=1)
+        stroke = np.empty(0, dtype=self._stroke_type)
+        if self._steps:
+            stroke = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
+        return Played(
+            games=games,
+            match=match.astype(np.int32),
+            rally=rally.astype(np.int32),
+            server=self._server[at],
+            winner=self._winner[at],
+            reason=self._reason[at],
+            score=self._score[at],
+            length=self._length[at],
+            stroke=stroke,
+        )
