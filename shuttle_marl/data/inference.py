@@ -8,9 +8,14 @@ import numpy.typing as npt
 
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
 from shuttle_marl.data.shuttleset import RawGame
+from shuttle_marl.stroke import SHOTS
 
-WRONG_HEIGHTS: Final = 0.7
-"""Contact heights are replaced in a game where they agree less often with those at which the receiver met the shuttle."""
+HEIGHTS_AGREE: Final = 0.7
+"""The contact heights of a game mean nothing where its two records of them agree less often than this."""
+HEIGHTS_PLAUSIBLE: Final = 0.9
+"""Nor where a smaller share of the strokes of :data:`FIXED_HEIGHT` types is struck from the height of the type."""
+FIXED_HEIGHT: Final = {"drop": 1, "smash": 1, "half-smash": 1, "lift": 0, "net-shot": 0}
+"""Shot types that are nearly always struck from one height: 0 below, 1 above the net."""
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
 """Matches whose area labels are mirrored left-right in the lower half."""
 
@@ -92,12 +97,15 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:
     return outcome, reason
 
 
-def contact_heights(raw: RawGame, first: Bools) -> npt.NDArray[np.int8]:
-    """``[n]`` contact heights, taken from the stroke before where those of the game are wrong as a whole; -1 missing."""
-    met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]]).astype(np.int8)
+def heights_unreliable(raw: RawGame, first: Bools) -> bool:
+    """Whether the contact heights of a game contradict each other, or the shot types, too often to mean anything."""
+    met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]])
     both = (met >= 0) & (raw.height >= 0)
-    wrong = both.mean() > 0.5 and (met == raw.height)[both].mean() < WRONG_HEIGHTS
-    return met if wrong else raw.height
+    if both.mean() > 0.5 and (met == raw.height)[both].mean() < HEIGHTS_AGREE:
+        return True
+    expected = np.array([FIXED_HEIGHT.get(name, -1) for name in SHOTS] + [-1])[raw.shot]
+    fixed = (expected >= 0) & (raw.height >= 0)
+    return bool(fixed.any() and (expected == raw.height)[fixed].mean() < HEIGHTS_PLAUSIBLE)
 
 
 def timed(raw: RawGame, first: Bools) -> Bools:
