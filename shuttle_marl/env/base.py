@@ -206,8 +206,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._live = False
         self._reason, self._winner = ILLEGAL, 1 - loser
         self._cumulative_rewards[AGENTS[loser]] = 0.0
-        self._pay(1 - loser)
-        self._finish()
+        self._end_episode(1 - loser)
         self._tell(loser, stroke, None, None, None)
         if self.render_mode == "human":
             self.render()
@@ -260,8 +259,12 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         raise NotImplementedError
 
     def _end_rally(self, winner: int) -> None:
-        """Pay for a rally and begin the next one or finish."""
+        """Count a rally; begin the next one or end the episode."""
         raise NotImplementedError
+
+    def _end_episode(self, winner: int) -> None:
+        self._pay(winner)
+        self.terminations = {"player_0": True, "player_1": True}
 
     def _title(self) -> str:
         raise NotImplementedError
@@ -290,9 +293,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _pay(self, winner: int) -> None:
         self.rewards = {AGENTS[winner]: 1.0, AGENTS[1 - winner]: -1.0}
         self._accumulate_rewards()
-
-    def _finish(self) -> None:
-        self.terminations = {"player_0": True, "player_1": True}
 
     def _tell(
         self, striker: int, stroke: int | None, outcome: str | None, p_succ: float | None, p_ret: float | None

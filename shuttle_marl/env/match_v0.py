@@ -84,18 +84,20 @@ class raw_env(ShuttleEnv):
         points[winner] += 1
         if wins_game(points[winner], points[1 - winner], self.rules):
             self._games[winner] += 1
-            if self._games[winner] == self.rules.games:
-                self._match_winner = winner
-            else:
+            if self._games[winner] < self.rules.games:
                 self._by_game.append([0, 0])
         self._note_score(winner)
-        if self.reward == "rally" or self._match_winner is not None:
+        if self._games[winner] == self.rules.games:
+            self._end_episode(winner)
+            return
+        if self.reward == "rally":
             self._pay(winner)
-        if self._match_winner is not None:
-            self._finish()
-        else:
-            self._rally += 1
-            self._begin_rally(winner)
+        self._rally += 1
+        self._begin_rally(winner)
+
+    def _end_episode(self, winner: int) -> None:
+        self._match_winner = winner
+        super()._end_episode(winner)
 
     def _note_score(self, server: int) -> None:
         """Prepare what both see of the score: own and other points, own and other games, own and other serve."""

@@ -63,8 +63,7 @@ class raw_env(ShuttleEnv):
         return self._source.first_server(self._rally) if self.server is None else self.server
 
     def _end_rally(self, winner: int) -> None:
-        self._pay(winner)
-        self._finish()
+        self._end_episode(winner)
 
     def _title(self) -> str:
         return f"rally {self.episode + 1} of seed {self.last_seed}"

@@ -1,0 +1,126 @@
+"""PettingZoo's own conformance tests."""
+
+import random
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from pettingzoo import test as conformance
+from pettingzoo.utils import wrappers
+
+from shuttle_marl import match_v0, rally_v0
+
+both = pytest.mark.parametrize("module", [rally_v0, match_v0])
+
+
+@pytest.fixture(autouse=True)
+def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    random.seed(0)
+
+
+def expected(message: str) -> bool:
+    """Warnings that PettingZoo gives for every environment with an action mask, its own included."""
+    texts = ("Observation is not a NumPy array", "Observation space for each agent probably", "no legal actions")
+    return any(text in message for text in texts)
+
+
+@both
+@pytest.mark.parametrize("raw", [False, True])
+def test_api(module: ModuleType, raw: bool) -> None:
+    make = module.raw_env if raw else module.env
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        conformance.api_test(make(), num_cycles=2000)
+    assert not [str(w.message) for w in caught if not expected(str(w.message))]
+
+
+def test_api_of_whole_matches_with_rewards_by_rally() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        conformance.api_test(match_v0.env(reward="rally"), num_cycles=3000)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [rally_v0.env, match_v0.env, rally_v0.raw_env, lambda: match_v0.env(reward="rally"), lambda: rally_v0.env(server=1)],
+)
+def test_seed(make: Callable[[], Any]) -> None:
+    conformance.seed_test(make, num_cycles=500)
+
+
+@both
+def test_render(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(module.raw_env.metadata, "render_fps", 0)  # no waiting between frames
+    conformance.render_test(module.env)
+
+
+@both
+def test_save_obs(module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    conformance.test_save_obs(module.env())
+    assert not list(tmp_path.iterdir()), "observations are no pictures, so none are saved"
+
+
+@pytest.mark.slow
+@both
+def test_performance_benchmark_runs(module: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    conformance.performance_benchmark(module.env())
+    assert "Finished performance benchmark" in capsys.readouterr().out
+
+
+@both
+def test_max_strokes_is_to_turns_what_max_cycles_is_to_parallel_steps(module: ModuleType) -> None:
+    # PettingZoo's max_cycles_test needs parallel_env(max_cycles=...); a turn-based game has none. The same claims by turns:
+    # an episode that does not end by itself ends, truncated, after exactly this many strokes, half of them by each player.
+    seed = next(s for s in range(1000) if strokes_until_done(module.env(max_strokes=None), s)[0] > 8)
+    strokes, truncated = strokes_until_done(module.env(max_strokes=8), seed)
+    assert strokes == 8
+    assert truncated
+
+
+def strokes_until_done(env: Any, seed: int) -> tuple[int, bool]:
+    env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    turns = dict.fromkeys(env.possible_agents, 0)
+    ended: list[tuple[bool, bool]] = []
+    for agent in env.agent_iter(400):
+        observation, _, terminated, truncated, _ = env.last()
+        if terminated or truncated:
+            ended.append((terminated, truncated))
+            env.step(None)
+        else:
+            turns[agent] += 1
+            env.step(rng.choice(np.flatnonzero(observation["action_mask"])))
+    if ended:
+        assert len(ended) == 2
+        assert ended[0] == ended[1]
+        assert not env.agents
+    if ended and ended[0][1]:
+        assert turns["player_0"] == turns["player_1"]
+    return sum(turns.values()), bool(ended) and ended[0][1]
+
+
+@both
+def test_pettingzoos_own_wrappers_fit_around_the_raw_environment(module: ModuleType) -> None:
+    env = wrappers.TerminateIllegalWrapper(module.raw_env(), illegal_reward=-1)
+    env = wrappers.OrderEnforcingWrapper(wrappers.AssertOutOfBoundsWrapper(env))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        conformance.api_test(env, num_cycles=500)
+    env.reset(seed=0)
+    env.last()
+    env.step(module.raw_env().game.n_strokes - 1)
+    assert set(env.rewards.values()) == {0, -1.0}
+
+
+@both
+def test_names(module: ModuleType) -> None:
+    name = module.__name__.rpartition(".")[2]
+    assert module.raw_env.metadata["name"] == name
+    assert str(module.env()) == str(module.raw_env()) == name
+    assert module.env().possible_agents == ["player_0", "player_1"]

@@ -1,0 +1,148 @@
+"""``match_v0``: rallies put together to a match."""
+
+import numpy as np
+import pytest
+
+from shuttle_marl import match_v0
+from shuttle_marl.draws import draw, outcome_draw, stream
+from shuttle_marl.env.base import OptionError
+from shuttle_marl.rally import OUTCOMES, ROOT, strike
+from shuttle_marl.scoring import Rules, new, step
+
+AGENTS = ("player_0", "player_1")
+SHORT = Rules(points=3, clear=2, cap=5, games=2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("reward", ["match", "rally"])
+def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed, reward):
+    env = match_v0.env(rules=SHORT, reward=reward)
+    game = env.unwrapped.game
+    for episode in range(3):
+        striker = int(draw(stream(seed, episode, 0), 0)[0] >> np.uint64(16)) & 1
+        score = new([striker], SHORT)
+        state = ROOT
+        rally = count = 0
+        owed = [0.0, 0.0]
+        for agent, seen, paid, terminated, truncated, info, action in play(
+            env, seed if episode == 0 else None, policy_seed=seed
+        ):
+            assert not truncated
+            player = AGENTS.index(agent)
+            assert paid == owed[player]
+            owed[player] = 0.0
+            points, games, server = score.points[0].tolist(), score.games[0].tolist(), int(score.server[0])
+            own_first = slice(None, None, 1 if player == 0 else -1)
+            serving = [server == player, server != player]
+            expected = np.r_[np.array(points[own_first]) / 5, np.array(games[own_first]) / 2, serving]
+            assert seen["observation"][56:] == pytest.approx(expected)
+            assert env.observation_space(agent).contains(seen)
+            if info:
+                assert info["points"] == tuple(points)
+                assert info["games"] == tuple(games)
+                assert info["server"] == AGENTS[server]
+            assert terminated == score.over[0]
+            if terminated:
+                continue
+            assert player == striker
+            assert (seen["action_mask"] == game.mask(np.array(state))).all()
+            k = game.pair(np.array([state]), np.array([action])) - game.pair_start[state]
+            u = outcome_draw(draw(stream(seed, episode, rally), count))
+            outcome, following = strike(game, np.array([state]), k, u)
+            striker, count = 1 - striker, count + 1
+            state = int(following[0])
+            if state < 0:
+                winner = striker if OUTCOMES[outcome[0]] == "fault" else 1 - striker
+                score = step(score, np.array([winner]))
+                if reward == "rally" or score.over[0]:
+                    owed[winner] += 1
+                    owed[1 - winner] -= 1
+                state, count, rally, striker = ROOT, 0, rally + 1, winner
+        assert score.over[0]
+        assert owed == [0, 0]
+
+
+def test_a_match_by_the_laws(play):
+    env = match_v0.env()
+    rallies = 0
+    for seed in range(3):
+        for *_, terminated, _, info, action in play(env, seed):
+            if action is not None and env.infos[env.agent_selection].get("reason"):
+                rallies += 1
+            if terminated:
+                assert max(info["games"]) == 2
+                assert max(info["points"]) >= 21
+    assert rallies > 3 * 42
+
+
+def test_the_winner_of_a_rally_strikes_next():
+    env = match_v0.raw_env()
+    env.reset(seed=2)
+    rng = np.random.default_rng(2)
+    servers = set()
+    for _ in range(400):
+        striker = env.agent_selection
+        env.step(int(rng.choice(np.flatnonzero(env.observe(striker)["action_mask"]))))
+        info = env.infos[striker]
+        if info["reason"] == "winner":
+            assert env.agent_selection == striker
+        else:
+            assert env.agent_selection != striker
+        if info["reason"]:
+            assert info["server"] == env.agent_selection
+            assert env.observe(env.agent_selection)["observation"][55] == 1
+            servers.add(env.agent_selection)
+    assert servers == set(AGENTS)
+
+
+def test_rewards_of_rallies_sum_to_the_difference_in_rallies_won(play):
+    env = match_v0.env(reward="rally")
+    totals = dict.fromkeys(AGENTS, 0.0)
+    for agent, _, reward, *_ in play(env, 4):
+        totals[agent] += reward
+    by_game = env.unwrapped.snapshot().by_game
+    difference = sum(a for a, _ in by_game) - sum(b for _, b in by_game)
+    assert totals == {"player_0": difference, "player_1": -difference}
+
+
+def test_rewards_of_a_match_are_paid_once(play):
+    for seed in range(4):
+        env = match_v0.env(rules=SHORT)
+        rewards = [reward for _, _, reward, *_ in play(env, seed)]
+        assert sorted(rewards[-2:]) == [-1, 1]
+        assert not any(rewards[:-2])
+
+
+def test_the_first_server_can_be_chosen():
+    for server in (0, 1):
+        env = match_v0.env(first_server=server)
+        for seed in range(6):
+            env.reset(seed=seed)
+            assert env.agent_selection == AGENTS[server]
+            assert env.last()[0]["observation"][-2:].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("reward", ["match", "rally"])
+def test_an_illegal_stroke_loses_the_match(reward):
+    env = match_v0.env(reward=reward)
+    env.reset(seed=0)
+    loser = env.agent_selection
+    env.step(env.unwrapped.game.n_strokes - 1)
+    winner = AGENTS[1 - AGENTS.index(loser)]
+    assert env.rewards == {loser: -1, winner: 1}
+    assert env.infos[loser]["reason"] == "illegal stroke"
+    assert all(env.terminations.values())
+    assert env.unwrapped.snapshot().match_winner == AGENTS.index(winner)
+
+
+def test_matches_can_be_cut_off(play):
+    rows = list(play(match_v0.env(max_strokes=100), 0))
+    assert sum(r[-1] is not None for r in rows) == 100
+    assert [r[4] for r in rows[-2:]] == [True, True]
+    assert not any(r[3] for r in rows)
+
+
+@pytest.mark.parametrize(("option", "message"), [({"first_server": -1}, "first_server -1"), ({"reward": "game"}, "'rally'")])
+def test_options_are_checked(option, message):
+    with pytest.raises(OptionError, match=message):
+        match_v0.env(**option)

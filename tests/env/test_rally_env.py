@@ -1,0 +1,316 @@
+"""``rally_v0``: the rules of the rally module, one stroke at a time."""
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl import rally_v0
+from shuttle_marl.court import AREAS
+from shuttle_marl.draws import draw, outcome_draw, stream
+from shuttle_marl.dynamics import default_game, model_folder
+from shuttle_marl.env.base import ActionError, IllegalStrokeError, OptionError
+from shuttle_marl.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, strike
+from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES
+
+AGENTS = ("player_0", "player_1")
+
+
+def decode(part):
+    """Name of the stroke behind 27 numbers, None for zeros."""
+    if not part.any():
+        return None
+    assert part.sum() == 4
+    words = []
+    for vocabulary in (SHOTS, AREAS, HEIGHTS, TECHNIQUES):
+        one_hot, part = part[: len(vocabulary)], part[len(vocabulary) :]
+        words.append(vocabulary[int(one_hot.argmax())])
+    return ":".join(words)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
+    env = rally_v0.env()
+    game = default_game()
+    good, returned, _ = game.chances()
+    for episode in range(3):
+        key = stream(seed, episode)
+        striker = int(draw(key, 0)[0] >> np.uint64(16)) & 1
+        state, count, own, other = ROOT, 0, None, None
+        expected_reward = 0.0
+        for agent, seen, reward, terminated, truncated, info, action in play(
+            env, seed if episode == 0 else None, policy_seed=seed
+        ):
+            assert not truncated
+            assert info == env.infos[agent]
+            if terminated:
+                assert reward == (expected_reward if agent == AGENTS[striker] else -expected_reward)
+                continue
+            assert agent == AGENTS[striker]
+            assert reward == 0
+            vector = seen["observation"]
+            assert (decode(vector[:27]), decode(vector[27:54])) == (own, other)
+            assert vector[54:].tolist() == [state & 1, state == ROOT]
+            assert (seen["action_mask"] == game.mask(np.array(state))).all()
+            pair = game.pair(np.array([state]), np.array([action]))
+            u = outcome_draw(draw(key, count))
+            outcome, following = strike(game, np.array([state]), pair - game.pair_start[state], u)
+            facts = {
+                "striker": agent,
+                "stroke": game.catalogue.names[action],
+                "p_succ": good[pair][0],
+                "p_ret": returned[pair][0],
+                "outcome": OUTCOMES[outcome[0]],
+                "reason": OUTCOMES[outcome[0]] if following[0] < 0 else None,
+            }
+            own, other = other, facts["stroke"]
+            state, count, striker = int(following[0]), count + 1, 1 - striker
+            # The reward of who would be next, where the rally ends here.
+            expected_reward = {FAULT: 1.0, WINNER: -1.0}.get(int(outcome[0]), 0.0)
+            last = facts
+        assert env.unwrapped.infos == {}
+        assert info == last
+
+
+def test_long_rallies_use_draws_beyond_the_first_block():
+    game = default_game()
+    good, returned, _ = game.chances()
+    longest = 0
+    env = rally_v0.raw_env()
+    for seed in range(40):
+        env.reset(seed=seed)
+        state, count = ROOT, 0
+        while not any(env.terminations.values()):
+            pairs = np.arange(game.pair_start[state], game.pair_start[state + 1])
+            pair = pairs[np.argmax((good * returned)[pairs])]
+            env.step(game.pair_stroke[pair])
+            u = outcome_draw(draw(stream(seed, 0), count))
+            outcome, following = strike(game, np.array([state]), np.array([pair - pairs[0]]), u)
+            assert env.infos["player_0"]["outcome"] == OUTCOMES[outcome[0]]
+            state, count = int(following[0]), count + 1
+        longest = max(longest, count)
+    assert longest > 70
+
+
+def test_the_other_player_sees_the_same_rally_from_its_side(play):
+    env = rally_v0.env()
+    for agent, seen, *_ in play(env, 5):
+        other = env.observe(AGENTS[1 - AGENTS.index(agent)])
+        mine, theirs = seen["observation"], other["observation"]
+        assert (theirs[:27] == mine[27:54]).all()
+        assert (theirs[27:54] == mine[:27]).all()
+        assert (theirs[54:] == mine[54:]).all()
+        assert not other["action_mask"].any()
+
+
+def test_observations_are_copies(play):
+    env = rally_v0.env()
+    for agent, seen, *_ in play(env, 1):
+        before = copy.deepcopy(seen)
+        seen["observation"][:] = 7
+        seen["action_mask"][:] = 7
+        again = env.observe(agent)
+        assert (again["observation"] == before["observation"]).all()
+        assert (again["action_mask"] == before["action_mask"]).all()
+        seen["action_mask"][:] = before["action_mask"]
+
+
+def test_rewards_are_zero_sum_and_go_to_the_winner():
+    env = rally_v0.raw_env()
+    rng = np.random.default_rng(0)
+    reasons = set()
+    for seed in range(200):
+        env.reset(seed=seed)
+        while not any(env.terminations.values()):
+            assert env.rewards == {"player_0": 0, "player_1": 0}
+            striker = env.agent_selection
+            env.step(int(rng.choice(np.flatnonzero(env.observe(striker)["action_mask"]))))
+        info = env.infos[striker]
+        reasons.add(info["reason"])
+        won = 1.0 if info["reason"] == "winner" else -1.0
+        assert env.rewards[striker] == won
+        assert sum(env.rewards.values()) == 0
+        assert env.terminations == {"player_0": True, "player_1": True}
+    assert reasons == {"fault", "winner"}
+
+
+def test_seeds_name_sequences_of_episodes(play):
+    def episodes(env, count, seed):
+        return [[s[-1] for s in play(env, seed if i == 0 else None, policy_seed=i)] for i in range(count)]
+
+    one, other = rally_v0.env(), rally_v0.env()
+    first = episodes(one, 4, seed=8)
+    assert episodes(other, 4, seed=8) == first
+    assert episodes(one, 4, seed=8) == first, "a seed starts its sequence again"
+    assert episodes(other, 4, seed=9) != first
+
+
+def test_without_a_seed_one_is_drawn_and_kept(play):
+    env, again = rally_v0.env(), rally_v0.env()
+    strokes = [s[-1] for s in play(env)]
+    assert [s[-1] for s in play(again, env.unwrapped.last_seed)] == strokes
+    assert rally_v0.raw_env().last_seed is None
+    env.reset()
+    assert env.unwrapped.episode == 1
+
+
+def test_who_serves():
+    env = rally_v0.env()
+    env.reset(seed=0)
+    firsts = []
+    for _ in range(2000):
+        firsts.append(env.agent_selection)
+        env.reset()
+    assert abs(firsts.count("player_0") - 1000) < 4 * np.sqrt(500)
+    for server in (0, 1):
+        fixed = rally_v0.env(server=server)
+        for seed in range(8):
+            fixed.reset(seed=seed)
+            assert fixed.agent_selection == AGENTS[server]
+
+
+def test_an_illegal_stroke_is_refused_by_the_raw_environment_and_changes_nothing(play):
+    env = rally_v0.raw_env()
+    env.reset(seed=3)
+    names = env.game.catalogue.names
+    before = pickle.dumps((env.observe("player_0"), env.observe("player_1"), env.rewards, env.infos))
+    with pytest.raises(IllegalStrokeError) as caught:
+        env.step(len(names) - 1)
+    assert pickle.dumps((env.observe("player_0"), env.observe("player_1"), env.rewards, env.infos)) == before
+    message = str(caught.value)
+    assert caught.value.stroke == len(names) - 1
+    for part in (env.agent_selection, names[-1], env.game.describe(ROOT), names[0], "action_mask"):
+        assert part in message
+    assert "more" not in message
+    env.step(0)
+    while not any(env.terminations.values()):
+        legal = env.game.legal_strokes(env._state)
+        with pytest.raises(IllegalStrokeError, match=f"and {len(legal) - 20} more" if len(legal) > 20 else "Legal"):
+            env.step(0)
+        env.step(legal[0])
+
+
+@pytest.mark.parametrize("action", [None, "smash", 1.0, -1, 10_000, [1, 2], np.array([1, 2])])
+@pytest.mark.parametrize("make", [rally_v0.env, rally_v0.raw_env])
+def test_actions_outside_the_space_are_refused(make, action):
+    env = make()
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match="is no stroke; expected 0 to") as caught:
+        env.step(action)
+    assert not isinstance(caught.value, IllegalStrokeError)
+
+
+@pytest.mark.parametrize("kind", [int, np.int8, np.int64, np.uint8, np.array])
+def test_all_kinds_of_integers_are_actions(kind):
+    env = rally_v0.env()
+    env.reset(seed=0)
+    env.step(kind(1))
+    assert env.infos["player_0"]["stroke"] == env.unwrapped.game.catalogue.names[1]
+
+
+def test_an_illegal_stroke_loses_the_rally():
+    env = rally_v0.env()
+    env.reset(seed=3)
+    loser = env.agent_selection
+    last = env.unwrapped.game.n_strokes - 1
+    env.step(last)
+    ended = {}
+    for agent in env.agent_iter():
+        _, reward, terminated, truncated, info = env.last()
+        ended[agent] = reward
+        assert terminated
+        assert not truncated
+        assert info["reason"] == "illegal stroke"
+        assert info["striker"] == loser
+        assert info["stroke"] == env.unwrapped.game.catalogue.names[last]
+        assert info["outcome"] is None
+        env.step(None)
+    assert ended.pop(loser) == -1
+    assert list(ended.values()) == [1]
+
+
+def test_the_order_of_calls_is_checked():
+    env = rally_v0.env()
+    for early in (env.last, env.agent_iter, env.render, lambda: env.step(0), lambda: env.observe("player_0")):
+        with pytest.raises(AssertionError, match="before"):
+            early()
+    env.reset(seed=0)
+    with pytest.raises(AssertionError, match="need to call step"):
+        list(env.agent_iter())
+
+
+def test_done_agents_take_no_stroke(play):
+    env = rally_v0.env()
+    for *_, terminated, _, _, _ in play(env, 0):
+        if terminated:
+            break
+    with pytest.raises(ValueError, match="None"):
+        env.step(0)
+
+
+def test_rallies_can_be_cut_off(play):
+    env = rally_v0.env(max_strokes=2)
+    seed = next(s for s in range(100) if len(list(play(rally_v0.env(), s))) > 6)
+    rows = list(play(env, seed))
+    assert [(r[3], r[4]) for r in rows] == [(False, False)] * 2 + [(False, True)] * 2
+    assert all(r[2] == 0 for r in rows)
+    assert rows[-1][5]["reason"] == "too many strokes"
+
+
+def test_a_rally_that_ends_with_the_last_stroke_allowed_is_not_cut_off(play):
+    for seed in range(20):
+        length = sum(r[-1] is not None for r in play(rally_v0.env(), seed))
+        rows = list(play(rally_v0.env(max_strokes=length), seed))
+        assert [r[3] for r in rows[-2:]] == [True, True]
+        assert not any(r[4] for r in rows)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("make", [rally_v0.raw_env, rally_v0.env])
+def test_copies_go_on_alike_and_apart(copied, make):
+    env = make()
+    env.reset(seed=21)
+    env.step(0)
+    twin = copied(env)
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        if any(env.terminations.values()):
+            env.reset()
+            twin.reset()
+        action = int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"])))
+        env.step(action)
+        if action % 2:
+            assert twin.infos != env.infos, "the original moves alone"
+        twin.step(action)
+        assert twin.infos == env.infos
+        assert twin.agent_selection == env.agent_selection
+
+
+def test_games_can_be_given_in_three_ways(tmp_path: Path):
+    game = default_game()
+    folder = model_folder("default")
+    for given in (None, game, "default", str(folder)):
+        assert rally_v0.raw_env(game=given).game.hash == game.hash
+    with pytest.raises(GameError, match="no model 'badmington'"):
+        rally_v0.raw_env(game="badmington")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"server": 2}, "server 2"),
+        ({"max_strokes": 0}, "max_strokes 0"),
+        ({"render_mode": "video"}, "human, rgb_array, ansi"),
+        ({"action": "multi"}, "'flat' or 'components'"),
+    ],
+)
+def test_options_are_checked(option, message):
+    with pytest.raises(OptionError, match=message):
+        rally_v0.env(**option)
+
+
+def test_options_are_given_by_name():
+    with pytest.raises(TypeError):
+        rally_v0.raw_env(0)
