@@ -1,0 +1,127 @@
+"""Pictures of rallies."""
+
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.court import LENGTH, WIDTH
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+
+pygame = pytest.importorskip("pygame")
+
+from shuttle_marl.env.court_picture import LINE, MAT, PX, px  # noqa: E402
+from shuttle_marl.env.painting import PLAYERS, YELLOW  # noqa: E402
+
+
+def share_of(picture, colour, tolerance=30):
+    return (np.abs(picture.astype(int) - colour).max(axis=-1) <= tolerance).mean()
+
+
+@pytest.fixture
+def fast(monkeypatch):
+    for module in (rally_v0, match_v0):
+        monkeypatch.setitem(module.raw_env.metadata, "render_fps", 0)
+
+
+def test_the_court_has_the_proportions_of_the_laws():
+    env = rally_v0.env(render_mode="rgb_array", server=0)
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.dtype == np.uint8
+    assert picture.shape == (584, 1200, 3)
+    x0, y0 = px((-LENGTH / 2, -WIDTH / 2))
+    lines = np.abs(picture.astype(int) - LINE).max(axis=-1) < 60
+    rows = np.flatnonzero(lines[:, round(x0) : round(x0 + LENGTH * PX)].mean(axis=1) > 0.9)
+    columns = np.flatnonzero(lines[round(y0) : round(y0 + WIDTH * PX)].mean(axis=0) > 0.8)
+    assert (columns[-1] - columns[0]) / (rows[-1] - rows[0]) == pytest.approx(LENGTH / WIDTH, rel=0.02)
+    assert share_of(picture, MAT) > 0.15
+
+
+def test_the_same_rally_gives_the_same_picture(play):
+    frames = []
+    for _ in range(2):
+        env = match_v0.env(render_mode="rgb_array", max_strokes=12)
+        for *_, _action in play(env, 6):
+            pass
+        frames.append(env.render())
+    assert (frames[0] == frames[1]).all()
+
+
+def test_the_picture_changes_with_every_stroke(play):
+    env = rally_v0.env(render_mode="rgb_array")
+    frames = [env.render() for *_, terminated, _, _, _ in play(env, 11) if not terminated]
+    frames.append(env.render())
+    assert len(frames) > 3
+    assert all((before != after).any() for before, after in itertools.pairwise(frames))
+
+
+def test_the_target_of_the_last_stroke_is_marked():
+    env = rally_v0.env(render_mode="rgb_array", server=0)
+    env.reset(seed=0)
+    nothing_yet = share_of(env.render(), YELLOW)
+    env.step(0)
+    after = env.render()
+    assert share_of(after, YELLOW) > 4 * nothing_yet
+    assert share_of(after, PLAYERS[0]) > share_of(after, PLAYERS[1]), "the chip has the colour of the striker"
+
+
+def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
+    env = match_v0.env(render_mode="human", max_strokes=30)
+    rows = play(env, 0)
+    next(rows)
+    window = pygame.display.get_surface()
+    assert window.get_size() == (1200, 584)
+    before = pygame.surfarray.array3d(window)
+    next(rows)
+    assert (pygame.surfarray.array3d(window) != before).any()
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    next(rows)
+    assert pygame.display.get_surface() is None
+    assert len(list(rows)) > 20, "the match goes on without the window"
+    env.close()
+
+
+def test_closing_gives_the_window_back(fast):
+    env = rally_v0.env(render_mode="human")
+    env.reset(seed=0)
+    assert env.render() is None
+    env.close()
+    assert pygame.display.get_surface() is None
+    env.reset(seed=0)
+    assert pygame.display.get_surface() is not None
+    env.close()
+    env.close()
+
+
+def test_without_a_render_mode_nothing_is_drawn():
+    env = rally_v0.env()
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+
+
+def test_a_missing_pygame_is_named_with_the_cure():
+    code = """
+import sys
+sys.modules["pygame"] = None
+from shuttle_marl import rally_v0
+from shuttle_marl.errors import ShuttleError
+env = rally_v0.env(render_mode="rgb_array")
+env.reset(seed=0)
+try:
+    env.render()
+except ShuttleError as error:
+    print(error)
+text = rally_v0.env(render_mode="ansi")
+text.reset(seed=0)
+print(text.render())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "pip install 'shuttle-marl[render]'" in done.stdout
+    assert "is to serve" in done.stdout

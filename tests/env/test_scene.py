@@ -1,0 +1,140 @@
+"""Where things are in the picture, and what the text says."""
+
+import numpy as np
+import pytest
+
+from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, area_of
+from shuttle_marl.env.scene import area_corners, scene_of, to_plan
+from shuttle_marl.env.text import as_text, in_words
+from shuttle_marl.rally import OUTCOMES
+from shuttle_marl.scoring import Rules
+
+
+def moments(play, env, seed):
+    """Snapshots after every stroke of an episode."""
+    for *_, action in play(env, seed, policy_seed=seed):
+        if action is not None:
+            yield env.unwrapped.snapshot()
+    yield env.unwrapped.snapshot()
+
+
+def test_player_0_plays_to_the_right_and_has_its_right_hand_below():
+    assert to_plan(0, 1.0, 2.0) == (2.0, 1.0)
+    assert to_plan(1, 1.0, 2.0) == (-2.0, -1.0)
+
+
+@pytest.mark.parametrize("player", [0, 1])
+def test_areas_tile_the_half_of_the_opponent(player):
+    sign = 1 if player == 0 else -1
+    total = 0.0
+    for area in range(9):
+        (x0, y0), (x1, y1) = area_corners(player, area)
+        total += abs((x1 - x0) * (y1 - y0))
+        middle = (x0 + x1) / 2, (y0 + y1) / 2
+        assert middle[0] * sign > 0
+        # Back into the frame of the striker.
+        assert area_of(middle[1] * sign, middle[0] * sign) == area
+    assert total == pytest.approx(2 * HALF_WIDTH * HALF_LENGTH)
+
+
+def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
+    areas = set()
+    for seed in range(30):
+        for snapshot in moments(play, rally_v0.env(), seed):
+            scene = scene_of(snapshot)
+            assert len(scene.flights) == len(snapshot.strokes)
+            assert all(abs(x) <= HALF_LENGTH + 1 and abs(y) <= HALF_WIDTH + 1 for x, y in scene.bodies)
+            assert scene.bodies[0][0] < 0 < scene.bodies[1][0]
+            contacts = [*(flight.start for flight in scene.flights), scene.shuttle]
+            for flight, following in zip(scene.flights, contacts[1:], strict=True):
+                assert flight.end == following
+                stroke = flight.stroke
+                if OUTCOMES[stroke.outcome] != "fault":
+                    sign = 1 if stroke.player == 0 else -1
+                    area = snapshot.game.catalogue.area[stroke.stroke]
+                    assert area_of(flight.end[1] * sign, flight.end[0] * sign) == area
+                    areas.add(int(area))
+    assert len(areas) == 9
+
+
+def test_the_player_about_to_hit_is_at_the_shuttle(play):
+    for snapshot in moments(play, rally_v0.env(), 3):
+        if snapshot.strokes and snapshot.striker is not None:
+            scene = scene_of(snapshot)
+            assert np.hypot(*np.subtract(scene.bodies[snapshot.striker], scene.shuttle)) < 0.7
+
+
+def test_a_finished_rally_is_shown_until_the_next_serve():
+    env = match_v0.raw_env(rules=Rules(points=2, clear=1, cap=2))
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    while not any(env.terminations.values()):
+        before = env.snapshot()
+        env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
+        after = env.snapshot()
+        if before.reason is not None:
+            assert len(after.strokes) == 1
+            assert after.server == before.winner
+        else:
+            assert after.strokes[:-1] == before.strokes
+        assert (after.reason is None) == (after.striker is not None)
+    assert after.match_winner is not None
+    assert after.by_game[-1][after.match_winner] == 2
+
+
+def test_text_tells_the_whole_rally(play):
+    for seed in range(20):
+        env = rally_v0.env(render_mode="ansi")
+        rows = list(play(env, seed))
+        text = env.render()
+        lines = text.splitlines()
+        strokes = [(agent, action) for agent, *_, action in rows if action is not None]
+        assert len(lines) == len(strokes) + 2
+        assert f"seed {seed}, {strokes[0][0]} serves" in lines[0]
+        catalogue = env.unwrapped.game.catalogue
+        for number, (line, (agent, action)) in enumerate(zip(lines[1:-1], strokes, strict=True), start=1):
+            assert line.split()[:2] == [str(number), agent]
+            assert in_words(catalogue, action) in line
+        info = rows[-1][5]
+        assert lines[-2].endswith(info["reason"])
+        winner = next(agent for agent, _, reward, *_ in rows[-2:] if reward == 1)
+        assert lines[-1] == f"{winner} wins the rally ({info['reason']})"
+
+
+def test_text_says_who_is_next_and_the_score(play):
+    env = match_v0.env(render_mode="ansi", first_server=1)
+    env.reset(seed=0)
+    assert env.render().splitlines() == [
+        "match 1 of seed 0, player_1 serves",
+        "player_0   0",
+        "player_1   0",
+        "player_1 is to serve",
+    ]
+    env.step(0)
+    assert env.render().splitlines()[-1] in ("player_0 is to hit", "player_1 wins the rally (winner)")
+    for *_, _action in play(env, 5):
+        pass
+    lines = env.render().splitlines()
+    assert lines[-1].endswith("and the match")
+    assert len(lines[1].split()) == len(lines[2].split()) >= 3
+
+
+def test_text_of_a_lost_and_of_an_unfinished_rally(play):
+    env = rally_v0.env(render_mode="ansi")
+    env.reset(seed=0)
+    winner = "player_1" if env.agent_selection == "player_0" else "player_0"
+    env.step(env.unwrapped.game.n_strokes - 1)
+    assert as_text(env.unwrapped.snapshot()).splitlines()[-1] == f"{winner} wins the rally (illegal stroke)"
+    env = rally_v0.env(render_mode="ansi", max_strokes=1, server=0)
+    env.reset(seed=0)
+    env.step(0)
+    assert env.render().splitlines()[-1] == "no result: too many strokes"
+
+
+def test_strokes_in_words():
+    catalogue = rally_v0.raw_env().game.catalogue
+    named = {name: in_words(catalogue, i) for i, name in enumerate(catalogue.names)}
+    assert named["short-serve:front-centre:below:backhand"] == "short serve to the front centre, backhand below the net"
+    assert any(words.startswith("cross-court net shot to the ") for words in named.values())
+    assert len(set(named.values())) == len(catalogue)
