@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 DROP_REASONS: Final = {
+    "repeated row": "The same stroke of the same player stands there twice.",
     "unreadable value": "A value that cannot be what it should be, in a published file.",
     "broken homography": "More than a fifth of the rows of the game put both players in one half.",
     "contact heights unreliable": "Those of the whole game contradict each other, or the shot types.",
-    "repeated row": "The same stroke of the same player stands there twice.",
     "broken rally": "Strokes are not numbered 1, 2, …, players do not alternate, or the rally's number is taken.",
     "unknown shot type": "Nearly always a serve that the camera missed; the rest of the rally is kept.",
     "serve type inside a rally": "A serve that is not the first stroke.",

@@ -1,0 +1,180 @@
+"""Where and when simulated strokes happen: points on the court, positions of the players, times.
+
+The game decides shot, target area and outcome; this only dresses them. Flight times and the mix of faults are medians and
+shares of the training matches of ShuttleSet and ShuttleSet22; the rest is plain geometry.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl import court
+from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
+from shuttle_marl.stroke import N_SERVES
+
+Floats = npt.NDArray[np.float64]
+
+FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
+"""Median time from a stroke to the next [s], by shot type."""
+FAULT_MIX: Final = np.array([
+    [0.25, 0.67, 0.08], [1.00, 0.00, 0.00], [1.00, 0.00, 0.00], [0.88, 0.10, 0.02], [0.33, 0.58, 0.09],
+    [0.63, 0.37, 0.00], [0.57, 0.40, 0.03], [0.49, 0.35, 0.16], [0.84, 0.16, 0.00], [0.40, 0.59, 0.01],
+    [0.09, 0.59, 0.32], [0.14, 0.43, 0.43], [0.28, 0.43, 0.29],
+])  # fmt: skip
+"""``[13, 3]`` shares of out, net and short among the faults of a shot type."""
+FRAME_RATE: Final = 30
+BREAK: Final = 23.0
+"""Median time between two rallies [s]."""
+INTERVAL: Final = 120.0
+"""Time between two games [s]."""
+
+_BASE: Final = np.array([0.0, -3.7])
+"""Where a player waits between strokes, in the own frame [m]."""
+_BASE_SPREAD: Final = 0.35
+"""Standard deviation of that place [m]: it follows the stroke just played."""
+_RECOVERY: Final = 1.5
+"""Speed of the way back to it [m/s]."""
+_NEAR_NET: Final = 0.3
+"""Nobody stands nearer to the net than this [m], and no good stroke lands nearer."""
+_OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "short", "landed"))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Played:
+    """The n strokes of simulated rallies, in playing order, without points and times.
+
+    Attributes:
+        shot, area: ``[n]`` indices of the stroke played; the area is its target.
+        outcome: ``[n]`` index into ``schema.OUTCOMES``.
+        stroke: ``[n]`` number of the stroke in its rally; rows of a rally stand together.
+        new_game: ``[n]`` whether a stroke is the first of a game.
+        right: ``[n]`` whether the server of the rally serves from the right service court (an even score).
+    """
+
+    shot: npt.NDArray[np.int64]
+    area: npt.NDArray[np.int64]
+    outcome: npt.NDArray[np.int64]
+    stroke: npt.NDArray[np.int64]
+    new_game: npt.NDArray[np.bool_]
+    right: npt.NDArray[np.bool_]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Placed:
+    """What :func:`place` adds; points are egocentric metres, NaN where there is none.
+
+    Attributes:
+        landing, contact, striker, receiver: ``[n, 2]``, as in the schema.
+        reason: ``[n]`` index into ``schema.REASONS``.
+        frame: ``[n]`` frame, at :data:`FRAME_RATE` a second.
+    """
+
+    landing: Floats
+    contact: Floats
+    striker: Floats
+    receiver: Floats
+    reason: npt.NDArray[np.int64]
+    frame: npt.NDArray[np.int64]
+
+
+def place(played: Played, rng: np.random.Generator) -> Placed:
+    """Draw points and times for strokes.
+
+    A good stroke lands in its target area, an out fault just beyond the line next to it, a net or short fault on the
+    striker's side of the net. The contact point of a returned stroke is the landing of the stroke before.
+    """
+    n = len(played.stroke)
+    flight = np.maximum(FLIGHT[played.shot] * rng.lognormal(0.0, 0.15, n), 0.2)
+    reason = _reasons(played, rng)
+    landing = _inside(played, rng)
+    out = reason == _OUT
+    landing[out] = _beyond_the_line(played.area[out], landing[out], rng)
+    contact = np.full((n, 2), np.nan)
+    replies = np.flatnonzero(played.stroke > 1)
+    contact[replies] = -landing[replies - 1]
+    striker, receiver = _positions(played, contact, flight, rng)
+    _fall_short(landing, np.where(np.isnan(contact), striker, contact), reason, rng)
+    pause = np.where(played.new_game, INTERVAL, BREAK) * rng.lognormal(0.0, 0.3, n)
+    step = np.where(played.stroke == 1, pause, np.r_[0.0, flight[:-1]])
+    return Placed(
+        landing=landing,
+        contact=contact,
+        striker=striker,
+        receiver=receiver,
+        reason=reason,
+        frame=np.rint(np.cumsum(step) * FRAME_RATE).astype(np.int64),
+    )
+
+
+def _reasons(played: Played, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    mix = FAULT_MIX[played.shot]
+    no_line = np.isin(played.area, (1, 4))  # front and middle centre: no line to miss
+    mix = np.where(no_line[:, None] & (np.arange(3) == 0), 0.0, mix)
+    mix[mix.sum(axis=1) == 0] = [0.0, 1.0, 0.0]
+    cumulative = np.cumsum(mix / mix.sum(axis=1, keepdims=True), axis=1)
+    which = (rng.random(len(mix))[:, None] >= cumulative[:, :2]).sum(axis=1)
+    fault = np.array([_OUT, _NET, _SHORT])[which]
+    ended = np.where(played.outcome == FAULT, fault, _LANDED)
+    return np.where(played.outcome == RETURNED, REASONS.index("returned"), ended)
+
+
+def _inside(played: Played, rng: np.random.Generator) -> Floats:
+    """Points in the target areas, denser towards their middle, a hand's breadth away from the lines."""
+    side, depth = played.area % 3, played.area // 3
+    x_cuts = np.array([-court.HALF_WIDTH, -court.SIDE_CUT, court.SIDE_CUT, court.HALF_WIDTH])
+    y_cuts = np.array([_NEAR_NET, court.MIDDLE_CUT, court.BACK_CUT, court.HALF_LENGTH])
+    low = np.stack([x_cuts[side], y_cuts[depth]], axis=1) + 0.05
+    high = np.stack([x_cuts[side + 1], y_cuts[depth + 1]], axis=1) - 0.05
+    is_serve = played.shot < N_SERVES
+    low[is_serve, 1] = np.maximum(low[is_serve, 1], court.SHORT_SERVICE)
+    return low + (high - low) * rng.random((2, len(side), 2)).mean(axis=0)
+
+
+def _beyond_the_line(area: npt.NDArray[np.int64], inside: Floats, rng: np.random.Generator) -> Floats:
+    """Points moved straight over the line next to the target area; of a corner over one of its two lines."""
+    side, depth = area % 3, area // 3
+    by = np.minimum(0.03 + rng.exponential(0.2, len(area)), 1.0)
+    behind = (depth == 2) & ((side == 1) | (rng.random(len(area)) < 0.5))
+    outwards = np.where(side == 0, -1.0, 1.0)
+    x = np.where(behind, inside[:, 0], outwards * (court.HALF_WIDTH + by))
+    y = np.where(behind, court.HALF_LENGTH + by, inside[:, 1])
+    return np.stack([x, y], axis=1)
+
+
+def _fall_short(landing: Floats, start: Floats, reason: npt.NDArray[np.int64], rng: np.random.Generator) -> None:
+    """Move net and short faults to the striker's side, where the line from the contact to the target meets the net."""
+    share = start[:, 1] / (start[:, 1] - landing[:, 1])
+    across = start[:, 0] + share * (landing[:, 0] - start[:, 0])
+    for kind, mean in ((_NET, 0.25), (_SHORT, 0.6)):
+        rows = reason == kind
+        fallen = np.minimum(0.02 + rng.exponential(mean, len(landing)), 3.0)
+        landing[rows] = np.stack([across, -fallen], axis=1)[rows]
+
+
+def _positions(played: Played, contact: Floats, flight: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """``[n, 2]`` each: where striker and receiver stand when the shuttle is struck."""
+    n = len(flight)
+    striker, receiver = np.empty((n, 2)), np.empty((n, 2))
+    serves = np.flatnonzero(played.stroke == 1)
+    from_right = np.where(played.area[serves] % 3 == 1, played.right[serves], played.area[serves] % 3 == 0)
+    right = np.where(from_right, 1.0, -1.0)[:, None]
+    noise = rng.normal(0.0, 0.12, (2, len(serves), 2))
+    striker[serves] = right * [0.3, 0.0] + [0.0, -3.1] + noise[0]
+    receiver[serves] = right * [-0.95, 0.0] + [0.0, 4.0] + noise[1]
+    reach = np.clip(rng.normal(0.7, 0.15, n), 0.3, 1.1)
+    base = _BASE + rng.normal(0.0, _BASE_SPREAD, (n, 2))
+    for number in range(2, int(played.stroke.max(initial=1)) + 1):
+        rows = np.flatnonzero(played.stroke == number)
+        striker[rows] = _towards(contact[rows], base[rows], reach[rows])
+        # Who struck before is the receiver now: on the way back to the base, seen from the other side of the net.
+        receiver[rows] = -_towards(striker[rows - 1], base[rows - 1], _RECOVERY * flight[rows - 1])
+    striker[:, 1] = np.minimum(striker[:, 1], -_NEAR_NET)
+    return striker, receiver
+
+
+def _towards(points: Floats, goal: Floats, distance: Floats) -> Floats:
+    way = goal - points
+    length = np.linalg.norm(way, axis=1)
+    return points + way * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]

@@ -1,0 +1,53 @@
+"""The published data itself, where SHUTTLESET names a folder that holds it: the numbers of the datasheet."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from shuttle_marl.data import clean_matches, split_of
+from shuttle_marl.data.clean import Cleaned
+from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.shuttleset import list_matches
+
+ROOT = os.environ.get("SHUTTLESET")
+pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def public() -> Cleaned:
+    """The matches of train and validation, whether the test matches are there or not."""
+    root = Path(str(ROOT))
+    return clean_matches(root, [m.name for m in list_matches(root) if split_of(m.name) != "test"])
+
+
+def test_counts(public: Cleaned) -> None:
+    account = public.account
+    assert (account.matches, account.rallies, account.strokes) == (82, 6832, 70752)
+    assert account.strokes_kept + sum(account.dropped.values()) == account.strokes
+    assert account.strokes_kept >= 0.9 * account.strokes
+    assert account.rallies_kept >= 0.8 * account.rallies
+    assert account.area_agreement is not None
+    assert account.area_agreement >= 0.985
+
+
+def test_every_rule_holds(public: Cleaned) -> None:
+    assert [str(v) for v in violations(public.strokes)] == []
+
+
+def test_nobody_is_spelt_twice(public: Cleaned) -> None:
+    assert len(public.strokes["player"].unique()) <= 43
+
+
+def test_validation_is_the_documented_draw() -> None:
+    strata: dict[tuple[str, str], list[str]] = {}
+    for match in list_matches(Path(str(ROOT))):
+        if split_of(match.name) != "test":
+            strata.setdefault((match.source, match.discipline), []).append(match.name)
+    drawn = {}
+    for stratum, names in strata.items():
+        names.sort(key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+        drawn[stratum] = sum(split_of(name) == "validation" for name in names)
+        assert all(split_of(name) == "validation" for name in names[: drawn[stratum]])
+    assert drawn == {("ShuttleSet", "MS"): 6, ("ShuttleSet", "WS"): 2, ("ShuttleSet22", "MS"): 3, ("ShuttleSet22", "WS"): 3}

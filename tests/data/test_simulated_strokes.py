@@ -1,0 +1,243 @@
+"""Simulated stroke tables: they obey the schema, the rules, the game's chances and plain geometry."""
+
+import collections
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from shuttle_marl import court, scoring
+from shuttle_marl.data import placing, split_of
+from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
+from shuttle_marl.data.simulate import SimulationError, account_of, simulate
+from shuttle_marl.data.table import load_account, load_strokes, write_parquet
+from shuttle_marl.rally import Game, layout, thresholds
+from shuttle_marl.stroke import Catalogue
+
+SERVES = ("short-serve:front-centre:below:backhand", "long-serve:back-right:below:forehand")
+REPLIES = (
+    "smash:middle-left:above:forehand",
+    "drop:front-right:above:around-the-head",
+    "lift:back-centre:below:forehand",
+    "net-shot:front-left:below:backhand",
+    "drive:middle-centre:above:forehand",
+)
+
+
+def make_game(p_good: float = 0.85, p_returned: float = 0.8, p_above: float = 0.5) -> Game:
+    """Two serves, five strokes that answer each other; the same chances everywhere."""
+    catalogue = Catalogue.from_names([*SERVES, *REPLIES])
+    n, serves = len(catalogue), len(SERVES)
+    replies = np.zeros((n + 1, n), dtype=bool)
+    replies[:n, serves:] = True
+    replies[n, :serves] = True
+    tables = layout(catalogue, replies)
+    chance = [np.full(tables["pair_start"][-1], p) for p in (p_good, p_returned, p_above)]
+    return Game(catalogue=catalogue, threshold=thresholds(*chance), **tables)
+
+
+def uniform(game: Game) -> np.ndarray:
+    return 1.0 / np.diff(game.pair_start)[game.pair_state]
+
+
+def always(game: Game, stroke: str) -> np.ndarray:
+    """Plays one stroke wherever it is legal, otherwise anything."""
+    chosen = game.pair_stroke == game.catalogue.index(stroke)
+    has = np.bincount(game.pair_state, weights=chosen, minlength=game.n_states) > 0
+    return np.where(has[game.pair_state], chosen, uniform(game))
+
+
+GAME = make_game()
+PLAYERS = {"viktor-axelsen": uniform(GAME), "chen-long": uniform(GAME), "chou-tien-chen": uniform(GAME)}
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    return simulate(GAME, PLAYERS, matches=7, seed=5).to_pandas()
+
+
+def rows_after(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Each stroke that was returned, and the reply."""
+    returned = np.flatnonzero(table.outcome == RETURNED)
+    return table.iloc[returned].reset_index(), table.iloc[returned + 1].reset_index()
+
+
+def test_it_is_a_sound_stroke_table(tmp_path) -> None:
+    strokes = simulate(GAME, PLAYERS, matches=7, seed=5)
+    assert strokes.schema.equals(STROKES)
+    assert [str(v) for v in violations(strokes)] == []
+    account = account_of(strokes)
+    assert account.matches == 7
+    assert account.strokes == account.strokes_kept == strokes.num_rows
+    assert account.area_agreement is None
+    write_parquet(strokes, tmp_path / "s.parquet", account=account, provenance={})
+    assert load_strokes(tmp_path / "s.parquet").equals(strokes)
+    assert load_account(tmp_path / "s.parquet") == account
+
+
+def test_the_seed_decides_everything() -> None:
+    once, again, other = (simulate(GAME, PLAYERS, matches=2, seed=seed) for seed in (1, 1, 2))
+    assert once.equals(again)
+    assert not once.equals(other)
+
+
+def test_more_matches_change_no_earlier_rally() -> None:
+    few, many = (simulate(GAME, PLAYERS, matches=m, seed=1).to_pandas() for m in (2, 4))
+    columns = ["match", "game", "rally", "stroke", "player", "shot", "height", "outcome", "points"]
+    pd.testing.assert_frame_equal(few[columns], many[columns].head(len(few)))
+
+
+def test_matches_follow_the_laws(table: pd.DataFrame) -> None:
+    """Whole games to 21, best of three; the winner of a rally serves next; points count up by one."""
+    assert table.match.nunique() == 7
+    for _, match in table.groupby("match", sort=False):
+        a = match.player.iloc[0]
+        wins, server, score = {}, None, None
+        for (game, _), rows in match.groupby(["game", "rally"], sort=False):
+            last = rows.iloc[-1]
+            winner = last.player if last.outcome == WINNER else last.opponent
+            after = (last.points, last.points_opponent) if last.player == a else (last.points_opponent, last.points)
+            if score is None or score[0] != game:
+                score = (game, 0, 0)
+            assert after == (score[1] + (winner == a), score[2] + (winner != a))
+            assert server in (None, rows.player.iloc[0])
+            score, server = (game, *after), winner
+            if scoring.wins_game(int(max(after)), int(min(after))):
+                wins[game] = winner
+        assert sorted(wins) == list(range(1, len(wins) + 1))
+        winners = list(wins.values())
+        assert max(winners.count(name) for name in set(winners)) == 2
+        assert len(winners) in (2, 3)
+
+
+def test_outcomes_have_the_chances_of_the_game() -> None:
+    """85 % good; 80 % of these returned; half of the returns from above: within four standard errors."""
+    table = simulate(GAME, PLAYERS, matches=40, seed=9).to_pandas()
+    n = len(table)
+    assert n > 5000
+    fault = (table.outcome == FAULT).mean()
+    assert fault == pytest.approx(0.15, abs=4 * np.sqrt(0.15 * 0.85 / n))
+    good = table[table.outcome != FAULT]
+    assert (good.outcome == RETURNED).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / len(good)))
+    _, reply = rows_after(table)
+    assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))
+
+
+def test_players_play_their_own_chances() -> None:
+    smasher = always(GAME, REPLIES[0])
+    table = simulate(GAME, {"a": smasher, "b": uniform(GAME)}, matches=3, seed=3).to_pandas()
+    above = table[(table.stroke > 1) & (table.height == 1)]
+    assert (above[above.player == "a"]["shot"] == GAME.catalogue.shot[GAME.catalogue.index(REPLIES[0])]).all()
+    assert above[above.player == "b"]["shot"].nunique() == 3
+
+
+def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
+    x, y = table.landing_x.to_numpy(), table.landing_y.to_numpy()
+    by_parts = collections.defaultdict(set)
+    for s, a, h, t in zip(*(getattr(GAME.catalogue, name) for name in ("shot", "area", "height", "technique")), strict=True):
+        by_parts[s, h, t].add(a)
+    out = table.reason == REASONS.index("out")
+    fallen = table.reason.isin([REASONS.index("net"), REASONS.index("short")]).to_numpy()
+    assert (y[fallen] < 0).all()
+    assert not table.in_court[out].any()
+    assert table.in_court[~out & ~fallen].all()
+    rows = table[~fallen]
+    aimed = zip(rows.area, rows["shot"], rows.height, rows.technique, strict=True)
+    assert all(area in by_parts[s, h, t] for area, s, h, t in aimed)
+    beyond = np.maximum(np.abs(x) - court.HALF_WIDTH, y - court.HALF_LENGTH)
+    assert (beyond[out] <= 1).all()
+    serves = ((table.stroke == 1) & (table.outcome != FAULT)).to_numpy()
+    assert (y[serves] >= court.SHORT_SERVICE).all()
+
+
+@pytest.mark.parametrize(("shot", "area", "expected"), [
+    (5, 5, placing.FAULT_MIX[5]), (10, 0, placing.FAULT_MIX[10]),
+    (7, 4, [0.0, 0.35 / 0.51, 0.16 / 0.51]),  # the middle centre has no line to miss
+    (2, 4, [0.0, 1.0, 0.0]),  # a clear is never anything but out
+])  # fmt: skip
+def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -> None:
+    n = 4000
+    same = np.full(n, 1)
+    played = placing.Played(
+        shot=shot * same, area=area * same, outcome=FAULT * same, stroke=same, new_game=same == 0, right=same == 1
+    )
+    reason = placing.place(played, np.random.default_rng(4)).reason
+    shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
+    np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
+
+
+def test_the_contact_of_a_reply_is_the_landing_before(table: pd.DataFrame) -> None:
+    stroke, reply = rows_after(table)
+    np.testing.assert_array_equal(reply.contact_x, -stroke.landing_x)
+    np.testing.assert_array_equal(reply.contact_y, -stroke.landing_y)
+    assert (reply.player == stroke.opponent).all()
+    assert table.contact_x[table.stroke == 1].isna().all()
+
+
+def test_players_stand_where_they_can(table: pd.DataFrame) -> None:
+    replies = table[table.stroke > 1]
+    reach = np.hypot(replies.striker_x - replies.contact_x, replies.striker_y - replies.contact_y)
+    assert reach.max() < 1.5
+    stroke, reply = rows_after(table)
+    seconds = (reply.frame - stroke.frame) / placing.FRAME_RATE
+    moved = np.hypot(reply.receiver_x + stroke.striker_x, reply.receiver_y + stroke.striker_y)
+    assert (moved <= 1.6 * seconds + 0.1).all()
+    serves = table[table.stroke == 1]
+    assert (np.sign(serves.striker_x) != np.sign(serves.receiver_x)).mean() > 0.99
+
+
+def test_servers_stand_right_at_even_points(table: pd.DataFrame) -> None:
+    """Of the serves to the centre; a serve to a corner decides the service court by itself."""
+    first = table.groupby(["match", "game", "rally"], sort=False).first()
+    last = table.groupby(["match", "game", "rally"], sort=False).last()
+    winner = last.player.where(last.outcome == WINNER, last.opponent)
+    before = first.points - (winner == first.player)
+    centre = first["shot"] == 0
+    agrees = np.sign(first.striker_x) == np.where(before % 2 == 0, 1.0, -1.0)
+    assert agrees[centre].mean() > 0.98
+    assert set(before[centre] % 2) == {0, 1}
+
+
+def test_times(table: pd.DataFrame) -> None:
+    stroke, reply = rows_after(table)
+    seconds = (reply.frame - stroke.frame) / placing.FRAME_RATE
+    for shot in stroke["shot"].unique():
+        assert seconds[stroke["shot"] == shot].median() == pytest.approx(placing.FLIGHT[shot], rel=0.15)
+    assert (table.clock == table.frame // placing.FRAME_RATE).all()
+    assert (table.groupby("match").frame.first() == 0).all()
+
+
+def test_who_meets_whom() -> None:
+    players = dict.fromkeys(["viktor-axelsen", "chen-yufei", "an-se-young", "chen-long", "average"], uniform(GAME))
+    table = simulate(GAME, players, matches=6, seed=1).to_pandas()
+    kinds = table.groupby("match", sort=False).discipline.first().to_dict()
+    assert kinds == {
+        "simulated-1-viktor-axelsen-chen-long": "MS",
+        "simulated-2-viktor-axelsen-average": "MS",
+        "simulated-3-chen-yufei-an-se-young": "WS",
+        "simulated-4-chen-yufei-average": "WS",
+        "simulated-5-an-se-young-average": "WS",
+        "simulated-6-chen-long-average": "MS",
+    }
+    assert {split_of(match) for match in kinds} == {None}
+    assert set(table.source) == {"simulated"}
+
+
+@pytest.mark.parametrize(("players", "told"), [
+    ({"a": uniform(GAME)}, "players a: expected at least two of one discipline"),
+    ({}, "players none"),
+    ({"chen-long": uniform(GAME), "chen-yufei": uniform(GAME)}, "at least two of one discipline"),
+    ({"a": uniform(GAME), "b": uniform(GAME)[:-1]}, f"player 'b': expected {GAME.n_pairs} chances"),
+    ({"a": uniform(GAME), "b": -uniform(GAME)}, "none negative"),
+    ({"a": uniform(GAME), "b": uniform(GAME) / 2}, "player 'b': chances sum to 0.5, not 1, in state: own none"),
+])  # fmt: skip
+def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> None:
+    with pytest.raises(SimulationError) as caught:
+        simulate(GAME, players, matches=1, seed=0)
+    assert told in str(caught.value)
+
+
+def test_no_matches() -> None:
+    with pytest.raises(SimulationError, match="0 matches"):
+        simulate(GAME, PLAYERS, matches=0, seed=0)
