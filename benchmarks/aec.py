@@ -1,0 +1,134 @@
+"""Steps a second of PettingZoo's loop in ``rally_v0`` and ``match_v0``, beside two classic environments.
+
+    python -m benchmarks.aec [--seconds S] [--repeat N] [--json]
+
+All environments run in one process, through the same loop (``agent_iter``, ``last``, ``step``) with the same policy: a
+uniformly random action of the mask. They take turns of S seconds, N times, so that a busy machine hits all alike; the
+median counts. Only steps that carry an action are counted; resets and the steps of agents that are done take time but do
+not count. Seconds are CPU seconds of the process, which has one thread.
+"""
+
+import dataclasses
+import json
+import os
+import platform
+import random
+import statistics
+import time
+import warnings
+from collections.abc import Callable
+from typing import Annotated, Any, Final
+
+import numpy as np
+import tyro
+from pettingzoo import AECEnv
+from pettingzoo.utils import wrappers
+from rich.console import Console
+from rich.table import Table
+
+from shuttle_marl import match_v0, rally_v0
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # the modules will move to a registry
+    from pettingzoo.classic import connect_four_v3, tictactoe_v3
+
+_REFERENCE: Final = "connect_four_v3"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Speed:
+    """Speed of one environment.
+
+    Attributes:
+        environment: its name.
+        steps_per_second: median over the turns.
+        slowest: slowest turn.
+        fastest: fastest turn.
+        ratio: median speed over that of ``connect_four_v3``.
+    """
+
+    environment: str
+    steps_per_second: float
+    slowest: float
+    fastest: float
+    ratio: float
+
+
+def classic_wrappers(env: AECEnv) -> AECEnv:
+    """The three wrappers with which PettingZoo's own classic environments come."""
+    env = wrappers.TerminateIllegalWrapper(env, illegal_reward=-1)
+    return wrappers.OrderEnforcingWrapper(wrappers.AssertOutOfBoundsWrapper(env))
+
+
+ENVIRONMENTS: Final[dict[str, Callable[[], Any]]] = {
+    "rally_v0": rally_v0.env,
+    "match_v0": match_v0.env,
+    "rally_v0 in three classic wrappers": lambda: classic_wrappers(rally_v0.raw_env()),
+    "tictactoe_v3": tictactoe_v3.env,
+    _REFERENCE: connect_four_v3.env,
+}
+
+
+def steps_per_second(env: AECEnv, seconds: float, rng: random.Random) -> float:
+    """Play whole episodes with random legal actions until the time is up."""
+    steps = 0
+    start = time.process_time()
+    end = start + seconds
+    while time.process_time() < end:
+        env.reset()
+        for _ in env.agent_iter():
+            observation, _, terminated, truncated, _ = env.last()
+            if terminated or truncated:
+                env.step(None)
+            else:
+                env.step(rng.choice(np.flatnonzero(observation["action_mask"]).tolist()))
+                steps += 1
+    return steps / (time.process_time() - start)
+
+
+def measure(seconds: float, repeat: int) -> list[Speed]:
+    """Let all environments take turns."""
+    rng = random.Random(0)
+    envs = {name: make() for name, make in ENVIRONMENTS.items()}
+    turns: dict[str, list[float]] = {name: [] for name in envs}
+    for env in envs.values():
+        env.reset(seed=0)
+        steps_per_second(env, seconds / 5, rng)
+    for _ in range(repeat):
+        for name, env in envs.items():
+            turns[name].append(steps_per_second(env, seconds, rng))
+    reference = statistics.median(turns[_REFERENCE])
+    return [
+        Speed(
+            environment=name,
+            steps_per_second=statistics.median(speeds),
+            slowest=min(speeds),
+            fastest=max(speeds),
+            ratio=statistics.median(speeds) / reference,
+        )
+        for name, speeds in turns.items()
+    ]
+
+
+def main(*, seconds: float = 1.0, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure and print.
+
+    Args:
+        seconds: CPU seconds of each turn.
+        repeat: turns of each environment.
+        as_json: print JSON instead of a table.
+    """
+    speeds = measure(seconds, repeat)
+    if as_json:
+        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
+        print(json.dumps({**machine, "environments": [dataclasses.asdict(s) for s in speeds]}, indent=2))
+        return
+    table = Table("environment", "steps/s", "slowest to fastest turn", f"times {_REFERENCE}")
+    for s in speeds:
+        table.add_row(s.environment, f"{s.steps_per_second:,.0f}", f"{s.slowest:,.0f} to {s.fastest:,.0f}", f"{s.ratio:.1f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
