@@ -118,6 +118,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
 
+    @property
+    def state_number(self) -> int:
+        """State of the agent to move, as in :mod:`shuttle_marl.rally`; what policies and exact values are tables over."""
+        return self._state
+
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
         return self.observation_spaces[agent]

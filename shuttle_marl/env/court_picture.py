@@ -14,8 +14,8 @@ PX: Final = 51.0
 """Pixels per metre."""
 CENTRE: Final = (450.0, 292.0)
 """Where the middle of the net lies in the picture."""
-MAT: Final = (17, 104, 80)
-MAT_DARK: Final = (14, 92, 71)
+MAT: Final = (18, 114, 87)
+MAT_DARK: Final = (14, 93, 72)
 LINE: Final = (222, 236, 230)
 
 _LINE_WIDTH: Final = 0.05 * PX
@@ -99,7 +99,7 @@ def paint_flights(layer: Layer, flights: tuple[Flight, ...]) -> None:
             t = i / (len(points) - 1)
             if flight.stroke.outcome == FAULT and i % 4 >= 2:
                 continue
-            alpha = round(255 * strength * (0.30 + 0.70 * t))
+            alpha = round(255 * strength * (0.45 + 0.55 * t))
             layer.line(a, b, (1.6 + 3.0 * t) if newest else 2.0, colour, alpha)
         layer.circle(points[0], 3.4 if newest else 2.4, colour, round(255 * max(strength, 0.25)))
 

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("pygame")
 
-from benchmarks import aec  # noqa: E402
+from benchmarks import aec
 
 
 def test_the_benchmark_reports_all_environments(capsys):

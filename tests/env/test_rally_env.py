@@ -314,3 +314,11 @@ def test_options_are_checked(option, message):
 def test_options_are_given_by_name():
     with pytest.raises(TypeError):
         rally_v0.raw_env(0)
+
+
+def test_the_number_of_the_state_is_what_policies_are_tables_over(play):
+    env = rally_v0.env()
+    game = env.unwrapped.game
+    for *_, action in play(env, 17):
+        if action is not None:
+            assert action in game.legal_strokes(env.unwrapped.state_number)
