@@ -138,7 +138,8 @@ def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.N
     """Count a rally in each column of ``now`` and set up the next one; returns which matches are over."""
     column = np.arange(now.shape[1])
     now[_POINTS + won_by, column] += 1
-    game_won = wins_game(now[_POINTS + won_by, column], now[_POINTS + 1 - won_by, column], rules)
+    own, other = (now[_POINTS + seat, column].astype(np.int8) for seat in (won_by, 1 - won_by))
+    game_won = wins_game(own, other, rules)
     now[_GAMES + won_by, column] += game_won
     now[_POINTS:_GAMES, game_won] = 0
     now[_STATE], now[_STROKE] = ROOT, 0
@@ -168,7 +169,7 @@ class _Diary:
         self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
         self._score = np.zeros((size, 4), dtype=np.uint8)
         self._length = np.zeros(size, dtype=np.int32)
-        self._stroke_type = np.uint8 if n_strokes <= 256 else np.uint16
+        self._stroke_type: np.dtype[np.unsignedinteger] = np.dtype(np.uint8 if n_strokes <= 256 else np.uint16)
         self._steps: list[npt.NDArray[np.unsignedinteger]] = []
 
     def write_strokes(self, match: Ints, stroke: Ints) -> None:

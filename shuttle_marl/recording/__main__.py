@@ -1,0 +1,130 @@
+"""``python -m shuttle_marl.recording info | check | recover | export | show``."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import tyro
+
+from shuttle_marl import cli
+from shuttle_marl.dynamics.shipped import model_folder
+from shuttle_marl.rally import Game
+from shuttle_marl.recording.check import check as check_log
+from shuttle_marl.recording.export import export as export_log
+from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.recover import recover as recover_log
+from shuttle_marl.recording.schema import RecordingError
+from shuttle_marl.recording.text import describe, score_line
+
+File = Annotated[Path, tyro.conf.Positional]
+
+
+def info(file: File, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Say what a log holds.
+
+    Args:
+        file: the rally log.
+        json_output: print JSON.
+    """
+    with RallyLog(file) as log:
+        facts = {
+            "file": str(file),
+            "rallies": log.n_rallies,
+            "strokes": log.n_strokes,
+            "batches": len(log.rallies),
+            "bytes": log.size,
+            "bytes_per_stroke": round(log.size / max(1, log.n_strokes), 3),
+            "policies": [player.name for player in log.header.policies],
+            "pairings": len(log.header.pairings),
+            "seed": log.header.seed,
+            "game": log.header.game,
+            "software": log.header.software,
+        }
+    if json_output:
+        _say(json.dumps(facts))
+        return
+    for name, fact in facts.items():
+        _say(f"{name.replace('_', ' '):18}{', '.join(fact) if isinstance(fact, list) else fact}")
+
+
+def check(file: File, *, game: str = "default", replay: bool = True) -> None:
+    """Check checksums, numbers, scores, and by playing it again every stroke of a log; exit status 1 if anything is wrong.
+
+    Args:
+        file: the rally log.
+        game: model on whose game it was played: a shipped one or a folder.
+        replay: play the strokes again; needs that game.
+    """
+    result = check_log(file, Game.load(model_folder(game) / "game.safetensors") if replay else None)
+    if result.problems:
+        raise RecordingError(f"{file}: {'; '.join(result.problems)}")
+    how = "played again, every outcome the same" if result.replayed else "not played again"
+    _say(f"{file}: whole; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+
+
+def recover(file: File, *, out: Path | None = None) -> None:
+    """Write a whole log of everything that can be read from one that was cut off or damaged.
+
+    Args:
+        file: the log, usually FILE.part.
+        out: the new log; default FILE for FILE.part, else NAME.recovered.mcap.
+    """
+    found = recover_log(file, out)
+    lost = f", {found.lost:,} rallies in between are lost" if found.lost else ""
+    _say(f"{found.path}: {found.rallies:,} rallies, {found.strokes:,} strokes saved{lost}")
+
+
+def export(file: File, out: File, *, rows: Literal["rallies", "strokes"] = "rallies") -> None:
+    """Write a log as a table.
+
+    Args:
+        file: the rally log.
+        out: the table; the suffix .parquet, .csv or .arrow says what it becomes.
+        rows: one row a rally or one row a stroke.
+    """
+    _say(f"{out}: {export_log(file, out, rows):,} rows")
+
+
+def show(file: File, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
+    """Print a rally as text, or a match with all its rallies.
+
+    Args:
+        file: the rally log.
+        rally: number of the rally in the log.
+        pairing: number of the pairing whose match is shown.
+        match: number of the match in its pairing.
+    """
+    if (rally is None) == (match is None):
+        raise RecordingError("say what to show: either --rally NUMBER or --match NUMBER")
+    with RallyLog(file) as log:
+        if rally is not None:
+            _say(describe(log, rally))
+            return
+        numbers = log.numbers_of_match(pairing, match or 0)
+        if not len(numbers):
+            raise RecordingError(
+                f"{file}: no match {match} of pairing {pairing}; see `info` for how many pairings there are"
+            )
+        for number in numbers:
+            _say(describe(log, int(number)))
+        _say(f"games: {score_line(log, numbers)}")
+
+
+COMMANDS: Final[dict[str, cli.Command]] = {"info": info, "check": check, "recover": recover, "export": export, "show": show}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return cli.run(
+        COMMANDS, prog="python -m shuttle_marl.recording", description="Read, check and mend rally logs.", argv=argv
+    )
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
