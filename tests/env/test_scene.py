@@ -112,7 +112,8 @@ def test_text_says_who_is_next_and_the_score(play):
         "player_1 is to serve",
     ]
     env.step(0)
-    assert env.render().splitlines()[-1] in ("player_0 is to hit", "player_1 wins the rally (winner)")
+    ends = {"fault": "player_0 wins the rally (fault)", "winner": "player_1 wins the rally (winner)"}
+    assert env.render().splitlines()[-1] == ends.get(env.infos["player_0"]["reason"], "player_0 is to hit")
     for *_, _action in play(env, 5):
         pass
     lines = env.render().splitlines()
