@@ -76,8 +76,8 @@ def test_performance_benchmark_runs(module: ModuleType, capsys: pytest.CaptureFi
 @both
 def test_max_strokes_is_to_turns_what_max_cycles_is_to_parallel_steps(module: ModuleType) -> None:
     # PettingZoo's max_cycles_test needs parallel_env(max_cycles=...); a turn-based game has none. The same claims by turns:
-    # an episode that does not end by itself ends, truncated, after exactly this many strokes, in one rally half of them by each
-    # player.
+    # an episode that does not end by itself ends, truncated, after exactly this many strokes, of which each player has
+    # played half where they take turns, in a rally.
     seed = next(s for s in range(1000) if strokes_until_done(module.env(max_strokes=None), s)[0] > 8)
     strokes, truncated = strokes_until_done(module.env(max_strokes=8), seed)
     assert strokes == 8
