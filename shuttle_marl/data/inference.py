@@ -1,6 +1,7 @@
 """What the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
 
 import bisect
+import dataclasses
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,8 @@ HEIGHTS_PLAUSIBLE: Final = 0.9
 """Nor where a smaller share of the strokes of :data:`FIXED_HEIGHT` types is struck from the height of the type."""
 FIXED_HEIGHT: Final = {"drop": 1, "smash": 1, "half-smash": 1, "lift": 0, "net-shot": 0}
 """Shot types that are nearly always struck from one height: 0 below, 1 above the net."""
+FEW_ODD: Final = 0.2
+"""Letters are mended in a game where at most this share of rallies contradicts the others."""
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
 """Matches whose area labels are mirrored left-right in the lower half."""
 
@@ -62,17 +65,34 @@ def sides(raw: RawGame, first: Bools) -> tuple[Ints, Bools]:
 
     Ends swap between games and in the middle of a third game, so nothing is assumed about them. Player A stays in one half
     during a rally; every stroke votes with the positions of both players, the contact point and (unless the shuttle fell
-    short) the landing point.
+    short) the landing point. Rows of unknown shot type hold placeholders for points and have no vote.
     """
     rally = np.cumsum(first) - 1
     own = [np.sign(raw.point[name][:, 1]) for name in ("player_location", "hit")]
     other = [-np.sign(raw.point["opponent_location"][:, 1])]
     over = ~np.isin(raw.reason, (_NET, _SHORT))
     other.append(np.where(over, -np.sign(raw.point["landing"][:, 1]), np.nan))
-    vote = np.nansum(np.stack(own + other), axis=0)
+    vote = np.where(raw.shot < 0, 0.0, np.nansum(np.stack(own + other), axis=0))
     sign_a = np.sign(np.bincount(rally, weights=np.where(raw.by_a, vote, -vote)))
     side = np.where(raw.by_a, sign_a[rally], -sign_a[rally]).astype(np.int64)
     return side, vote * side < 0
+
+
+def with_letters_mended(raw: RawGame, first: Bools) -> RawGame:
+    """The rows, players exchanged in rallies whose letters A and B contradict the ends of the game.
+
+    Nobody changes ends within games 1 and 2. In two rallies of the data one player stands where the other one does in the
+    rest of the game, and the last hitter's fault wins the rally: both are mended by exchanging the letters.
+    """
+    if raw.game > 2:
+        return raw
+    side, _ = sides(raw, first)
+    side_a = np.where(raw.by_a, side, -side)[first]
+    usual = np.sign(side_a.sum())
+    odd = side_a == -usual
+    if usual == 0 or odd.sum() > FEW_ODD * len(odd):
+        return raw
+    return dataclasses.replace(raw, by_a=raw.by_a ^ odd[np.cumsum(first) - 1])
 
 
 def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:

@@ -387,3 +387,33 @@ def test_writing_and_reading_rows_is_lossless(tmp_path: Path) -> None:
     once = clean_matches(tmp_path).strokes
     write_rows(folder / "set1.csv", plain_game(4))
     assert clean_matches(tmp_path).strokes.equals(once)
+
+
+def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:
+    """Nobody changes ends within game 1: in the odd rally A and B are each other."""
+    rows = plain_game(6)
+    odd = rally(7, "A", [SERVE, LIFT, SMASH], (3, 4), reason="掛網", winner="B", a_below=True)
+    for row in odd:
+        row["player"] = "B" if row["player"] == "A" else "A"
+    result = cleaned(tmp_path, [*rows, *odd])
+    assert column(result, "player")[-3:] == ["viktor-axelsen", "chen-long", "viktor-axelsen"]
+    assert column(result, "outcome")[-3:] == [RETURNED, RETURNED, FAULT]
+
+
+def test_letters_are_left_alone_where_ends_may_change(tmp_path: Path) -> None:
+    rows = plain_game(6)
+    after = rally(7, "A", [SERVE, LIFT, SMASH], (4, 3), reason="對手落地致勝", a_below=False)
+    result = cleaned(tmp_path, plain_game(4), plain_game(4), [*rows, *after])
+    assert column(result, "player")[-3:] == ["viktor-axelsen", "chen-long", "viktor-axelsen"]
+
+
+def test_rows_of_unknown_type_have_no_vote_on_the_side(tmp_path: Path) -> None:
+    """Their points are placeholders: here both players stand on the wrong side."""
+    rows = rally(1, "A", [SERVE, LIFT], (1, 0), reason="出界", winner="A")
+    wrong = rally(1, "A", [SERVE, LIFT], (1, 0), reason="出界", winner="A", a_below=False)
+    rows[0] = wrong[0] | {"type": "未知球種"}
+    rows[1]["hit_x"], rows[1]["hit_y"] = wrong[1]["hit_x"], wrong[1]["hit_y"]
+    result = cleaned(tmp_path, [*rows, *rally(2, "A", [SERVE, LIFT, SMASH], (2, 0), reason="對手落地致勝")])
+    assert result.account.dropped == {"unknown shot type": 1}
+    assert column(result, "landing_y")[0] == pytest.approx(LIFT.y, abs=1e-3)
+    assert column(result, "contact_y")[0] is None
