@@ -144,6 +144,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         counts[name] = int((keep & test).sum())
         keep &= ~test
     rows = np.flatnonzero(keep)
+    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # of a rally: that of its last row
     n = len(first)
     players = pa.array(raw.match.players)
     texts = {
@@ -167,8 +168,8 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "frame": raw.frame,
         "outcome": outcome,
         "reason": reason,
-        "points": np.where(raw.by_a, raw.score[:, 0], raw.score[:, 1]),
-        "points_opponent": np.where(raw.by_a, raw.score[:, 1], raw.score[:, 0]),
+        "points": np.where(raw.by_a, score[:, 0], score[:, 1]),
+        "points_opponent": np.where(raw.by_a, score[:, 1], score[:, 0]),
         "label_area": label,
     }
     untimed = ~timed(raw, first)

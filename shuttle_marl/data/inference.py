@@ -1,6 +1,5 @@
 """What the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
 
-import bisect
 import dataclasses
 from typing import Final
 
@@ -129,28 +128,28 @@ def heights_unreliable(raw: RawGame, first: Bools) -> bool:
 
 
 def timed(raw: RawGame, first: Bools) -> Bools:
-    """``[n]`` rows whose frame is given and fits: the longest run of rows of a rally whose frames increase."""
+    """``[n]`` rows whose time is given and fits: the longest chain of a rally whose frames rise and clocks never fall."""
     fits = np.zeros(len(first), dtype=bool)
     given = (raw.frame >= 0) & (raw.clock >= 0)
     for rally in np.split(np.arange(len(first)), np.flatnonzero(first)[1:]):
         rows = rally[given[rally]]
-        frames = raw.frame[rows]
-        fits[rows if (np.diff(frames) > 0).all() else rows[_longest_increasing(frames)]] = True
+        frame, clock = raw.frame[rows], raw.clock[rows]
+        in_order = (np.diff(frame) > 0).all() and (np.diff(clock) >= 0).all()
+        fits[rows if in_order else rows[_longest_chain(frame, clock)]] = True
     return fits
 
 
-def _longest_increasing(values: Ints) -> list[int]:
-    """Indices of the longest strictly increasing subsequence (Schensted, Canad. J. Math. 1961)."""
-    tails: list[int] = []
-    ends: list[int] = []
+def _longest_chain(frame: Ints, clock: Ints) -> list[int]:
+    """Indices of a longest subsequence in which frames rise and clocks never fall; quadratic in its few dozen values."""
+    length: list[int] = []
     before: list[int] = []
-    for i, value in enumerate(values.tolist()):
-        length = bisect.bisect_left(tails, value)
-        before.append(ends[length - 1] if length else -1)
-        tails[length : length + 1] = [value]
-        ends[length : length + 1] = [i]
+    for i in range(len(frame)):
+        earlier = [j for j in range(i) if frame[j] < frame[i] and clock[j] <= clock[i]]
+        best = max(earlier, key=lambda j: length[j], default=-1)
+        before.append(best)
+        length.append(1 + (length[best] if best >= 0 else 0))
     chain = []
-    i = ends[-1] if ends else -1
+    i = int(np.argmax(length)) if length else -1
     while i >= 0:
         chain.append(i)
         i = before[i]

@@ -1,0 +1,116 @@
+"""Draws the simulated sample: matches between policies of the package, as a stroke table in the strict schema.
+
+    python datasets/make_sample.py
+
+writes ``datasets/sample/strokes.parquet`` and ``datasets/sample/CARD.md`` beside it. No annotated data is needed: the game
+and the policies come with the package. The same flags give the same bytes.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from shuttle_marl import __version__, cli
+from shuttle_marl.data.account import Account
+from shuttle_marl.data.schema import FAULT, WINNER
+from shuttle_marl.data.simulate import account_of, simulate
+from shuttle_marl.data.table import write_parquet
+from shuttle_marl.dynamics.shipped import default_game
+from shuttle_marl.files import replace_file
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.stroke import SHOTS
+
+PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
+_SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
+
+_CARD = """# Simulated sample
+
+{strokes:,} strokes of {rallies:,} rallies in {games} games ({matches} matches, best of three games to 21). **Nobody played
+them**: the shipped game and the shipped policies did. The names of players stand for policies that imitate them; nothing
+here is a record of what they did.
+
+| | |
+| --- | --- |
+| file | `strokes.parquet` ({size:,} bytes), schema of [the datasheet](../../docs/datasheet.md), `source` is `simulated` |
+| made by | `python datasets/make_sample.py --matches {matches} --seed {seed}`, shuttle_marl {version} |
+| policies | {policies} |
+| game | `{game}` |
+| licence | MIT, as the package |
+| split | none: it is for trying things out, and for tests; fit nothing on it |
+
+| | |
+| --- | --- |
+| strokes a rally | {length:.1f} |
+| faults | {faults:.1%} of strokes |
+| winners | {winners:.1%} of strokes |
+| most played | {shots} |
+
+What is simulated: shot, target, contact height, technique, outcome and score come from the tables of the game and the
+policies. What is only dressed up: landing points (drawn inside the target area; of faults just over the line next to it, or
+on the striker's side of the net), positions of the players and times (median flight times of the annotated matches). The
+contact point of a reply is the landing of the stroke before. There are no annotators, so `label_area` is null.
+
+```
+python -m shuttle_marl.data summary datasets/sample/strokes.parquet
+python -m shuttle_marl.data validate datasets/sample/strokes.parquet
+```
+"""
+
+
+def player_of(policy: str) -> str:
+    """Name of a player in the table: ``bc:viktor-axelsen`` plays as ``viktor-axelsen``, ``bc`` as itself."""
+    return policy.partition("@")[0].rpartition(":")[2]
+
+
+def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: int = 0, out: Path = _SAMPLE) -> None:
+    """Play matches between policies and write every stroke down.
+
+    Args:
+        players: Names of policies, at least two; those named after players meet players of their discipline.
+        matches: Number of matches, best of three games to 21.
+        seed: Of all draws.
+        out: The Parquet file; CARD.md is written beside it.
+    """
+    game = default_game()
+    chances = {player_of(name): tabulate(resolve(name, game), game, name).pair_probabilities() for name in players}
+    strokes = simulate(game, chances, matches=matches, seed=seed)
+    account = account_of(strokes)
+    provenance = {
+        "simulated_by": f"shuttle_marl {__version__}",
+        "policies": list(players),
+        "game": game.hash,
+        "seed": seed,
+        "licence": "MIT",
+    }
+    write_parquet(strokes, out, account=account, provenance=provenance)
+    text = card(strokes, account, policies=players, seed=seed, game=game.hash, size=out.stat().st_size)
+    replace_file(out.with_name("CARD.md"), text.encode())
+    sys.stdout.write(f"{out}: {strokes.num_rows} strokes, {out.stat().st_size} bytes\n")
+
+
+def card(strokes: pa.Table, account: Account, *, policies: Sequence[str], seed: int, game: str, size: int) -> str:
+    """The card of a sample, in Markdown."""
+    counts = sorted(pc.value_counts(strokes["shot"]).to_pylist(), key=lambda item: -item["counts"])
+    return _CARD.format(
+        strokes=strokes.num_rows,
+        rallies=account.rallies,
+        games=strokes.group_by(["match", "game"]).aggregate([]).num_rows,
+        matches=account.matches,
+        size=size,
+        seed=seed,
+        version=__version__,
+        policies=", ".join(f"`{name}`" for name in policies),
+        game=game,
+        length=strokes.num_rows / account.rallies,
+        faults=pc.mean(pc.equal(strokes["outcome"], FAULT)).as_py(),
+        winners=pc.mean(pc.equal(strokes["outcome"], WINNER)).as_py(),
+        shots=", ".join(f"{SHOTS[c['values']]} {c['counts'] / strokes.num_rows:.0%}" for c in counts[:5]),
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(make_sample, prog="datasets/make_sample.py", description=__doc__ or ""))
