@@ -1,7 +1,7 @@
 """Thousands of matches in lock-step: each is at a rally and a stroke of its own, and all strike at once.
 
-The draws of a rally are named by the key of its match and its number, so which matches share a batch never shows in the
-results. No slot is refilled: after t steps every match that still runs has seen exactly t strokes.
+The draws of a rally are named by the key of its match, its number and the seat that serves, so which matches share a batch
+never shows in the results. No slot is refilled: after t steps every match that still runs has seen exactly t strokes.
 """
 
 import dataclasses
@@ -96,14 +96,15 @@ def play(
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
-    rally_key = draws.extend(keys[:, None], np.arange(diary.longest + 1)).ravel()
-    key_row = key_row * (diary.longest + 1)
+    names = 2 * (diary.longest + 1)
+    rally_key = draws.extend(keys[:, None], np.arange(names)).ravel()  # by 2 * rally + server
+    key_row = key_row * names
 
     slots = np.zeros((_ROWS, len(matches)), dtype=np.int32)
     slots[_MATCH] = np.arange(len(matches))
     slots[_STATE] = ROOT
     slots[_STRIKER] = slots[_SERVER] = matches.first_server
-    key = rally_key[key_row]
+    key = rally_key[key_row + slots[_SERVER]]
     unreported = 0
     while alive := slots.shape[1]:
         match, state, striker, stroke = slots[: _STROKE + 1]
@@ -120,7 +121,7 @@ def play(
             diary.write_rallies(now, won_by, outcome[ended])
             over = _count_rally(now, won_by, rules)
             slots[:, ended] = now
-            key[ended] = rally_key[key_row[now[_MATCH]] + now[_RALLY]]
+            key[ended] = rally_key[key_row[now[_MATCH]] + 2 * now[_RALLY] + now[_SERVER]]
         goes_on = following >= 0
         np.copyto(state, following, where=goes_on)
         striker ^= goes_on

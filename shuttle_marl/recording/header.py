@@ -6,10 +6,9 @@ import json
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl import __version__, draws
-from shuttle_marl.recording.schema import VERSION, DamagedLogError, RecordingError
+from shuttle_marl.recording.schema import VERSION, DamagedLogError, Rallies, RecordingError
 from shuttle_marl.scoring import BWF, Rules
 
 METADATA: Final = "shuttle_marl.rally_log"
@@ -39,7 +38,8 @@ class LogHeader:
         strokes: names of the catalogue, by number.
         policies: who played, by number.
         pairings: key of each pairing, by number, from 0 up to 2^64; names its draws.
-        matches_per_draw: this many matches of a pairing, one after the other, share their draws.
+        matches_per_draw: this many matches of a pairing, one after the other, share the draws of rallies that have the same
+            number and the same seat serving.
         rules: when games and matches were won.
         software: what wrote the log.
     """
@@ -53,12 +53,11 @@ class LogHeader:
     rules: Rules = BWF
     software: str = f"shuttle_marl {__version__}"
 
-    def rally_key(
-        self, pairing: npt.NDArray[np.integer], match: npt.NDArray[np.integer], rally: npt.NDArray[np.integer]
-    ) -> draws.UInt64s:
+    def rally_key(self, rallies: Rallies) -> draws.UInt64s:
         """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.draws`; the counter is the stroke, from 0."""
-        keys = np.array(self.pairings, dtype=np.uint64)[pairing]
-        return draws.stream(self.seed, keys, match // self.matches_per_draw, rally)
+        keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
+        match, rally = rallies.match.astype(np.int64), rallies.rally.astype(np.int64)
+        return draws.stream(self.seed, keys, match // self.matches_per_draw, 2 * rally + rallies.server)
 
     def to_metadata(self) -> dict[str, str]:
         """The MCAP metadata record: the header as canonical JSON, its SHA-256 and the version of the schema."""

@@ -86,7 +86,7 @@ def _wrong_strokes(
     state, k = states(game, rallies)
     wrong = state < 0
     legal = np.flatnonzero(~wrong)
-    key = log.header.rally_key(rallies.pairing, rallies.match, rallies.rally)
+    key = log.header.rally_key(rallies)
     bits = draws.draw(key[row[legal]], position[legal])
     outcome, _ = strike(game, state[legal], k[legal], draws.outcome_draw(bits))
     wrong[legal] = outcome != outcomes(rallies, log.catalogue)[legal]

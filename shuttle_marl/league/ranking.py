@@ -1,0 +1,111 @@
+"""The ranked table of a tournament."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from scipy.stats import binomtest
+
+from shuttle_marl.league.ratings import ELO, bootstrap, bradley_terry
+from shuttle_marl.league.results import COUNTS, PairResult
+
+_TAILS: Final = (2.5, 97.5)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Standing:
+    """One entrant's place. Pairings that were forfeited count nowhere, for neither side.
+
+    Attributes:
+        rank: from 1; entrants that forfeited stand behind all others.
+        player: name.
+        rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
+        rating_low: lower end of its 95 % interval.
+        rating_high: upper end.
+        matches: matches played.
+        wins: of those won.
+        share: share of matches won; NaN without matches.
+        share_low: lower end of its 95 % Wilson interval.
+        share_high: upper end.
+        rally_share: share of rallies won.
+        serving: share of rallies won when serving.
+        receiving: share of rallies won when receiving.
+        forfeits: pairings that this entrant forfeited.
+    """
+
+    rank: int
+    player: str
+    rating: float
+    rating_low: float
+    rating_high: float
+    matches: int
+    wins: int
+    share: float
+    share_low: float
+    share_high: float
+    rally_share: float
+    serving: float
+    receiving: float
+    forfeits: int
+
+
+def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[Standing]:
+    """Rank the entrants by rating, best first."""
+    played = [result for result in results if not result.forfeit]
+    pairs = np.array([[pool.index(name) for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
+    wins = np.zeros((len(pool), len(pool)))
+    for (a, b), result in zip(pairs, played, strict=True):
+        wins[a, b], wins[b, a] = (result.seen_by(name)["wins"] for name in result.names)
+    cells = np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3)
+    rating = ELO * bradley_terry(wins)
+    low, high = np.percentile(ELO * bootstrap(cells, pairs, len(pool), seed), _TAILS, axis=0)
+    standings = [
+        _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
+        for i, name in enumerate(pool)
+    ]
+    order = sorted(
+        range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i)
+    )
+    return [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
+
+
+def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tuple[float, float, float]) -> Standing:
+    own = [result.seen_by(name) for result in played if name in result.names]
+    count = {c: sum(counts[c] for counts in own) for c in COUNTS}
+    matches, wins = count["matches"], count["wins"]
+    interval = binomtest(wins, matches).proportion_ci(method="wilson") if matches else None
+    nothing = float("nan")
+    shown = [float(x) for x in rating] if matches else [nothing] * 3
+    return Standing(
+        rank=0,
+        player=name,
+        rating=shown[0],
+        rating_low=shown[1],
+        rating_high=shown[2],
+        matches=matches,
+        wins=wins,
+        share=_ratio(wins, matches),
+        share_low=float(interval.low) if interval else nothing,
+        share_high=float(interval.high) if interval else nothing,
+        rally_share=_ratio(count["points_won"], count["rallies"]),
+        serving=_ratio(count["served_won"], count["served"]),
+        receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),
+        forfeits=forfeits,
+    )
+
+
+def ranking_table(standings: Sequence[Standing]) -> pa.Table:
+    """The standings as a table with their fields as columns; null for what an entrant without matches has not."""
+    rows = [
+        {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in row.items()}
+        for row in map(dataclasses.asdict, standings)
+    ]
+    kinds: dict[object, pa.DataType] = {int: pa.int64(), str: pa.string(), float: pa.float64()}
+    return pa.Table.from_pylist(rows, schema=pa.schema([(f.name, kinds[f.type]) for f in dataclasses.fields(Standing)]))
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")

@@ -1,0 +1,158 @@
+"""What a pairing came to, and the results table."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shuttle_marl.league.schedule import Pairing
+from shuttle_marl.recording import Rallies
+
+COUNTS = (
+    "matches",
+    "wins",
+    "games_won",
+    "games_lost",
+    "points_won",
+    "points_lost",
+    "served",
+    "served_won",
+    "rallies",
+    "strokes",
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairResult:
+    """The matches of one pairing, seen by its first entrant.
+
+    Attributes:
+        pairing: number of the pairing.
+        names: the entrants.
+        seats: at seat 0 and at seat 1, each :data:`COUNTS` as numbers: matches, wins, games and points of the first entrant
+            and of the second, rallies that the first one served and won of those, rallies and strokes in all.
+        cells: in how many cells the first entrant won neither match, one, and both.
+        forfeit: who failed, so that the pairing was not played or thrown away; empty if nobody did.
+        reason: why, in words.
+    """
+
+    pairing: int
+    names: tuple[str, str]
+    seats: tuple[dict[str, int], dict[str, int]]
+    cells: tuple[int, int, int] = (0, 0, 0)
+    forfeit: tuple[str, ...] = ()
+    reason: str = ""
+
+    def seen_by(self, name: str) -> dict[str, int]:
+        """:data:`COUNTS` over both seats, as this entrant of the two has them."""
+        first = {count: self.seats[0][count] + self.seats[1][count] for count in COUNTS}
+        if name == self.names[0]:
+            return first
+        return {
+            **first,
+            "wins": first["matches"] - first["wins"],
+            "games_won": first["games_lost"],
+            "games_lost": first["games_won"],
+            "points_won": first["points_lost"],
+            "points_lost": first["points_won"],
+            "served": first["rallies"] - first["served"],
+            "served_won": first["points_lost"] - (first["served"] - first["served_won"]),
+        }
+
+    def __add__(self, more: "PairResult") -> "PairResult":
+        """This and further matches of the same pairing."""
+        seat_0, seat_1 = ({n: a[n] + b[n] for n in COUNTS} for a, b in zip(self.seats, more.seats, strict=True))
+        lost, split, won = (a + b for a, b in zip(self.cells, more.cells, strict=True))
+        return dataclasses.replace(self, seats=(seat_0, seat_1), cells=(lost, split, won))
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any]) -> "PairResult":
+        """Read what ``dataclasses.asdict`` gave."""
+        lists = {name: tuple(fields[name]) for name in ("names", "seats", "cells", "forfeit")}
+        return cls(**{**fields, **lists})
+
+
+def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:
+    """The result of a pairing that an entrant forfeited."""
+    nothing = dict.fromkeys(COUNTS, 0)
+    return PairResult(
+        pairing=pairing.number,
+        names=pairing.names,
+        seats=(nothing, dict(nothing)),
+        forfeit=tuple(by),
+        reason=reason,
+    )
+
+
+def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
+    """Count the rallies of some matches of a pairing; the winner of a match is who won its last rally.
+
+    Args:
+        pairing: the pairing.
+        rallies: whole cells of it in order; as they were played, or as they were read back from the rally log.
+        first_policy: number of the first entrant in ``rallies.policy``.
+    """
+    seat = (rallies.policy[:, 1] == first_policy).astype(np.int64)
+    won = rallies.winner == seat
+    last_of_match = np.r_[rallies.match[1:] != rallies.match[:-1], True]
+    row = np.arange(len(rallies))
+    # A game ends where the next rally is at love all, and with the match.
+    last_of_game = last_of_match | np.r_[(rallies.score[1:, :2] == 0).all(axis=1), True]
+
+    def count(where: npt.NDArray[np.bool_]) -> list[int]:
+        return [int(n) for n in np.bincount(seat[where], minlength=2)]
+
+    everything = np.ones(len(row), dtype=bool)
+    strokes = np.bincount(seat, weights=rallies.length, minlength=2)
+    counts = {
+        "matches": count(last_of_match),
+        "wins": count(last_of_match & won),
+        "games_won": count(last_of_game & won),
+        "games_lost": count(last_of_game & ~won),
+        "points_won": count(won),
+        "points_lost": count(~won),
+        "served": count(rallies.server == seat),
+        "served_won": count((rallies.server == seat) & won),
+        "rallies": count(everything),
+        "strokes": [int(n) for n in strokes],
+    }
+    match_won = won[last_of_match].astype(np.int64)
+    per_cell = np.bincount((rallies.match[last_of_match] - rallies.match[0]) >> 1, weights=match_won)
+    cells = np.bincount(per_cell.astype(np.int64), minlength=3)
+    seats = tuple({name: counts[name][s] for name in COUNTS} for s in (0, 1))
+    return PairResult(
+        pairing=pairing.number,
+        names=pairing.names,
+        seats=(seats[0], seats[1]),
+        cells=(int(cells[0]), int(cells[1]), int(cells[2])),
+    )
+
+
+def results_table(results: Sequence[PairResult]) -> pa.Table:
+    """Two rows a pairing, the first entrant at seat 0 and at seat 1.
+
+    Returns:
+        Columns ``pairing``, ``player``, ``opponent``, ``seat``, those of :data:`COUNTS`, ``mean_rally_length`` (null
+        without rallies), ``cells_lost``, ``cells_split``, ``cells_won`` (of the whole pairing), ``forfeit``, ``reason``.
+    """
+    rows = [
+        {
+            "pairing": result.pairing,
+            "player": result.names[0],
+            "opponent": result.names[1],
+            "seat": seat,
+            **counts,
+            "mean_rally_length": counts["strokes"] / counts["rallies"] if counts["rallies"] else None,
+            **dict(zip(("cells_lost", "cells_split", "cells_won"), result.cells, strict=True)),
+            "forfeit": " and ".join(result.forfeit),
+            "reason": result.reason,
+        }
+        for result in results
+        for seat, counts in enumerate(result.seats)
+    ]
+    text, number = pa.string(), pa.int64()
+    kinds = {"player": text, "opponent": text, "forfeit": text, "reason": text, "mean_rally_length": pa.float64()}
+    return pa.Table.from_pylist(rows, schema=pa.schema([(name, kinds.get(name, number)) for name in rows[0]]))

@@ -1,0 +1,87 @@
+"""Plays the pairings of a tournament, a group at a time, and hands over what each came to."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
+from shuttle_marl.league.lockstep import play
+from shuttle_marl.league.results import PairResult, forfeited, tally
+from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
+from shuttle_marl.rally import Game
+from shuttle_marl.recording import Rallies
+
+Block = tuple[PairResult, list[Rallies]]
+"""A finished pairing and all its rallies, in order."""
+
+
+class Tournament:
+    """A tournament that is being played.
+
+    Args:
+        game: the tables.
+        entrants: who plays.
+        matches: matches of every pairing.
+        seed: names all draws.
+        batch: matches in lock-step.
+        keep_strokes: whether the rallies come with their strokes.
+    """
+
+    def __init__(
+        self, game: Game, entrants: Sequence[Entrant], *, matches: int, seed: int, batch: int, keep_strokes: bool
+    ) -> None:
+        self._game, self._entrants = game, entrants
+        self._strikers = Strikers(game, entrants)
+        self._matches, self._seed, self._batch, self._keep_strokes = matches, seed, max(2, batch - batch % 2), keep_strokes
+
+    def play(self, pairings: Sequence[Pairing], progress: Callable[[int], None] | None = None) -> Iterator[list[Block]]:
+        """Play pairings in order; those that come together were played in the same batch.
+
+        Args:
+            pairings: what is left to play.
+            progress: called now and then with the number of strokes since the last call.
+        """
+        # A policy that fails while it plays takes down its batch, so it shares one with nobody else's matches.
+        alone = {p.number for p in pairings if any(self._entrants[i].table is None for i in p.entrants)}
+        for group in groups(pairings, self._matches, self._batch, alone):
+            failed = [self._entrants[i] for i in group[0].entrants if self._entrants[i].failure]
+            if failed:
+                yield [(forfeited(group[0], [e.name for e in failed], "; ".join(e.failure for e in failed)), [])]
+                continue
+            try:
+                yield self._play_group(group, progress)
+            except ForfeitError as error:
+                yield [(forfeited(group[0], [error.name], error.reason), [])]
+
+    def _play_group(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
+        found: dict[Pairing, Block] = {}
+        # Several pairings fit into one batch together; a single one may take several batches.
+        for first in range(0, self._matches, self._batch):
+            last = min(first + self._batch, self._matches)
+            rallies = self._rallies(group, first, last, progress)
+            bounds = np.searchsorted(rallies.pairing, [p.number for p in group] + [group[-1].number + 1])
+            for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
+                part = rallies.part(int(begin), int(end))
+                result = tally(pairing, part, pairing.entrants[0])
+                before = found.get(pairing)
+                found[pairing] = (before[0] + result, [*before[1], part]) if before else (result, [part])
+        return list(found.values())
+
+    def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Callable[[int], None] | None) -> Rallies:
+        """Matches ``first`` up to ``last`` of every pairing of a group."""
+        matches = join([matches_of(pairing, self._seed, first, last) for pairing in group])
+        played = play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+        number = np.array([pairing.number for pairing in group], dtype=np.uint32)
+        in_group, match = np.divmod(played.match, last - first)
+        return Rallies(
+            pairing=number[in_group],
+            match=(first + match).astype(np.uint32),
+            rally=played.rally.astype(np.uint16),
+            policy=matches.entrant[played.match].astype(np.uint16),
+            server=played.server,
+            winner=played.winner,
+            reason=played.reason,
+            score=played.score,
+            length=played.length,
+            stroke=played.stroke,
+        )
