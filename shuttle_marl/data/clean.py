@@ -6,7 +6,7 @@ tells more):
 * Eight matches stand in both data sets; the second copy is not read.
 * Ends swap between games and in mid game 3: the side is inferred for every rally from all coordinates. In two rallies of
   games 2 the letters A and B are exchanged: the ends tell, and the outcome makes sense once they are put right.
-* Area labels of ShuttleSet's matches 9 to 20 are mirrored for strokes that land in the lower half (40 % agree with the
+* Area labels of ShuttleSet's matches 9 to 20 are mirrored for strokes that land in the lower half (39 % agree with the
   coordinates there, 98.7 % once flipped): areas are computed from the coordinates; the corrected label is kept beside them
   only for comparison. In game 1 of ShuttleSet's match 3 only 86 % agree: 91 % of the others are labels mirrored by slips of
   the annotators, the coordinates are sound.

@@ -128,9 +128,12 @@ def heights_unreliable(raw: RawGame, first: Bools) -> bool:
 
 
 def timed(raw: RawGame, first: Bools) -> Bools:
-    """``[n]`` rows whose time is given and fits: the longest chain of a rally whose frames rise and clocks never fall."""
+    """``[n]`` rows whose time is given and fits: the longest chain of a rally whose frames rise and clocks never fall.
+
+    Rows of unknown shot type, which are not kept, hold placeholders for times too.
+    """
     fits = np.zeros(len(first), dtype=bool)
-    given = (raw.frame >= 0) & (raw.clock >= 0)
+    given = (raw.frame >= 0) & (raw.clock >= 0) & (raw.shot >= 0)
     for rally in np.split(np.arange(len(first)), np.flatnonzero(first)[1:]):
         rows = rally[given[rally]]
         frame, clock = raw.frame[rows], raw.clock[rows]

@@ -53,7 +53,7 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("points", pa.int8(), True, "Points of the striker in this game AFTER the rally."),
     ("points_opponent", pa.int8(), True, "Points of the receiver in this game AFTER the rally."),
     ("label_area", pa.int8(), True, "The annotators' area label of the landing, corrected for the mirrored matches; "
-     "same index as area, null where they put it outside the court."),
+     "same index as area, null where they put it outside the court, and in simulated tables."),
 )  # fmt: skip
 
 STROKES: Final = pa.schema(

@@ -2,11 +2,14 @@
 
 import hashlib
 import os
+import runpy
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
-from shuttle_marl.data import clean_matches, split_of
+from shuttle_marl.data import clean_matches, matches_of, split_of
+from shuttle_marl.data.account import DROP_REASONS
 from shuttle_marl.data.clean import Cleaned
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.shuttleset import list_matches
@@ -51,3 +54,21 @@ def test_validation_is_the_documented_draw() -> None:
         drawn[stratum] = sum(split_of(name) == "validation" for name in names)
         assert all(split_of(name) == "validation" for name in names[: drawn[stratum]])
     assert drawn == {("ShuttleSet", "MS"): 6, ("ShuttleSet", "WS"): 2, ("ShuttleSet22", "MS"): 3, ("ShuttleSet22", "WS"): 3}
+
+
+def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:
+    path = Path(__file__).parents[2]
+    lines = (path / "docs" / "datasheet.md").read_text(encoding="utf-8").splitlines()
+    measure = runpy.run_path(str(path / "datasets" / "measure_traps.py"))["measure"]
+    for what, count, total in measure(Path(str(ROOT))):
+        assert f"| {what} | {count:,} | {total:,} | {count / max(total, 1):.2%} |" in lines
+    for reason, text in DROP_REASONS.items():
+        assert f"| {reason} | {public.account.dropped.get(reason, 0):,} | {text} |" in lines
+    text = " ".join(lines)
+    assert f"of which {public.account.strokes_kept:,} strokes of {public.account.rallies_kept:,} rallies are kept" in text
+    assert f"label inside the court {public.account.area_agreement:.1%} have" in text
+    for split in ("train", "validation"):
+        rows = public.strokes.filter(pa.array([split_of(name) == split for name in public.strokes["match"].to_pylist()]))
+        rallies = rows.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+        kept = len(rows["match"].unique())
+        assert f"| {split} | {len(matches_of(split))} | {kept} | {rallies:,} | {rows.num_rows:,} |" in lines
