@@ -31,8 +31,7 @@ help:
 	@echo 'make clean    remove .venv and caches'
 
 demo: $(RUN_STAMP)
-	@rm -rf runs/demo
-	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo
+	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo --overwrite
 
 test: $(TEST_STAMP)
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)

@@ -8,6 +8,8 @@ that fills the bytecode caches.
 
 import dataclasses
 import json
+import os
+import platform
 import resource
 import subprocess
 import sys
@@ -63,7 +65,8 @@ def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")
     """
     timings = measure(repeat)
     if as_json:
-        print(json.dumps([dataclasses.asdict(t) for t in timings], indent=2))
+        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
+        print(json.dumps({**machine, "commands": [dataclasses.asdict(t) for t in timings]}, indent=2))
         return
     table = Table("command", "CPU s")
     for timing in timings:

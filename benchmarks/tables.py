@@ -1,0 +1,143 @@
+"""Writes the tables of the documentation from results, so that nobody types a number by hand.
+
+    python -m benchmarks.tables [--run FOLDER] [--check]
+
+A table stands between ``<!-- begin: NAME -->`` and ``<!-- end: NAME -->``. The ranking comes from a run folder of the
+league; without ``--run`` the default tournament is played, which is the same on every machine. Speeds come from
+``benchmarks/results/``, where the benchmarks' own ``--json`` output was saved. ``--check`` changes nothing and fails if a
+table is not what the results say.
+"""
+
+import difflib
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow.csv
+from rich.console import Console
+
+from shuttle_marl import cli
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.ranking import Standing
+from shuttle_marl.league.report import HEADINGS, cells
+from shuttle_marl.league.run import run_league
+
+ROOT: Final = Path(__file__).parents[1]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+
+
+class TableError(ShuttleError):
+    """A table that cannot be written, or that is not what the results say."""
+
+
+def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str]) -> str:
+    """A table in Markdown; columns are right-aligned but for those headed by a name in ``left``."""
+    rule = ["---" if heading in left else "--:" for heading in headings]
+    return "\n".join("| " + " | ".join(line) + " |" for line in [headings, rule, *rows])
+
+
+def ranking(folder: Path) -> str:
+    """The ranked table of a finished run, and what was played.
+
+    Raises:
+        TableError: the folder holds no finished run.
+    """
+    try:
+        config, manifest = (
+            json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in ("config", "manifest")
+        )
+        rows: list[dict[str, Any]] = pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist()
+    except (OSError, ValueError) as error:
+        raise TableError(f"{folder}: no finished run of the league ({error})") from error
+    nothing = float("nan")
+    standings = [Standing(**{name: nothing if value is None else value for name, value in row.items()}) for row in rows]
+    played = (
+        f"{len(standings)} players, {config['matches']:,} matches a pair, seed {config['seed']}, "
+        f"game `{manifest['game']['hash'][:12]}`."
+    )
+    return f"{markdown(HEADINGS, [cells(s) for s in standings], left=('player',))}\n\n{played}"
+
+
+def aec() -> str:
+    """Speed of PettingZoo's loop, from ``benchmarks/results/aec.json``."""
+    result = _result("aec")
+    rows = [
+        (
+            f"`{e['environment']}`",
+            f"{e['steps_per_second']:,.0f}",
+            f"{e['slowest']:,.0f} to {e['fastest']:,.0f}",
+            f"{e['ratio']:.1f}",
+        )
+        for e in result["environments"]
+    ]
+    headings = ("environment", "steps/s", "slowest to fastest turn", "times `connect_four_v3`")
+    return f"{markdown(headings, rows, left=('environment',))}\n\n{_machine(result)}"
+
+
+def startup() -> str:
+    """CPU time of commands that do nothing yet, from ``benchmarks/results/startup.json``."""
+    result = _result("startup")
+    rows = [(f"`{c['command']}`", f"{c['cpu_s']:.2f}") for c in result["commands"]]
+    return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{_machine(result)}"
+
+
+def _result(name: str) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    return result
+
+
+def _machine(result: dict[str, Any]) -> str:
+    return f"Python {result['python']}, {result['machine']}, {result['cores']} cores."
+
+
+def replaced(text: str, name: str, table: str) -> str:
+    """A page with one of its tables written anew.
+
+    Raises:
+        TableError: the page has no such place, or more than one.
+    """
+    begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise TableError(f"expected one {begin} with {end} behind it")
+    return f"{text[: text.index(begin)]}{begin}\n{table}\n{text[text.index(end) :]}"
+
+
+def main(*, run: Path | None = None, check: bool = False) -> None:
+    """Write all tables, or check them.
+
+    Args:
+        run: Folder of the finished run whose ranking is shown; by default the default tournament is played now.
+        check: Change nothing; fail if a table differs.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = run or run_league(LeagueConfig(out=Path(temporary) / "run", record="none"), Console(stderr=True)).folder
+        tables: dict[tuple[str, str], Callable[[], str]] = {
+            ("README.md", "ranking"): lambda: ranking(folder),
+            ("benchmarks/README.md", "aec"): aec,
+            ("benchmarks/README.md", "startup"): startup,
+        }
+        for (name, block), render in tables.items():
+            page = ROOT / name
+            before = page.read_text(encoding="utf-8")
+            after = replaced(before, block, render())
+            if check and after != before:
+                changes = "\n".join(
+                    difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm="")
+                )
+                raise TableError(
+                    f"{name}: the table {block!r} is not what the results say; run this without --check\n{changes}"
+                )
+            if not check:
+                replace_file(page, after.encode())
+    Console().print(f"{len(tables)} tables {'checked' if check else 'written'}")
+
+
+if __name__ == "__main__":
+    sys.exit(
+        cli.run(main, prog="python -m benchmarks.tables", description="Write or check the tables of the documentation.")
+    )
