@@ -7,8 +7,9 @@ and the policies come with the package. The same flags give the same bytes.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -24,20 +25,19 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import tabulate
 from shuttle_marl.stroke import SHOTS
 
-PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
+PLAYERS = ("attacking", "defensive", "safe", "random")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
 
 _CARD = """# Simulated sample
 
 {strokes:,} strokes of {rallies:,} rallies in {games} games ({matches} matches, best of three games to 21). **Nobody played
-them**: the shipped game and the shipped policies did. The names of players stand for policies that imitate them; nothing
-here is a record of what they did.
+them**: shipped policies did, on the shipped game. Where a name is that of a player it stands for a policy that imitates
+them; nothing here is a record of what they did.
 
 | | |
 | --- | --- |
 | file | `strokes.parquet` ({size:,} bytes), schema of [the datasheet](../../docs/datasheet.md), `source` is `simulated` |
-| made by | `python datasets/make_sample.py --matches {matches} --seed {seed}`, shuttle_marl {version} |
-| policies | {policies} |
+| made by | `python datasets/make_sample.py --players {players} --matches {matches} --seed {seed}`, {made_by} |
 | game | `{game}` |
 | licence | MIT, as the package |
 | split | none: it is for trying things out, and for tests; fit nothing on it |
@@ -87,12 +87,12 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
         "licence": "MIT",
     }
     write_parquet(strokes, out, account=account, provenance=provenance)
-    text = card(strokes, account, policies=players, seed=seed, game=game.hash, size=out.stat().st_size)
+    text = card(strokes, account, provenance, size=out.stat().st_size)
     replace_file(out.with_name("CARD.md"), text.encode())
     sys.stdout.write(f"{out}: {strokes.num_rows} strokes, {out.stat().st_size} bytes\n")
 
 
-def card(strokes: pa.Table, account: Account, *, policies: Sequence[str], seed: int, game: str, size: int) -> str:
+def card(strokes: pa.Table, account: Account, provenance: Mapping[str, Any], *, size: int) -> str:
     """The card of a sample, in Markdown."""
     counts = sorted(pc.value_counts(strokes["shot"]).to_pylist(), key=lambda item: -item["counts"])
     return _CARD.format(
@@ -101,10 +101,10 @@ def card(strokes: pa.Table, account: Account, *, policies: Sequence[str], seed: 
         games=strokes.group_by(["match", "game"]).aggregate([]).num_rows,
         matches=account.matches,
         size=size,
-        seed=seed,
-        version=__version__,
-        policies=", ".join(f"`{name}`" for name in policies),
-        game=game,
+        seed=provenance["seed"],
+        made_by=provenance["simulated_by"],
+        players=" ".join(provenance["policies"]),
+        game=provenance["game"],
         length=strokes.num_rows / account.rallies,
         faults=pc.mean(pc.equal(strokes["outcome"], FAULT)).as_py(),
         winners=pc.mean(pc.equal(strokes["outcome"], WINNER)).as_py(),
