@@ -54,7 +54,7 @@ def ranking(folder: Path) -> str:
         rows: list[dict[str, Any]] = pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist()
     except (OSError, ValueError) as error:
         raise TableError(f"{folder}: no finished run of the league ({error})") from error
-    nothing = float("nan")
+    nothing: Any = float("nan")
     standings = [Standing(**{name: nothing if value is None else value for name, value in row.items()}) for row in rows]
     played = (
         f"{len(standings)} players, {config['matches']:,} matches a pair, seed {config['seed']}, "
