@@ -8,6 +8,7 @@ _COMMANDS: Final = {
     "data": "download, convert, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
     "league": "play a tournament between policies",
+    "recording": "read, check, mend and export the log of every rally",
     "recording": "read, check, recover and export rally logs",
 }
 

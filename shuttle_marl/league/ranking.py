@@ -3,13 +3,13 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from scipy.stats import binomtest
 
-from shuttle_marl.league.ratings import ELO, bootstrap, bradley_terry
+from shuttle_marl.league.ratings import ELO, ratings
 from shuttle_marl.league.results import COUNTS, PairResult
 
 _TAILS: Final = (2.5, 97.5)
@@ -56,12 +56,9 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[
     """Rank the entrants by rating, best first."""
     played = [result for result in results if not result.forfeit]
     pairs = np.array([[pool.index(name) for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
-    wins = np.zeros((len(pool), len(pool)))
-    for (a, b), result in zip(pairs, played, strict=True):
-        wins[a, b], wins[b, a] = (result.seen_by(name)["wins"] for name in result.names)
     cells = np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3)
-    rating = ELO * bradley_terry(wins)
-    low, high = np.percentile(ELO * bootstrap(cells, pairs, len(pool), seed), _TAILS, axis=0)
+    theta, drawn = ratings(cells, pairs, len(pool), seed)
+    rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, _TAILS, axis=0)
     standings = [
         _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
         for i, name in enumerate(pool)
@@ -72,11 +69,21 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[
     return [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
 
 
+def wilson(wins: int, matches: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson, J. Am. Stat. Assoc. 1927); NaN without matches."""
+    if not matches:
+        return float("nan"), float("nan")
+    share, z = wins / matches, NormalDist().inv_cdf(0.975)
+    middle = (share + z**2 / (2 * matches)) / (1 + z**2 / matches)
+    half = z / (1 + z**2 / matches) * math.sqrt(share * (1 - share) / matches + (z / (2 * matches)) ** 2)
+    return middle - half, middle + half
+
+
 def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tuple[float, float, float]) -> Standing:
     own = [result.seen_by(name) for result in played if name in result.names]
     count = {c: sum(counts[c] for counts in own) for c in COUNTS}
     matches, wins = count["matches"], count["wins"]
-    interval = binomtest(wins, matches).proportion_ci(method="wilson") if matches else None
+    low, high = wilson(wins, matches)
     nothing = float("nan")
     shown = [float(x) for x in rating] if matches else [nothing] * 3
     return Standing(
@@ -88,8 +95,8 @@ def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tu
         matches=matches,
         wins=wins,
         share=_ratio(wins, matches),
-        share_low=float(interval.low) if interval else nothing,
-        share_high=float(interval.high) if interval else nothing,
+        share_low=low,
+        share_high=high,
         rally_share=_ratio(count["points_won"], count["rallies"]),
         serving=_ratio(count["served_won"], count["served"]),
         receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),

@@ -13,69 +13,80 @@ Floats = npt.NDArray[np.float64]
 
 ELO: Final = 400 / np.log(10)
 """Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
-_STEPS: Final = 500
+_STEPS: Final = 200
 _LONGEST_STEP: Final = 2.0
 
 
-def bradley_terry(wins: Floats, prior: float = 1.0) -> Floats:
-    """Fit ratings by Newton's method.
+def bradley_terry(wins: Floats) -> Floats:
+    """Fit ratings by Newton's method on the likelihood.
 
     Args:
-        wins: ``[..., n, n]`` matches that i won against j; the diagonal is ignored.
-        prior: everyone also wins and loses this many matches against an average entrant, which keeps the rating of one who
-            won or lost everything finite; 0 is maximum likelihood and needs results that connect everyone both ways.
+        wins: ``[..., n, n]`` matches that i won against j; the diagonal is ignored. Results must connect everybody both
+            ways, or the likeliest ratings are infinite; :func:`smoothed` sees to that.
 
     Returns:
-        ``[..., n]`` theta, with mean 0.
+        ``[..., n]`` theta, with mean 0; entrants without matches have 0.
     """
-    n = wins.shape[-1]
-    diagonal = np.eye(n, dtype=bool)
+    diagonal = np.eye(wins.shape[-1], dtype=bool)
     wins = np.where(diagonal, 0.0, wins)
     played = wins + np.swapaxes(wins, -1, -2)
     theta = np.zeros(wins.shape[:-1])
     for _ in range(_STEPS):
-        chance = _logistic(theta[..., :, None] - theta[..., None, :])
-        mean = _logistic(theta)
-        gradient = (wins - played * chance).sum(axis=-1) + prior * (1 - 2 * mean)
+        chance = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
+        gradient = (wins - played * chance).sum(axis=-1)
         curvature = played * chance * (1 - chance)
         hessian = -curvature
-        hessian[..., diagonal] = curvature.sum(axis=-1) + 2 * prior * mean * (1 - mean) + 1e-12
-        # Without the prior only differences of theta are determined; the pseudo-inverse leaves their mean alone.
-        step = np.clip(
-            (np.linalg.pinv(hessian, hermitian=True) @ gradient[..., None])[..., 0], -_LONGEST_STEP, _LONGEST_STEP
-        )
-        theta = theta + step
+        hessian[..., diagonal] = curvature.sum(axis=-1)
+        # Only differences of theta are determined; the pseudo-inverse leaves their mean alone.
+        step = (np.linalg.pinv(hessian, hermitian=True) @ gradient[..., None])[..., 0]
+        theta = theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
         if np.abs(step).max(initial=0) < 1e-10:
             break
     centred: Floats = theta - theta.mean(axis=-1, keepdims=True)
     return centred
 
 
-def bootstrap(cells: Floats, pairs: npt.NDArray[np.intp], n: int, seed: int, replicates: int = 1000) -> Floats:
-    """Ratings under other draws of the cells: a Bayesian bootstrap (Rubin, Annals of Statistics 1981).
+def smoothed(cells: Floats) -> Floats:
+    """``[P, 3]`` counts of cells with half a cell added to each outcome (Jeffreys' prior).
 
-    The two matches of a cell share their draws, so cells are drawn and not matches. Half a cell is added to each outcome
-    (Jeffreys' prior): without it, 500 cells out of 500 would come out as certain.
+    So 500 cells out of 500 neither give an infinite rating nor come out as certain.
+    """
+    return cells + 0.5
+
+
+def wins_of(shares: Floats, cells: Floats, pairs: npt.NDArray[np.intp], n: int) -> Floats:
+    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
 
     Args:
-        cells: ``[P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both; all above 0 in sum.
+        shares: ``[..., P, 3]`` share of the cells of which the first entrant of each pairing won no match, one, both.
+        cells: ``[P]`` number of cells.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+        n: number of entrants.
+    """
+    wins = np.zeros((*shares.shape[:-2], n, n))
+    wins[..., pairs[:, 0], pairs[:, 1]] = cells * (shares[..., 1] + 2 * shares[..., 2])
+    wins[..., pairs[:, 1], pairs[:, 0]] = cells * (shares[..., 1] + 2 * shares[..., 0])
+    return wins
+
+
+def ratings(cells: Floats, pairs: npt.NDArray[np.intp], n: int, seed: int, replicates: int = 1000) -> tuple[Floats, Floats]:
+    """Ratings, and what they would be under other draws of the cells: a Bayesian bootstrap (Rubin, Ann. Statist. 1981).
+
+    The two matches of a cell share their draws, so cells are drawn and not matches.
+
+    Args:
+        cells: ``[P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
         seed: of the draws.
-        replicates: number of draws.
+        replicates: number of draws B.
 
     Returns:
-        ``[replicates, n]`` theta.
+        ``[n]`` theta and ``[B, n]`` theta.
     """
+    counts = smoothed(cells)
+    total = counts.sum(axis=1)
     rng = np.random.default_rng(seed)
-    wins = np.zeros((replicates, n, n))
-    for counts, (a, b) in zip(cells, pairs, strict=True):
-        share = rng.dirichlet(counts + 0.5, size=replicates)
-        won = counts.sum() * (share[:, 1] + 2 * share[:, 2])
-        wins[:, a, b] = won
-        wins[:, b, a] = 2 * counts.sum() - won
-    return bradley_terry(wins)
-
-
-def _logistic(x: Floats) -> Floats:
-    return np.asarray(1 / (1 + np.exp(-np.clip(x, -700, 700))))
+    drawn = np.array([rng.dirichlet(count, size=replicates) for count in counts]).reshape(-1, replicates, 3)
+    theta = bradley_terry(wins_of(counts / total[:, None], total, pairs, n))
+    return theta, bradley_terry(wins_of(drawn.swapaxes(0, 1), total, pairs, n))

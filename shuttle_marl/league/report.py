@@ -71,9 +71,10 @@ def report(config: LeagueConfig, standings: Sequence[Standing], results: Sequenc
         "## What the numbers mean",
         "",
         "- rating: Bradley-Terry, in Elo points (400 points are odds of ten to one), mean of the pool 0, fitted to all "
-        "matches at once. Everyone also wins and loses one match against an average entrant, which keeps it finite. Its "
-        "interval comes from 1,000 bootstrap draws of the cells: two matches with the seats swapped and each seat's luck kept.",
-        "- matches won: its interval is Wilson's and takes matches as independent; those of a cell are not, so it is too wide.",
+        "matches at once. Its interval comes from 1,000 bootstrap draws of the cells: two matches with the seats swapped "
+        "and each seat's luck kept. Half a cell is added to each outcome of each pairing, which keeps ratings finite.",
+        "- matches won: its interval is Wilson's and takes matches as independent; those of a cell lean against each other, "
+        "so it is a little too wide.",
         f"- every rally stands in `{RALLIES}`: read it with `python -m shuttle_marl.recording`."
         if config.record == "all"
         else "- rallies were not recorded (`--record none`).",

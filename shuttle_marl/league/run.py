@@ -87,9 +87,9 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
             "seconds": round(seconds, 2),
         }
         run_folder.write_json(folder / run_folder.MANIFEST, {**about, **done})
-        console.print(
-            f"{strokes:,} strokes in {seconds:.1f} s, {strokes / seconds / 1e6:.1f} million a second", highlight=False
-        )
+        if strokes:
+            speed = f"{strokes / seconds / 1e6:.1f} million a second"
+            console.print(f"{strokes:,} strokes in {seconds:.1f} s, {speed}", highlight=False)
     return LeagueRun(folder=folder, standings=standings, results=results)
 
 
