@@ -25,7 +25,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import tabulate
 from shuttle_marl.stroke import SHOTS
 
-PLAYERS = ("attacking", "defensive", "safe", "random")
+PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
 
 _CARD = """# Simulated sample
