@@ -417,3 +417,12 @@ def test_rows_of_unknown_type_have_no_vote_on_the_side(tmp_path: Path) -> None:
     assert result.account.dropped == {"unknown shot type": 1}
     assert column(result, "landing_y")[0] == pytest.approx(LIFT.y, abs=1e-3)
     assert column(result, "contact_y")[0] is None
+
+
+def test_where_a_short_fault_fell_tells_no_side(tmp_path: Path) -> None:
+    """It came down on the striker's own side; only the receiver's position is known."""
+    rows = rally(1, "A", [Hit("發短球", 0.5, -0.4)], (0, 1), reason="未過網")
+    rows[0]["player_location_x"] = rows[0]["player_location_y"] = ""
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {}
+    assert column(result, "landing_y") == [pytest.approx(-0.4, abs=1e-3)]

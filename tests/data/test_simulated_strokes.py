@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from shuttle_marl import court, scoring
+from shuttle_marl import court, draws, scoring
 from shuttle_marl.data import placing, split_of
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
-from shuttle_marl.data.simulate import SimulationError, account_of, simulate
+from shuttle_marl.data.simulate import SimulationError, _choose, _cumulative, account_of, simulate
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.rally import Game, layout, thresholds
 from shuttle_marl.stroke import Catalogue
@@ -241,3 +241,11 @@ def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> 
 def test_no_matches() -> None:
     with pytest.raises(SimulationError, match="0 matches"):
         simulate(GAME, PLAYERS, matches=0, seed=0)
+
+
+@pytest.mark.parametrize("draw", [0, 1, draws.CHOICE_ONE // 2, draws.CHOICE_ONE - 1])
+def test_no_draw_chooses_what_has_no_chance(draw: int) -> None:
+    p = always(GAME, REPLIES[1])
+    total = _cumulative(GAME, "a", p)
+    for state in np.flatnonzero(np.diff(GAME.pair_start)):
+        assert p[GAME.pair_start[state] + _choose(GAME, total, state, draw)] > 0
