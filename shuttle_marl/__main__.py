@@ -9,7 +9,6 @@ _COMMANDS: Final = {
     "dynamics": "fit, evaluate and describe the models of the game",
     "league": "play a tournament between policies",
     "recording": "read, check, mend and export the log of every rally",
-    "recording": "read, check, recover and export rally logs",
 }
 
 
