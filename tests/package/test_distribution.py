@@ -95,14 +95,16 @@ def test_installed_wheel_loads_its_models_elsewhere(wheel: Path, tmp_path: Path)
 def test_every_import_is_of_a_declared_dependency() -> None:
     declared = {canonicalize_name(need.name) for need in declared_requirements()}
     imported: set[str] = set()
-    for source in (ROOT / "shuttle_marl").rglob("*.py"):
+    sources = [path for path in tracked() if path.suffix == ".py"]
+    for source in sources:
         for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 imported |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 imported.add(node.module.split(".")[0])
-    foreign = imported - sys.stdlib_module_names - {"shuttle_marl"}
-    assert {"numpy", "tyro"} <= foreign
+    own = {part for path in sources for part in path.relative_to(ROOT).with_suffix("").parts}
+    foreign = imported - sys.stdlib_module_names - own
+    assert {"numpy", "tyro", "pytest"} <= foreign
     providers = packages_distributions()
     assert [name for name in sorted(foreign) if not {canonicalize_name(d) for d in providers.get(name, ())} & declared] == []
 
