@@ -114,9 +114,9 @@ def defensive(states: States) -> Points:
 def safe(states: States) -> Points:
     """Keep the shuttle in play, and the opponent from hitting down.
 
-    Each percentage point less of a chance to fault gives 1 point; each one less of a chance that the opponent returns the
-    shuttle from above the net, and each one of a chance that it is not returned at all, gives 0.1. The chances are read
-    from the game itself.
+    Each percentage point less of a chance to fault gives 1 point, each one less of a chance that the opponent returns the
+    shuttle from above the net 0.1, and each one of a chance that it is not returned at all 0.05. The chances are read from
+    the game itself.
     """
     game = states.game
     counts = game.legal_count(states.state)
@@ -124,7 +124,7 @@ def safe(states: States) -> Points:
     pair = np.arange(len(row)) + np.repeat(game.pair_start[states.state] - np.cumsum(counts) + counts, counts)
     fault, winner, below = game.threshold[pair].T.astype(np.float64) / ONE  # cumulative
     points = np.zeros((len(states), game.n_strokes))
-    points[row, game.pair_stroke[pair]] = 100.0 * (1 - fault) - 10.0 * (1 - below) + 10.0 * (winner - fault)
+    points[row, game.pair_stroke[pair]] = 100.0 * (1 - fault) - 10.0 * (1 - below) + 5.0 * (winner - fault)
     return points
 
 

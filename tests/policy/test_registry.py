@@ -1,0 +1,131 @@
+"""Policies by name."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.policy import registry
+from shuttle_marl.policy.base import PolicyError, States, checked_probabilities
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+
+GAME = default_game()
+STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::97].astype(np.int32))
+
+MODULE = """
+import numpy as np
+
+class Uniform:
+    def probabilities(self, states):
+        return states.mask / states.mask.sum(axis=1, keepdims=True)
+
+class FirstLegal:
+    def __init__(self, game):
+        self.n = game.n_strokes
+
+    def probabilities(self, states):
+        return np.eye(self.n)[states.mask.argmax(axis=1)]
+
+class Broken:
+    def __init__(self):
+        raise RuntimeError("no engine")
+
+instance = Uniform()
+number = 7
+
+def function(states):
+    return Uniform().probabilities(states)
+
+def by_score(states):
+    return function(states)
+
+by_score.reads_score = True
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A module in the current folder, under a name that no other test has imported."""
+    name = f"my_{tmp_path.name.replace('-', '_')}"
+    (tmp_path / f"{name}.py").write_text(MODULE, encoding="utf-8")
+    (tmp_path / f"{name}_bad.py").write_text("1 / 0\n", encoding="utf-8")
+    (tmp_path / f"{name}_needs.py").write_text("import no_such_package\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [p for p in __import__("sys").path if p != str(tmp_path)])
+    return name
+
+
+@pytest.mark.parametrize("name", ["attacking", "defensive", "safe", "random", "random@greedy", "safe@0.3", "attacking@2"])
+def test_every_policy_is_a_distribution_over_legal_strokes(name: str) -> None:
+    checked_probabilities(resolve(name, GAME), STATES, name)
+
+
+def test_listed_names_can_be_resolved() -> None:
+    assert {"attacking", "defensive", "safe", "random"} <= set(registry.names())
+    for name in registry.names():
+        assert resolve(name, GAME) is not None
+
+
+@pytest.mark.parametrize("attribute", ["instance", "Uniform", "function"])
+def test_own_policies_in_the_current_folder(module: str, attribute: str) -> None:
+    p = checked_probabilities(resolve(f"{module}:{attribute}", GAME), STATES, attribute)
+    assert np.array_equal(p, resolve("random", GAME).probabilities(STATES))
+
+
+def test_a_class_may_take_the_game_and_a_function_may_read_the_score(module: str) -> None:
+    p = resolve(f"{module}:FirstLegal", GAME).probabilities(STATES)
+    assert np.array_equal(p.argmax(axis=1), STATES.mask.argmax(axis=1))
+    with pytest.raises(PolicyError, match="reads the score"):
+        tabulate(resolve(f"{module}:by_score", GAME), GAME)
+    with pytest.raises(PolicyError, match="reads the score"):
+        tabulate(resolve(f"{module}:by_score@0.5", GAME), GAME)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("atacking", "did you mean attacking"),
+        ("randm@greedy", "did you mean random"),
+        ("bv:viktor-axelsen", "no module 'bv'"),
+        ("zzz", "known: .*random"),
+        ("", "known: .*random"),
+        ("random:3", "takes nothing behind a colon"),
+        ("random@hot", "expected @greedy or a temperature"),
+        ("random@0", "expected @greedy or a temperature"),
+        ("random@-1", "expected @greedy or a temperature"),
+        ("random@nan", "expected @greedy or a temperature"),
+        ("random@inf", "expected @greedy or a temperature"),
+        ("MODULE:instanc", "did you mean instance"),
+        ("MODULE:number", "is a int; expected"),
+        ("MODULE:Broken", "making it raised RuntimeError: no engine"),
+        ("MODULE_bad:x", "importing its module raised ZeroDivisionError"),
+        ("MODULE_needs:x", "needs 'no_such_package'"),
+        ("MODULE.inner:x", "no module"),
+    ],
+)
+def test_names_that_lead_nowhere(module: str, name: str, says: str) -> None:
+    with pytest.raises(PolicyError, match=says):
+        resolve(name.replace("MODULE", module), GAME)
+
+
+def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_FAMILIES", dict(registry._FAMILIES))
+    asked = []
+
+    def load(argument: str | None, game: object) -> object:
+        asked.append(argument)
+        return resolve("random", GAME)
+
+    registry.register("mirror", load, lambda: ["mirror:left", "mirror:right"])
+    assert set(registry.names()) >= {"mirror:left", "mirror:right"}
+    resolve("mirror:left", GAME)
+    resolve("mirror@0.5", GAME)
+    assert asked == ["left", None]
+    with pytest.raises(PolicyError, match="did you mean mirror:left"):
+        resolve("mirorleft", GAME)
+    with pytest.raises(PolicyError, match="registered already"):
+        registry.register("mirror", load)
+    with pytest.raises(PolicyError, match="expected a word"):
+        registry.register("a:b", load)

@@ -1,0 +1,96 @@
+"""The scripted styles play as their rules say, and beat somebody who has none."""
+
+import numpy as np
+import pytest
+
+from shuttle_marl.court import AREAS, area_centre
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.policy import scripted
+from shuttle_marl.policy.base import States
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.rally import ROOT
+from shuttle_marl.stroke import SHOTS
+
+GAME = default_game()
+PLAYABLE = np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states))).astype(np.int32)
+STATES = States(game=GAME, state=PLAYABLE)
+DOWN = [SHOTS.index(name) for name in ("smash", "half-smash", "net-kill")]
+HIGH = [SHOTS.index(name) for name in ("clear", "lift", "long-serve")]
+
+
+def share(name: str, shots: list[int], where: np.ndarray) -> float:
+    p = resolve(name, GAME).probabilities(States(game=GAME, state=PLAYABLE[where]))
+    return float(p[:, np.isin(GAME.catalogue.shot, shots)].sum(axis=1).mean())
+
+
+def rally_odds(name: str, other: str) -> float:
+    """Chance to win a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
+    policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
+    good, returned, above = GAME.chances()
+    following = 2 * GAME.pair_edge
+    value = [np.zeros(GAME.n_states) for _ in policies]
+    for _ in range(50):
+        value = [
+            np.bincount(
+                GAME.pair_state,
+                p * good * (1 - returned * ((1 - above) * theirs[following] + above * theirs[following + 1])),
+                minlength=GAME.n_states,
+            )
+            for p, theirs in zip(policies, reversed(value), strict=True)
+        ]
+    return float(value[0][ROOT] + 1 - value[1][ROOT]) / 2
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_every_style_beats_random_play(style: str) -> None:
+    assert rally_odds(style, "random") > 0.52
+
+
+def test_a_point_more_is_played_e_times_as_often() -> None:
+    points = np.zeros(GAME.n_strokes)
+    first, second = GAME.legal_strokes(ROOT)[:2]
+    points[first] = 1.0
+    p = ScriptedPolicy(lambda states: np.tile(points, (len(states), 1))).probabilities(
+        States(game=GAME, state=np.array([ROOT], dtype=np.int32))
+    )
+    assert p[0, first] / p[0, second] == pytest.approx(np.e)
+
+
+def test_attackers_hit_down_from_above_and_defenders_lift_from_below() -> None:
+    above, below = STATES.contact == 1, (STATES.contact == 0) & (STATES.incoming < GAME.n_strokes)
+    assert share("attacking", DOWN, above) > 2 * share("random", DOWN, above)
+    assert share("attacking", HIGH, below) < share("random", HIGH, below) < share("defensive", HIGH, below)
+    serve = PLAYABLE == ROOT
+    assert share("attacking", [SHOTS.index("short-serve")], serve) > share("random", [SHOTS.index("short-serve")], serve)
+
+
+def test_safe_play_faults_least() -> None:
+    fault = np.zeros((GAME.n_states, GAME.n_strokes))
+    fault[GAME.pair_state, GAME.pair_stroke] = 1 - GAME.chances()[0]
+    mean = {n: (resolve(n, GAME).probabilities(STATES) * fault[PLAYABLE]).sum(axis=1).mean() for n in ("random", *STYLES)}
+    assert min(mean, key=lambda name: mean[name]) == "safe"
+
+
+def test_points_of_safe_play_are_read_from_the_game() -> None:
+    points = scripted.safe(STATES)
+    good, returned, above = GAME.chances()
+    for pair in range(0, GAME.n_pairs, GAME.n_pairs // 50):
+        row = np.searchsorted(PLAYABLE, GAME.pair_state[pair])
+        attacked = 0.1 * good[pair] * returned[pair] * above[pair]
+        expected = good[pair] - attacked + 0.05 * good[pair] * (1 - returned[pair])
+        assert points[row, GAME.pair_stroke[pair]] == pytest.approx(100 * expected)
+
+
+def test_the_opponent_stands_where_the_last_stroke_went() -> None:
+    distance = scripted.distance_from_opponent(STATES)
+    row = int(np.argmax(STATES.own < GAME.n_strokes))
+    own = STATES.own[row]
+    same_area = GAME.catalogue.area == GAME.catalogue.area[own]
+    assert (distance[row, same_area] == 0).all()
+    assert (distance[row, ~same_area] > 0).all()
+    assert (distance[STATES.own == GAME.n_strokes] == 0).all()
+    far = int(np.flatnonzero(GAME.catalogue.area == AREAS.index("back-left"))[0])
+    a, b = area_centre(GAME.catalogue.area[[own, far]])
+    assert distance[row, far] == pytest.approx(np.hypot(*(a - b)))
