@@ -49,7 +49,7 @@ format: $(TEST_STAMP)
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo 'Python 3.11 or later is needed; `make PYTHON=python3.11 …` chooses another one'; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
 $(RUN_STAMP): $(INPUTS) | $(BIN)/python
 	@echo 'Installing into $(VENV), once …'
