@@ -40,8 +40,10 @@ class TabulatedPolicy:
         p = np.zeros((len(states), game.n_strokes))
         counts = game.legal_count(states.state)
         rows = np.repeat(np.arange(len(states)), counts)
-        pairs = np.arange(counts.sum()) + np.repeat(game.pair_start[states.state] - np.r_[0, np.cumsum(counts)[:-1]], counts)
-        p[rows, game.pair_stroke[pairs]] = self.pair_probabilities()[pairs]
+        k = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+        pairs = game.pair_start[states.state][rows] + k
+        lower = np.where(k > 0, self.cumulative[pairs - 1], 0).astype(np.int64)
+        p[rows, game.pair_stroke[pairs]] = (self.cumulative[pairs] - lower) / CHOICE_ONE
         return p
 
     def padded(self) -> npt.NDArray[np.uint16]:

@@ -1,0 +1,170 @@
+"""Matches in lock-step against matches played one stroke at a time."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl import draws, scoring
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.league.entrants import Strikers, enter
+from shuttle_marl.league.lockstep import Matches, Played, play
+from shuttle_marl.league.schedule import Pairing, groups, join, matches_of, round_robin
+from shuttle_marl.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
+
+GAME = default_game()
+NAMES = ("attacking", "safe", "random", "attacking@greedy")
+ENTRANTS = [enter(name, GAME) for name in NAMES]
+STRIKERS = Strikers(GAME, ENTRANTS)
+SHORT = scoring.Rules(points=5, clear=2, cap=7, games=2)
+
+
+def parts(played: Played) -> dict[str, np.ndarray]:
+    return {field.name: getattr(played, field.name) for field in dataclasses.fields(played)}
+
+
+def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+    """(match, rally, server, winner, reason, score before, strokes) of every rally, a stroke at a time."""
+    rallies = []
+    for m in range(len(matches)):
+        score = scoring.new([matches.first_server[m]], rules)
+        for rally in itertools.count():
+            server = int(score.server[0])
+            key = draws.extend(matches.key[m : m + 1], 2 * rally + server)
+            before = tuple(int(x) for x in (*score.points[0], *score.games[0]))
+            state, striker, strokes = ROOT, server, []
+            while True:
+                bits = draws.draw(key, len(strokes))
+                table = ENTRANTS[matches.entrant[m, striker]].table
+                assert table is not None
+                first, last = GAME.pair_start[state], GAME.pair_start[state + 1]
+                k = int(np.searchsorted(table.cumulative[first:last], draws.choice_draw(bits)[0], side="right"))
+                strokes.append(int(GAME.pair_stroke[first + k]))
+                outcome, following = strike(GAME, np.array([state]), np.array([k]), draws.outcome_draw(bits))
+                if following[0] < 0:
+                    break
+                state, striker = int(following[0]), 1 - striker
+            winner = striker if outcome[0] == WINNER else 1 - striker
+            rallies.append((m, rally, server, winner, OUTCOMES[outcome[0]], before, strokes))
+            score = scoring.step(score, np.array([winner]))
+            if score.over[0]:
+                break
+    return rallies
+
+
+def as_rows(played: Played) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+    ends = np.cumsum(played.length)
+    return [
+        (
+            int(played.match[i]),
+            int(played.rally[i]),
+            int(played.server[i]),
+            int(played.winner[i]),
+            OUTCOMES[played.reason[i]],
+            tuple(int(x) for x in played.score[i]),
+            played.stroke[ends[i] - played.length[i] : ends[i]].tolist(),
+        )
+        for i in range(len(played.length))
+    ]
+
+
+def some_matches(seed: int, first: int = 0, last: int = 4) -> Matches:
+    return join([matches_of(pairing, seed, first, last) for pairing in round_robin(NAMES)])
+
+
+@pytest.mark.parametrize("rules", [SHORT, scoring.BWF], ids=["short", "bwf"])
+def test_lock_step_is_play_one_stroke_at_a_time(rules: scoring.Rules) -> None:
+    matches = some_matches(seed=3, last=2 if rules is scoring.BWF else 6)
+    played = play(GAME, matches, STRIKERS.choose, rules=rules)
+    assert as_rows(played) == one_by_one(matches, rules)
+
+
+def test_games_won_are_those_of_the_last_rally() -> None:
+    played = play(GAME, some_matches(seed=4), STRIKERS.choose)
+    last = np.r_[played.match[1:] != played.match[:-1], True]
+    games = played.score[last, 2:].astype(int)
+    games[np.arange(len(games)), played.winner[last]] += 1
+    assert np.array_equal(played.games, games)
+    assert (played.games.max(axis=1) == 2).all()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**63 - 1), st.permutations(range(12)), st.integers(1, 11))
+def test_company_never_changes_a_match(seed: int, order: list[int], cut: int) -> None:
+    """All at once, and the same matches in another order in two batches."""
+    matches = some_matches(seed, last=2)
+    whole = as_rows(play(GAME, matches, STRIKERS.choose, rules=SHORT))
+    for chosen in (order[:cut], order[cut:]):
+        part = Matches(**{f.name: getattr(matches, f.name)[chosen] for f in dataclasses.fields(matches)})
+        rows = as_rows(play(GAME, part, STRIKERS.choose, rules=SHORT))
+        assert rows == [(i, *row[1:]) for i, m in enumerate(chosen) for row in whole if row[0] == m]
+
+
+def test_without_strokes_everything_else_is_the_same() -> None:
+    matches = some_matches(seed=5)
+    with_strokes, without = (parts(play(GAME, matches, STRIKERS.choose, keep_strokes=keep)) for keep in (True, False))
+    assert len(with_strokes.pop("stroke")) == with_strokes["length"].sum()
+    assert len(without.pop("stroke")) == 0
+    for name, values in with_strokes.items():
+        assert np.array_equal(values, without[name]), name
+
+
+def test_equal_players_mirror_each_other_in_a_cell() -> None:
+    """Both matches of a cell give each seat the same luck, so between equals the same seat wins both."""
+    twins = Pairing(number=0, entrants=(0, 1), names=("a", "b"))
+    strikers = Strikers(GAME, [ENTRANTS[0], ENTRANTS[0]])
+    rows = as_rows(play(GAME, matches_of(twins, 0, 0, 20), strikers.choose))
+    by_match = [[row[1:] for row in rows if row[0] == m] for m in range(20)]
+    assert by_match[0::2] == by_match[1::2]
+    assert by_match[0] != by_match[2]
+
+
+def test_progress_counts_every_stroke() -> None:
+    counted: list[int] = []
+    played = play(GAME, some_matches(seed=6, last=20), STRIKERS.choose, progress=counted.append)
+    assert sum(counted) == played.length.sum()
+    assert len(counted) > 3
+
+
+def test_both_ways_to_lose_a_rally_occur() -> None:
+    reasons = play(GAME, some_matches(seed=7), STRIKERS.choose).reason
+    assert set(reasons.tolist()) == {FAULT, WINNER}
+
+
+def test_seats_and_first_serve_are_balanced() -> None:
+    pairing = round_robin(NAMES)[2]
+    matches = matches_of(pairing, 0, 0, 1000)
+    at_seat_0 = matches.entrant[:, 0] == pairing.entrants[0]
+    serves_first = matches.entrant[np.arange(1000), matches.first_server] == pairing.entrants[0]
+    assert at_seat_0.sum() == serves_first.sum() == 500
+    assert (at_seat_0 & serves_first).sum() == 250
+    assert np.array_equal(matches.key[0::2], matches.key[1::2])
+    assert len(np.unique(matches.key)) == 500
+
+
+def test_other_entrants_and_their_order_change_nothing() -> None:
+    def rallies(pool: tuple[str, ...]) -> list[object]:
+        pairing = next(p for p in round_robin(pool) if set(p.names) == {"safe", "random"})
+        found = matches_of(pairing, 1, 0, 4)
+        entrant = np.array([NAMES.index(name) for name in pool], dtype=np.int32)[found.entrant]
+        return as_rows(play(GAME, dataclasses.replace(found, entrant=entrant), STRIKERS.choose, rules=SHORT))
+
+    assert rallies(("safe", "random")) == rallies(NAMES) == rallies(("random", "attacking", "safe"))
+
+
+def test_different_pairings_and_seeds_have_different_draws() -> None:
+    pairings = round_robin(NAMES)
+    keys = np.concatenate([matches_of(p, seed, 0, 100).key for p in pairings for seed in (0, 1)])
+    assert len(np.unique(keys)) == 2 * len(pairings) * 50
+
+
+@given(st.integers(2, 9), st.integers(1, 30), st.integers(1, 100), st.sets(st.integers(0, 35)))
+def test_groups_hold_every_pairing_once_and_fit(n: int, cells: int, batch: int, alone: set[int]) -> None:
+    pairings = round_robin([f"p{i}" for i in range(n)])
+    made = list(groups(pairings, 2 * cells, batch, alone))
+    assert [p for group in made for p in group] == pairings
+    assert all(len(group) * 2 * cells <= batch for group in made if len(group) > 1)
+    assert all(len(group) == 1 for group in made if alone & {p.number for p in group})
