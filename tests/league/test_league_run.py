@@ -1,0 +1,367 @@
+"""A tournament as a user sees it: the run folder, and that nothing but the flags decides what is in it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from shuttle_marl import scoring
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
+from shuttle_marl.league.__main__ import main
+from shuttle_marl.league.folder import locked, read_results
+from shuttle_marl.rally import FAULT
+from shuttle_marl.recording import RallyLog, RecordingError, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.tables import outcomes
+
+POOL = ("random", "safe", "attacking")
+SAME = ("config.json", "pairings.jsonl", "results.csv", "results.parquet", "ranking.csv", "report.md", "rallies.mcap")
+"""Files that the flags alone decide; the manifest also says when."""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run; look, do not touch."""
+    out = tmp_path_factory.mktemp("league") / "run"
+    run_league(LeagueConfig(pool=POOL, matches=20, seed=5, out=out))
+    return out
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in SAME}
+
+
+def test_the_run_folder_is_complete(finished: Path) -> None:
+    assert {path.name for path in finished.iterdir()} == {*SAME, "manifest.json"}
+    manifest = json.loads((finished / "manifest.json").read_text())
+    assert manifest["status"] == "finished"
+    assert manifest["game"]["hash"] == default_game().hash
+    assert manifest["seed"] == 5
+    assert set(manifest["policies"]) == set(POOL)
+    assert {"numpy", "pyarrow", "mcap"} <= set(manifest["packages"])
+    csv = pyarrow.csv.read_csv(finished / "results.csv")
+    parquet = pyarrow.parquet.read_table(finished / "results.parquet")
+    assert csv.num_rows == parquet.num_rows == 6
+    assert csv.column_names == parquet.column_names
+    for name in ("matches", "wins", "rallies", "strokes", "mean_rally_length"):
+        assert csv.column(name).to_pylist() == parquet.column(name).to_pylist()
+    ranking = pyarrow.csv.read_csv(finished / "ranking.csv").to_pylist()
+    assert [row["player"] for row in ranking][-1] == "random"
+    assert all(row["rating_low"] < row["rating"] < row["rating_high"] for row in ranking)
+    assert "| random |" in (finished / "report.md").read_text()
+
+
+def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
+    """Wins, games, points, serves, rallies and strokes, counted anew from the strokes alone with the rules of scoring."""
+    expected: Counter[tuple[int, int, str]] = Counter()
+    with RallyLog(finished / "rallies.mcap") as log:
+        names = [player.name for player in log.header.policies]
+        pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+        score: scoring.Score | None = None
+        for _, batch in log.batches():
+            outcome = outcomes(batch, log.catalogue)
+            for i in range(len(batch)):
+                pairing = int(batch.pairing[i])
+                seat = names.index(pairs[pairing][0]) == batch.policy[i, 1]
+                first, last = batch.first_stroke[i : i + 2]
+                if score is None:
+                    assert batch.rally[i] == 0
+                    score = scoring.new([(batch.match[i] >> 1) & 1])
+                striker = (int(score.server[0]) + last - first - 1) % 2
+                winner = 1 - striker if outcome[last - 1] == FAULT else striker
+                served = score.server[0] == seat
+                games = score.games[0].copy()
+                score = scoring.step(score, np.array([winner]))
+                counts = {
+                    "rallies": 1,
+                    "strokes": int(last - first),
+                    "points_won": winner == seat,
+                    "points_lost": winner != seat,
+                    "served": served,
+                    "served_won": served and winner == seat,
+                    "games_won": score.games[0, int(seat)] - games[int(seat)],
+                    "games_lost": score.games[0, 1 - int(seat)] - games[1 - int(seat)],
+                    "matches": score.over[0],
+                    "wins": score.winner[0] == seat,
+                }
+                for name, count in counts.items():
+                    expected[pairing, int(seat), name] += int(count)
+                if score.over[0]:
+                    score = None
+    rows = pyarrow.parquet.read_table(finished / "results.parquet").to_pylist()
+    names_of_counts = {name for _, _, name in expected}
+    found = {(row["pairing"], row["seat"], name): row[name] for row in rows for name in names_of_counts}
+    assert found == dict(expected)
+    assert sum(row["matches"] for row in rows) == 60
+
+
+def test_the_log_is_whole_and_plays_again_the_same(finished: Path) -> None:
+    checked = check(finished / "rallies.mcap", default_game())
+    assert checked.problems == ()
+    assert checked.rallies == sum(r["rallies"] for r in pyarrow.parquet.read_table(finished / "results.parquet").to_pylist())
+
+
+def test_every_choice_follows_from_the_policies(finished: Path) -> None:
+    from shuttle_marl.policy.registry import resolve
+    from shuttle_marl.policy.table import tabulate
+
+    game = default_game()
+    tables = {name: tabulate(resolve(name, game), game) for name in POOL}
+    with RallyLog(finished / "rallies.mcap") as log:
+        assert replay(log, game, tables).wrong == ()
+        swapped = replay(log, game, {**tables, "safe": tables["attacking"]})
+        assert len(swapped.wrong) > log.n_rallies / 2
+
+
+def test_the_same_flags_give_the_same_bytes(finished: Path, tmp_path: Path) -> None:
+    again = LeagueConfig(pool=POOL, matches=20, seed=5, out=tmp_path / "again", batch=6)
+    run_league(again)
+    assert files(again.out) == files(finished)
+    run_league(LeagueConfig(pool=POOL, matches=20, seed=6, out=tmp_path / "other"))
+    assert files(tmp_path / "other")["results.csv"] != files(finished)["results.csv"]
+
+
+def test_without_a_log_the_results_are_the_same(finished: Path, tmp_path: Path) -> None:
+    run_league(LeagueConfig(pool=POOL, matches=20, seed=5, out=tmp_path / "run", record="none"))
+    assert not (tmp_path / "run" / "rallies.mcap").exists()
+    for name in ("results.csv", "results.parquet", "ranking.csv"):
+        assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
+
+
+def command(*arguments: str) -> list[str]:
+    return [
+        sys.executable,
+        "-m",
+        "shuttle_marl.league",
+        "--pool",
+        *POOL,
+        "defensive",
+        "--batch",
+        "40",
+        "--seed",
+        "1",
+        *arguments,
+    ]
+
+
+def lines(folder: Path) -> int:
+    path = folder / "pairings.jsonl"
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kill_at", [0, 1, 4])
+def test_a_killed_run_goes_on_to_the_same_bytes(tmp_path: Path, kill_at: int) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    config = {"pool": (*POOL, "defensive"), "matches": 40, "seed": 1}
+    run_league(LeagueConfig(**config, out=whole))
+    process = subprocess.Popen(
+        command("--matches", "40", "--out", str(killed)), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    )
+    while process.poll() is None and not ((killed / "rallies.mcap.part").exists() and lines(killed) >= kill_at):
+        time.sleep(0.001)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert kill_at <= lines(killed) < 6, "it was faster than the kill"
+    assert not (killed / "rallies.mcap").exists()
+    with pytest.raises(LeagueError, match="an unfinished run"):
+        run_league(LeagueConfig(**config, out=killed))
+    done = subprocess.run(
+        command("--matches", "40", "--out", str(killed), "--resume"), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert files(killed) == files(whole)
+    assert {path.name for path in killed.iterdir()} == {path.name for path in whole.iterdir()}
+
+
+@pytest.mark.slow
+def test_every_place_at_which_a_run_can_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stop at the n-th write that is moved into place or synced, for every n, and go on."""
+    config = {"pool": ("random", "safe"), "matches": 2, "batch": 2}
+    run_league(LeagueConfig(**config, out=tmp_path / "whole"))
+    for stop in range(1, 60):
+        out = tmp_path / f"stop-{stop}"
+        left = stop
+
+        def crash(name: str) -> object:
+            original = getattr(os, name)
+
+            def call(*arguments: object, **keywords: object) -> object:
+                nonlocal left
+                left -= 1
+                if left == 0:
+                    raise KeyboardInterrupt
+                return original(*arguments, **keywords)
+
+            return call
+
+        with monkeypatch.context() as patch:
+            for name in ("fsync", "replace"):
+                patch.setattr(os, name, crash(name))
+            try:
+                run_league(LeagueConfig(**config, out=out))
+            except KeyboardInterrupt:
+                pass
+            else:
+                assert stop > 10
+                return
+        if (out / "config.json").exists():
+            run_league(LeagueConfig(**config, out=out, resume=True))
+            assert files(out) == files(tmp_path / "whole"), f"stopped at write {stop}"
+    pytest.fail("the run never ended")
+
+
+def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> None:
+    config = {"pool": POOL, "matches": 20, "seed": 5, "out": tmp_path / "run"}
+    run_league(LeagueConfig(**config, record="none"))
+    path = tmp_path / "run" / "pairings.jsonl"
+    text = path.read_bytes()
+    path.write_bytes(text[:-30])
+    (tmp_path / "run" / "manifest.json").unlink()
+    assert len(read_results(tmp_path / "run")) == 2
+    run_league(LeagueConfig(**config, record="none", resume=True))
+    assert path.read_bytes() == text
+    path.write_bytes(b"nonsense\n" + text)
+    with pytest.raises(LeagueError, match="damaged"):
+        read_results(tmp_path / "run")
+    path.write_bytes(text.splitlines(keepends=True)[1])
+    with pytest.raises(LeagueError, match="missing or stand twice"):
+        read_results(tmp_path / "run")
+
+
+def test_a_finished_run_is_never_overwritten_silently(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = {"pool": ("random", "safe"), "matches": 2}
+    first = run_league(LeagueConfig(**config))
+    second = run_league(LeagueConfig(**config))
+    assert [first.folder, second.folder] == [Path("runs/league-0"), Path("runs/league-0-2")]
+    before = files(first.folder)
+    with pytest.raises(LeagueError, match="holds a finished run; --resume goes on with it, --overwrite replaces it"):
+        run_league(LeagueConfig(**config, out=first.folder))
+    again = run_league(LeagueConfig(**config, out=first.folder, resume=True))
+    assert (again.standings, again.results) == (first.standings, first.results)
+    assert files(first.folder) == before
+    run_league(LeagueConfig(pool=("random", "safe"), matches=4, out=first.folder, overwrite=True))
+    assert files(first.folder)["results.csv"] != before["results.csv"]
+    with pytest.raises(LeagueError, match="no run to resume of seed 0"):
+        run_league(LeagueConfig(**config, resume=True))
+
+
+def test_resume_finds_the_latest_unfinished_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = {"pool": ("random", "safe"), "matches": 2}
+    runs = [run_league(LeagueConfig(**config)).folder for _ in range(3)]
+    for folder in runs[:2]:
+        (folder / "manifest.json").unlink()
+    os.utime(runs[1] / "config.json", (1e9, 1e9))
+    assert run_league(LeagueConfig(**config, resume=True)).folder == runs[0]
+    assert run_league(LeagueConfig(**config, resume=True)).folder == runs[1]
+
+
+def test_what_cannot_be_resumed(finished: Path, tmp_path: Path) -> None:
+    config = {"pool": ("random", "safe"), "matches": 2, "out": tmp_path / "run"}
+    with pytest.raises(LeagueError, match="no run to resume in"):
+        run_league(LeagueConfig(**config, resume=True))
+    run_league(LeagueConfig(**config))
+    with pytest.raises(LeagueError, match=r"other flags \(matches: 2 then, 4 now; seed: 0 then, 1 now\)"):
+        run_league(LeagueConfig(pool=("random", "safe"), matches=4, seed=1, out=tmp_path / "run", resume=True))
+    manifest = tmp_path / "run" / "manifest.json"
+    about = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps({**about, "status": "running", "policies": {"random": "0", "safe": "1"}}))
+    with pytest.raises(LeagueError, match="the policies changed"):
+        run_league(LeagueConfig(**config, resume=True))
+    manifest.write_text("{")
+    with pytest.raises(LeagueError, match="cannot be read"):
+        run_league(LeagueConfig(**config, resume=True))
+    manifest.unlink()
+    (tmp_path / "run" / "rallies.mcap").unlink()
+    with pytest.raises(RecordingError, match="is gone"):
+        run_league(LeagueConfig(**config, resume=True))
+
+
+def test_two_processes_do_not_share_a_folder(tmp_path: Path) -> None:
+    config = {"pool": ("random", "safe"), "matches": 2, "out": tmp_path / "run"}
+    run_league(LeagueConfig(**config))
+    with locked(tmp_path / "run"):
+        for flags in ({"resume": True}, {"overwrite": True}):
+            with pytest.raises(LeagueError, match="another process plays there"):
+                run_league(LeagueConfig(**config, **flags))
+
+
+def test_folders_that_hold_something_else(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").write_bytes(b"meow")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_bytes(b"")
+    config = {"pool": ("random", "safe"), "matches": 2}
+    for flags in ({}, {"overwrite": True}):
+        with pytest.raises(LeagueError, match="holds something that is no run"):
+            run_league(LeagueConfig(**config, out=tmp_path / "photos", **flags))
+    assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"meow"
+    with pytest.raises(LeagueError, match="file"):
+        run_league(LeagueConfig(**config, out=tmp_path / "file"))
+    with pytest.raises(LeagueError, match="cannot be made"):
+        run_league(LeagueConfig(**config, out=tmp_path / "file" / "below"))
+    run_league(LeagueConfig(**config, out=tmp_path / "empty"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        ({"matches": 7}, "expected an even number"),
+        ({"matches": 0}, "expected an even number"),
+        ({"batch": 0}, "expected 1 or more"),
+        ({"seed": -1}, "from 0 up to"),
+        ({"pool": ("safe", "random", "safe")}, "names safe twice"),
+        ({"pool": ("safe",)}, "needs two entrants"),
+        ({"resume": True, "overwrite": True}, "give one of them"),
+    ],
+)
+def test_impossible_flags(flags: dict[str, object], says: str) -> None:
+    with pytest.raises(LeagueError, match=says):
+        LeagueConfig(**flags)
+
+
+def test_an_unknown_entrant_stops_everything_before_it_begins(tmp_path: Path) -> None:
+    with pytest.raises(ShuttleError, match="did you mean safe"):
+        run_league(LeagueConfig(pool=("sefe", "random"), out=tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(ShuttleError, match="no model 'nothing'"):
+        run_league(LeagueConfig(game="nothing", out=tmp_path / "run"))
+
+
+def test_the_default_pool_can_play() -> None:
+    assert {"attacking", "defensive", "safe", "random"} <= set(default_pool())
+    LeagueConfig(pool=default_pool())
+
+
+def test_the_command_prints_the_table_and_a_forfeit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_broken.py").write_text("def policy(states):\n    return states.mask / 1\n")
+    out = tmp_path / "run"
+    flags = ["--pool", "safe", "my_broken:policy", "random", "--matches", "10", "--out", str(out)]
+    assert main(flags) == 0
+    printed = capsys.readouterr()
+    assert "my_broken:policy (forfeited 2)" in printed.out
+    assert "no distribution" in printed.err
+    assert printed.out.index("safe") < printed.out.index("random") < printed.out.index("my_broken")
+    assert (
+        "my_broken:policy forfeited: policy 'my_broken:policy' returned no distribution" in (out / "report.md").read_text()
+    )
+    rows = pyarrow.csv.read_csv(out / "results.csv").to_pylist()
+    assert [row["forfeit"] for row in rows] == ["my_broken:policy"] * 2 + [""] * 2 + ["my_broken:policy"] * 2
+    assert main(flags) == 1
+    assert "holds a finished run" in capsys.readouterr().err
