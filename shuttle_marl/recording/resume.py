@@ -6,19 +6,20 @@ from pathlib import Path
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.schema import RecordingError
-from shuttle_marl.recording.writer import RallyLogWriter, part_of
+from shuttle_marl.recording.writer import BATCH_RALLIES, RallyLogWriter, part_of
 
 
-def resume(path: Path, header: LogHeader, rallies: int) -> RallyLogWriter:
+def resume(path: Path, header: LogHeader, rallies: int, *, batch_rallies: int = BATCH_RALLIES) -> RallyLogWriter:
     """Keep the first rallies of ``path.part`` and return a writer that goes on behind them.
 
     The batches that are kept are the same bytes, so the finished log is the one that an undisturbed process would have
-    written, provided that process flushed after as many rallies.
+    written, provided that it flushed after as many rallies and with the same number to a batch.
 
     Args:
         path: where the finished log goes.
         header: of the run; the unfinished log must have the same.
         rallies: how many to keep; a batch must end there.
+        batch_rallies: rallies to a batch from there on.
 
     Raises:
         RecordingError: the unfinished log has another header or fewer rallies, is damaged before that, or cannot be written.
@@ -33,11 +34,11 @@ def resume(path: Path, header: LogHeader, rallies: int) -> RallyLogWriter:
         raise RecordingError(f"{part}: is gone, with the {rallies} rallies that were played; start anew")
     if not rallies:
         old.unlink(missing_ok=True)
-        return RallyLogWriter(path, header)
+        return RallyLogWriter(path, header, batch_rallies=batch_rallies)
     before, batches = salvage(old)
     if before != header:
         raise RecordingError(f"{old}: another game, other policies or another seed than this run has; start anew")
-    writer = RallyLogWriter(path, header)
+    writer = RallyLogWriter(path, header, batch_rallies=batch_rallies)
     for first, data, batch in batches:
         if writer.rallies == rallies or first != writer.rallies:
             break

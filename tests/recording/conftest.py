@@ -1,0 +1,73 @@
+"""Logs for the tests of the recorder."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLogWriter
+
+
+def a_header(n_strokes: int | None = None, **changes: object) -> LogHeader:
+    names = default_game().catalogue.names
+    return LogHeader(
+        **{
+            "seed": 7,
+            "game": default_game().hash,
+            "strokes": names[:n_strokes],
+            "policies": (Player(name="attacking", hash="a" * 64), Player(name="ünïcode | name")),
+            "pairings": (3, 2**63 - 1, 2**64 - 1),
+            **changes,
+        }
+    )
+
+
+def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longest: int = 30) -> Rallies:
+    """Rallies with arbitrary numbers: what a log has to keep, whether or not it makes sense."""
+    rng = np.random.default_rng(seed)
+    length = rng.integers(1, longest + 1, count).astype(np.int32)
+    n = n_strokes or default_game().n_strokes
+    order = np.sort(rng.integers(0, 3, count))
+    return Rallies(
+        pairing=order.astype(np.uint32),
+        match=np.arange(count, dtype=np.uint32),
+        rally=rng.integers(0, 2**16, count).astype(np.uint16),
+        policy=rng.integers(0, 2, (count, 2)).astype(np.uint16),
+        server=rng.integers(0, 2, count).astype(np.uint8),
+        winner=rng.integers(0, 2, count).astype(np.uint8),
+        reason=rng.integers(0, 2, count).astype(np.uint8),
+        score=rng.integers(0, 256, (count, 4)).astype(np.uint8),
+        length=length,
+        stroke=rng.integers(0, n, int(length.sum())).astype(np.uint8 if n <= 256 else np.uint16),
+    )
+
+
+@pytest.fixture(scope="session")
+def header() -> Callable[..., LogHeader]:
+    return a_header
+
+
+@pytest.fixture(scope="session")
+def rallies() -> Callable[..., Rallies]:
+    return some_rallies
+
+
+@pytest.fixture
+def log_file(tmp_path: Path) -> Path:
+    """A log of 100 rallies in batches of 16."""
+    path = tmp_path / "rallies.mcap"
+    with RallyLogWriter(path, a_header(), batch_rallies=16) as log:
+        log.append(some_rallies(100))
+    return path
+
+
+@pytest.fixture(scope="session")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a little tournament; look, do not touch."""
+    from shuttle_marl.league import LeagueConfig, run_league
+
+    out = tmp_path_factory.mktemp("played") / "run"
+    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=6, out=out))
+    return out / "rallies.mcap"

@@ -1,0 +1,294 @@
+"""What is written can be read again: by number, by batch, as tables, and by other readers of MCAP."""
+
+import dataclasses
+import io
+import itertools
+import shutil
+import subprocess
+import sysconfig
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
+from shuttle_marl.recording.resume import resume
+from shuttle_marl.recording.schema import arrow_schema
+from shuttle_marl.recording.tables import outcomes, rows_of_strokes
+from shuttle_marl.recording.writer import part_of
+
+RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
+
+
+def same(a: Rallies, b: Rallies) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, 40), max_size=6), st.integers(1, 50), st.integers(1, 2000), st.integers(0, 99))
+def test_what_was_appended_is_read(tmp_path_factory, rallies, header, sizes, batch, n_strokes, seed) -> None:
+    path = tmp_path_factory.mktemp("log") / "a.mcap"
+    names = default_game().catalogue.names
+    strokes = tuple(f"{i}" for i in range(n_strokes)) if n_strokes > len(names) else names[:n_strokes]
+    parts = [rallies(size, seed + i, n_strokes) for i, size in enumerate(sizes)]
+    with RallyLogWriter(path, dataclasses.replace(header(), strokes=strokes), batch_rallies=batch) as log:
+        for part in parts:
+            log.append(part)
+    assert not part_of(path).exists()
+    if n_strokes > len(names):
+        with pytest.raises(RecordingError, match="strokes that this program does not know"):
+            RallyLog(path)
+        return
+    with RallyLog(path) as log:
+        read = list(log.batches())
+        assert log.n_rallies == sum(sizes)
+        assert log.n_strokes == sum(len(part.stroke) for part in parts)
+        if read:
+            assert same(Rallies.join([batch for _, batch in read]), Rallies.join(parts))
+            assert all(len(rallies) == batch for _, rallies in read[:-1])
+            assert [first for first, _ in read] == list(range(0, sum(sizes), batch))
+
+
+def test_strokes_of_a_large_catalogue_take_two_bytes(rallies: Callable[..., Rallies]) -> None:
+    for n, kind in ((256, pa.uint8()), (257, pa.uint16())):
+        assert arrow_schema(n).field("strokes").type.value_type == kind
+        part = rallies(50, n_strokes=n)
+        assert same(Rallies.from_arrow(part.to_arrow(n)), part)
+
+
+def test_one_rally_by_number(log_file: Path, rallies: Callable[..., Rallies]) -> None:
+    whole = rallies(100)
+    with RallyLog(log_file) as log:
+        for number in (0, 15, 16, 57, 99):
+            assert same(log.rally(number), whole.part(number, number + 1))
+        for number in (-1, 100, 10**9):
+            with pytest.raises(RecordingError, match=f"no rally {number}; they are numbered up to 99"):
+                log.rally(number)
+
+
+def test_the_rallies_of_a_match(played: Path) -> None:
+    with RallyLog(played) as log:
+        table = log.rally_table()
+        for pairing in range(3):
+            for match in range(6):
+                rows = np.flatnonzero((table["pairing"].to_numpy() == pairing) & (table["match"].to_numpy() == match))
+                assert len(rows) >= 42
+                assert np.array_equal(log.numbers_of_match(pairing, match), rows)
+        assert len(log.numbers_of_match(1, 6)) == len(log.numbers_of_match(3, 0)) == 0
+
+
+def test_a_match_across_many_batches(
+    tmp_path: Path, rallies: Callable[..., Rallies], header: Callable[..., LogHeader]
+) -> None:
+    part = rallies(90)
+    order = np.repeat(np.arange(9), 10)
+    part = dataclasses.replace(part, pairing=(order // 3).astype(np.uint32), match=(order % 3).astype(np.uint32))
+    with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=4) as log:
+        log.append(part)
+    with RallyLog(tmp_path / "a.mcap") as log:
+        for m in range(9):
+            assert log.numbers_of_match(m // 3, m % 3).tolist() == list(range(10 * m, 10 * m + 10))
+
+
+def test_a_flush_ends_a_batch_and_counts_what_is_safe(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
+    path = tmp_path / "a.mcap"
+    with RallyLogWriter(path, header(), batch_rallies=64) as log:
+        log.append(rallies(70))
+        assert log.rallies == 64
+        assert log.flush() == 70
+        assert log.flush() == 70
+        log.append(rallies(10))
+        assert log.rallies == 70
+    with RallyLog(path) as read:
+        assert read.rallies.tolist() == [64, 6, 10]
+
+
+def test_the_header_is_kept(log_file: Path, header: Callable[..., LogHeader]) -> None:
+    with RallyLog(log_file) as log:
+        assert log.header == header()
+        assert log.catalogue.names == header().strokes
+
+
+def test_draws_are_named_by_the_header(header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
+    keys = header().rally_key(rallies(300))
+    assert keys.dtype == np.uint64
+    one = dataclasses.replace(rallies(300), match=np.full(300, 4, dtype=np.uint32))
+    two = dataclasses.replace(one, match=np.full(300, 5, dtype=np.uint32))
+    assert np.array_equal(header().rally_key(one), header().rally_key(two))
+    assert (header(matches_per_draw=1).rally_key(one) != header(matches_per_draw=1).rally_key(two)).all()
+    assert (header(seed=8).rally_key(one) != header().rally_key(one)).all()
+    other_server = dataclasses.replace(one, server=1 - one.server)
+    assert (header().rally_key(other_server) != header().rally_key(one)).all()
+
+
+def test_tables_hold_every_rally_and_stroke_by_name(log_file: Path, rallies: Callable[..., Rallies]) -> None:
+    whole = rallies(100)
+    with RallyLog(log_file) as log:
+        table, strokes, names = log.rally_table(), log.stroke_table(), log.header.strokes
+        catalogue = log.catalogue
+    assert table["number"].to_pylist() == list(range(100))
+    assert table["length"].to_pylist() == whole.length.tolist()
+    assert set(table["policy_0"].to_pylist()) == {"attacking", "ünïcode | name"}
+    assert set(table["reason"].to_pylist()) == {"fault", "winner"}
+    assert strokes.num_rows == len(whole.stroke)
+    assert strokes["stroke"].to_pylist() == [names[i] for i in whole.stroke]
+    row, position, seat = rows_of_strokes(whole)
+    assert strokes["number"].to_pylist() == row.tolist()
+    assert strokes["position"].to_pylist() == position.tolist()
+    policy = [("attacking", "ünïcode | name")[whole.policy[r, s]] for r, s in zip(row, seat, strict=True)]
+    assert strokes["policy"].to_pylist() == policy
+    last = np.r_[position[1:] == 0, True]
+    outcome = np.array(strokes["outcome"].to_pylist())
+    assert outcome[last].tolist() == [("fault", "winner")[i] for i in whole.reason]
+    returned = [("returned from below", "returned from above")[catalogue.height[i]] for i in whole.stroke[1:][~last[:-1]]]
+    assert outcome[~last].tolist() == returned
+    assert outcomes(whole, catalogue).dtype == np.int8
+
+
+def test_an_empty_log(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    RallyLogWriter(tmp_path / "a.mcap", header()).close()
+    with RallyLog(tmp_path / "a.mcap") as log:
+        assert (log.n_rallies, log.n_strokes, list(log.batches())) == (0, 0, [])
+        assert log.rally_table().num_rows == log.stroke_table().num_rows == 0
+        assert len(log.numbers_of_match(0, 0)) == 0
+        with pytest.raises(RecordingError, match="no rally 0"):
+            log.rally(0)
+
+
+def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Rallies]) -> None:
+    whole = rallies(100)
+    with log_file.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert (summary.statistics.message_count, summary.statistics.chunk_count) == (7, 7)
+        assert [a.name for a in reader.iter_attachments()] == ["rally_index"]
+        assert [m.name for m in reader.iter_metadata()] == ["shuttle_marl.rally_log"]
+        batches, sequences = [], []
+        for schema, channel, message in reader.iter_messages(topics="/rallies"):
+            assert schema is not None
+            assert (schema.name, schema.encoding, channel.message_encoding) == (
+                "shuttle_marl.Rallies",
+                "arrow",
+                "arrow_stream",
+            )
+            assert pa.ipc.read_schema(pa.BufferReader(schema.data)).equals(arrow_schema(len(default_game().catalogue)))
+            with pa.ipc.open_stream(message.data) as stream:
+                batches.append(stream.read_all())
+                assert stream.schema.metadata[b"version"] == b"1"
+            sequences.append((message.sequence, message.log_time))
+        assert sequences == [(i, 16 * i * 1_000_000) for i in range(7)]
+        assert pa.concat_tables(batches)["strokes"].combine_chunks().flatten().to_pylist() == whole.stroke.tolist()
+
+
+@pytest.mark.skipif(RERUN is None, reason="rerun-sdk is not installed")
+def test_another_independent_reader_finds_nothing_wrong(played: Path, tmp_path: Path) -> None:
+    def check(path: Path) -> int:
+        return subprocess.run(
+            [str(RERUN), "mcap", "check", "--full", str(path)], capture_output=True, check=False
+        ).returncode
+
+    assert check(played) == 0
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(played.read_bytes()[:-1000])
+    assert check(cut) != 0
+
+
+def test_the_same_rallies_give_the_same_bytes(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
+    """However they were handed over."""
+    whole, files = rallies(200), []
+    for name, cuts in (("a", [0, 200]), ("b", [0, 1, 50, 51, 130, 200])):
+        with RallyLogWriter(tmp_path / f"{name}.mcap", header(), batch_rallies=32) as log:
+            for first, last in itertools.pairwise(cuts):
+                log.append(whole.part(first, last))
+        files.append((tmp_path / f"{name}.mcap").read_bytes())
+    assert files[0] == files[1]
+
+
+def test_nothing_is_overwritten(log_file: Path, header: Callable[..., LogHeader]) -> None:
+    with pytest.raises(RecordingError, match="there is a rally log already"):
+        RallyLogWriter(log_file, header())
+    log_file.rename(part_of(log_file))
+    with pytest.raises(RecordingError, match=r"unfinished log stands there; .*recover .*rallies.mcap.part"):
+        RallyLogWriter(log_file, header())
+
+
+def test_an_error_leaves_the_part_behind(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
+    def work() -> None:
+        with RallyLogWriter(tmp_path / "a.mcap", header()) as log:
+            log.append(rallies(10))
+            log.flush()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.part"]
+
+
+class TestResume:
+    """A log that was cut off goes on to the bytes that it would have had."""
+
+    @pytest.fixture
+    def write(self, tmp_path: Path, rallies: Callable[..., Rallies], header) -> Callable[..., Path]:
+        def write(name: str, stop_after: int | None = None) -> Path:
+            path = tmp_path / name
+            log = RallyLogWriter(path, header(), batch_rallies=8)
+            for i in range(5):
+                log.append(rallies(20, seed=i))
+                log.flush()
+                if stop_after == i:
+                    log.abort()
+                    return path
+            log.close()
+            return path
+
+        return write
+
+    @pytest.mark.parametrize("keep", [0, 1, 3])
+    @pytest.mark.parametrize("torn", [0, 1, 500])
+    def test_bytes_are_the_same(self, write, rallies, header, keep: int, torn: int) -> None:
+        whole, path = write("whole.mcap"), write("cut.mcap", stop_after=3)
+        content = part_of(path).read_bytes()
+        part_of(path).write_bytes(content[: len(content) - torn])
+        with resume(path, header(), 20 * keep, batch_rallies=8) as log:
+            for i in range(keep, 5):
+                log.append(rallies(20, seed=i))
+                log.flush()
+        assert path.read_bytes() == whole.read_bytes()
+        assert {p.name for p in path.parent.iterdir()} == {"whole.mcap", "cut.mcap"}
+
+    def test_a_resumed_copy_that_was_killed(self, write, rallies, header) -> None:
+        whole, path = write("whole.mcap"), write("cut.mcap", stop_after=3)
+        old = path.with_name("cut.mcap.part.old")
+        old.write_bytes(part_of(path).read_bytes())
+        part_of(path).write_bytes(old.read_bytes()[:900])
+        with resume(path, header(), 60, batch_rallies=8) as log:
+            for i in (3, 4):
+                log.append(rallies(20, seed=i))
+                log.flush()
+        assert path.read_bytes() == whole.read_bytes()
+
+    def test_what_does_not_fit(self, write, header, tmp_path: Path) -> None:
+        path = write("cut.mcap", stop_after=3)
+        with pytest.raises(RecordingError, match="another game, other policies or another seed"):
+            resume(path, header(seed=1), 60)
+        part = part_of(path)
+        for rallies in (100, 61):
+            with pytest.raises(RecordingError, match=f"{rallies} rallies were played"):
+                resume(path, header(), rallies)
+        assert part.with_name(part.name + ".old").exists(), "what was played is still there"
+        with pytest.raises(RecordingError, match="is gone"):
+            resume(tmp_path / "nothing.mcap", header(), 1)
+
+
+def test_messages_are_arrow_streams_of_their_own(log_file: Path) -> None:
+    with log_file.open("rb") as file:
+        for _, _, message in make_reader(file).iter_messages():
+            assert pa.ipc.open_stream(io.BytesIO(message.data)).read_all().num_rows > 0
