@@ -1,0 +1,192 @@
+"""Everything that was fitted, in one folder: networks, ridge, calibration, players, support. Safetensors, never pickle."""
+
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.dynamics.features import DISCIPLINES, Codes, Rows
+from shuttle_marl.dynamics.models import GOOD, SPECS, sigmoid, softmax
+from shuttle_marl.dynamics.network import Ensemble, Spec, encode
+from shuttle_marl.dynamics.players import PlayerChoices
+from shuttle_marl.dynamics.ridge import ridge_logits
+from shuttle_marl.dynamics.training import predict
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+
+Floats = npt.NDArray[np.float64]
+
+NETWORKS: Final = "networks.safetensors"
+CARD: Final = "card.json"
+GAME: Final = "game.safetensors"
+
+
+class ModelError(ShuttleError):
+    """A model folder that cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Bundle:
+    """The fitted models.
+
+    Attributes:
+        networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
+        ridge: coefficients of the ridge half of the return model.
+        calibration: for success (chance of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
+        share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
+        striker, receiver: logit shifts of single players for success and return, by identifier.
+        choices: how single players choose.
+    """
+
+    networks: dict[str, Ensemble]
+    ridge: Floats
+    calibration: Floats
+    share: Floats
+    striker: dict[str, float]
+    receiver: dict[str, float]
+    choices: PlayerChoices
+
+    def targets(self, codes: dict[str, Codes]) -> Floats:
+        """``[N, 9]`` chance of each intended target given state, shot type and technique."""
+        target = self.networks["target"]
+        return np.asarray(softmax(predict(target, encode(target.spec, codes))).mean(axis=0))
+
+    def choice(self, codes: dict[str, Codes]) -> Floats:
+        """``[N, 13 * 3]`` chance of each shot type and technique given the state."""
+        choice = self.networks["choice"]
+        return np.asarray(softmax(predict(choice, encode(choice.spec, codes))).mean(axis=0))
+
+    def fault(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
+        """``[N]`` chance that the striker faults, for a known target.
+
+        Args:
+            codes: with ``area``.
+            pessimism: standard deviations of the ensemble's logit added to the chance of a fault.
+            shift: of the logit, for a striker's profile (``[N]`` or a number).
+        """
+        success = self.networks["success"]
+        chance = 1 - softmax(predict(success, encode(success.spec, codes)))[..., GOOD]
+        return _calibrated(chance, self.calibration[0], pessimism, shift)
+
+    def returned(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
+        """``[N]`` chance that the opponent returns a good stroke; arguments as for :meth:`fault`."""
+        network = self.networks["return"]
+        chance = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
+        convex = ridge_logits(self.ridge, codes)
+        blended = sigmoid(0.5 * (_logit(chance) + convex))
+        return _calibrated(blended, self.calibration[1], pessimism, shift)
+
+    def above(self, codes: dict[str, Codes]) -> Floats:
+        """``[N]`` chance that a returned stroke is met above the net."""
+        network = self.networks["contact"]
+        chance = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
+        return _calibrated(chance, self.calibration[2], 0.0, 0.0)
+
+    def fault_without_target(self, rows: Rows, shift: Floats | float = 0.0) -> Floats:
+        """``[N]`` chance of a fault given everything but the target: the sum over targets of chance times fault chance."""
+        shares = self.targets(rows.codes)
+        faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
+        return np.asarray((shares * faults).sum(axis=1))
+
+    def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> Floats:
+        """``[N]`` logit shift of each player, 0 for players without one."""
+        return np.array([shifts.get(player, 0.0) for player in players.tolist()])
+
+    def averaged(self, chance: Any, codes: dict[str, Codes], **options: Any) -> Floats:
+        """The average profile: a chance (one of the methods above) weighted over the disciplines."""
+        n = len(codes["contact"])
+        total = np.zeros(0)
+        for discipline, share in enumerate(self.share):
+            values = share * chance({**codes, "discipline": np.full(n, discipline, dtype=np.int16)}, **options)
+            total = values if discipline == 0 else total + values
+        return np.asarray(total)
+
+    def save(self, folder: Path) -> str:
+        """Write ``networks.safetensors``; returns the SHA-256 of its content."""
+        tensors = {
+            f"{name}.{key}": value.contiguous()
+            for name, network in self.networks.items()
+            for key, value in network.state_dict().items()
+        }
+        tensors |= {
+            "ridge": torch.from_numpy(self.ridge),
+            "calibration": torch.from_numpy(self.calibration),
+            "share": torch.from_numpy(self.share),
+            "players.style": torch.from_numpy(self.choices.style),
+            "players.area": torch.from_numpy(self.choices.area),
+        }
+        header = {
+            "specs": json.dumps({name: dataclasses.asdict(n.spec) for name, n in self.networks.items()}),
+            "striker": json.dumps(self.striker),
+            "receiver": json.dumps(self.receiver),
+            "players": json.dumps(self.choices.players),
+            "disciplines": json.dumps(DISCIPLINES),
+        }
+        content = save(tensors, metadata=header)
+        replace_file(folder / NETWORKS, content)
+        return hashlib.sha256(content).hexdigest()
+
+    @classmethod
+    def load(cls, folder: Path) -> "Bundle":
+        """Read a folder written by :meth:`save`.
+
+        Raises:
+            ModelError: the file is missing or damaged, was written by another version, or holds a weight that is no number.
+        """
+        path = folder / NETWORKS
+        try:
+            with safe_open(path, framework="pt") as file:
+                header = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
+            networks = {}
+            for name, fields in json.loads(header["specs"]).items():
+                crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
+                spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
+                network = Ensemble(spec).requires_grad_(False).eval()
+                network.load_state_dict(
+                    {k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")}
+                )
+                networks[name] = network
+            missing = set(SPECS) - set(networks)
+            if missing:
+                raise KeyError(f"network {', '.join(sorted(missing))}")
+            bundle = cls(
+                networks=networks,
+                ridge=tensors["ridge"].numpy(),
+                calibration=tensors["calibration"].numpy(),
+                share=tensors["share"].numpy(),
+                striker=json.loads(header["striker"]),
+                receiver=json.loads(header["receiver"]),
+                choices=PlayerChoices(
+                    players=tuple(json.loads(header["players"])),
+                    style=tensors["players.style"].numpy(),
+                    area=tensors["players.area"].numpy(),
+                ),
+            )
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
+        for name, tensor in tensors.items():
+            if not torch.isfinite(tensor).all():
+                raise ModelError(f"{path}: {name} holds a weight that is no number; fit or install the model again")
+        return bundle
+
+
+def _logit(p: Floats) -> Floats:
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return np.asarray(np.log(p) - np.log1p(-p))
+
+
+def _calibrated(members: Floats, line: Floats, pessimism: float, shift: Floats | float) -> Floats:
+    """Mean of the members' chances ``[K, N]``, its logit moved along the calibration line."""
+    z = _logit(members.mean(axis=0))
+    if pessimism:
+        z = z + pessimism * _logit(members).std(axis=0)
+    return sigmoid(line[0] * z + line[1] + shift)

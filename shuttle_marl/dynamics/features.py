@@ -1,0 +1,160 @@
+"""Strokes in context, as integer codes: what every model of the game reads.
+
+A stroke is described by its attributes (shot type, area, contact height, technique), and its context by the attributes of
+the striker's own last stroke and of the incoming stroke, the contact offered, and the discipline. Two strokes back are
+enough: more history improves no model on unseen matches.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import RETURNED
+from shuttle_marl.rally import Game
+from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+
+DISCIPLINES: Final = ("MS", "WS")
+
+# Of a stroke before: the attribute, "none" (the rally has just begun), or "unknown" (the row was dropped).
+_BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
+SLOTS: Final[dict[str, int]] = {
+    **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
+    "contact": 2,
+    "discipline": len(DISCIPLINES),
+    "shot": N_SHOTS,
+    "technique": N_TECHNIQUES,
+    "area": N_AREAS,
+}
+"""What a model can read, and how many values each has."""
+
+STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
+"""The context of a stroke: what the striker knows before choosing."""
+
+Codes = npt.NDArray[np.int16]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Rows:
+    """N strokes in context.
+
+    Attributes:
+        codes: for each of :data:`SLOTS`, ``[N]`` its code; ``area`` is -1 where the intended target is not known.
+        outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
+        next_contact: ``[N]`` height from which the next stroke was struck, -1 where there is none.
+        match: ``[N]`` index into ``matches``.
+        matches: names.
+        striker, receiver: ``[N]`` identifiers of the players.
+        stroke: ``[N]`` number of the stroke in its rally, from 1.
+    """
+
+    codes: dict[str, Codes]
+    outcome: npt.NDArray[np.int8]
+    reason: npt.NDArray[np.int8]
+    next_contact: npt.NDArray[np.int8]
+    match: npt.NDArray[np.int32]
+    matches: tuple[str, ...]
+    striker: npt.NDArray[np.str_]
+    receiver: npt.NDArray[np.str_]
+    stroke: npt.NDArray[np.int16]
+
+    def __len__(self) -> int:
+        return len(self.outcome)
+
+    def take(self, which: npt.NDArray[np.integer | np.bool_]) -> "Rows":
+        """The rows chosen by an index or a mask."""
+        arrays = {
+            f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")
+        }
+        return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
+
+    def in_matches(self, names: Sequence[str]) -> "Rows":
+        """The rows of some matches."""
+        wanted = np.isin(np.array(self.matches), np.array(list(names)))
+        return self.take(wanted[self.match])
+
+    def with_area(self, area: int | npt.NDArray[np.integer]) -> dict[str, Codes]:
+        """The codes, with another intended target."""
+        return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
+
+    @functools.cached_property
+    def cells(self) -> npt.NDArray[np.int64]:
+        """``[N]`` index of (shot, area, height, technique) of the stroke itself; negative without area."""
+        c = {k: v.astype(np.int64) for k, v in self.codes.items()}
+        index = ((c["shot"] * N_AREAS + c["area"]) * 2 + c["contact"]) * N_TECHNIQUES + c["technique"]
+        return np.where(c["area"] < 0, -1, index)
+
+
+def rows_from_strokes(strokes: pa.Table) -> Rows:
+    """Strokes of a cleaned table in context, in its order (schema: :mod:`shuttle_marl.data.schema`)."""
+    column = {
+        name: strokes[name].to_numpy(zero_copy_only=False)
+        for name in ("game", "rally", "stroke", "shot", "height", "technique", "outcome", "reason")
+    }
+    area = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
+    encoded = strokes["match"].combine_chunks().dictionary_encode()
+    match = encoded.indices.to_numpy().astype(np.int32)
+    key = np.stack([match, column["game"], column["rally"]])
+    number = column["stroke"].astype(np.int16)
+    codes: dict[str, Codes] = {}
+    for lag, name in ((1, "incoming"), (2, "own")):
+        before = _shift(np.arange(len(match)), lag)
+        known = (before >= 0) & (key[:, before] == key).all(axis=0) & (number - number[before] == lag)
+        for attribute, size in _BEFORE.items():
+            values = area if attribute == "area" else column[attribute]
+            unknown, none = size - 1, size - 2
+            code = np.where(known, values[before], np.where(number <= lag, none, unknown))
+            codes[f"{name}_{attribute}"] = np.where(code < 0, unknown, code).astype(np.int16)
+    after = _shift(np.arange(len(match)), -1)
+    follows = (after >= 0) & (key[:, after] == key).all(axis=0) & (number[after] - number == 1)
+    returned = column["outcome"] == RETURNED
+    codes["contact"] = column["height"].astype(np.int16)
+    codes["discipline"] = (strokes["discipline"].to_numpy(zero_copy_only=False) == "WS").astype(np.int16)
+    codes["shot"] = column["shot"].astype(np.int16)
+    codes["technique"] = column["technique"].astype(np.int16)
+    codes["area"] = area
+    return Rows(
+        codes=codes,
+        outcome=column["outcome"].astype(np.int8),
+        reason=column["reason"].astype(np.int8),
+        next_contact=np.where(follows & returned, column["height"][after], -1).astype(np.int8),
+        match=match,
+        matches=tuple(encoded.dictionary.to_pylist()),
+        striker=strokes["player"].to_numpy(zero_copy_only=False).astype(str),
+        receiver=strokes["opponent"].to_numpy(zero_copy_only=False).astype(str),
+        stroke=number,
+    )
+
+
+def codes_of_edges(
+    game: Game, own: npt.NDArray[np.integer], incoming: npt.NDArray[np.integer], contact: npt.NDArray[np.integer]
+) -> dict[str, Codes]:
+    """Codes of the context of states, given by catalogue indices (n for none); without discipline."""
+    catalogue = game.catalogue
+    codes: dict[str, Codes] = {}
+    for name, stroke in (("own", own), ("incoming", incoming)):
+        for attribute, size in _BEFORE.items():
+            values = np.append(getattr(catalogue, attribute), size - 2)
+            codes[f"{name}_{attribute}"] = values[stroke].astype(np.int16)
+    codes["contact"] = np.asarray(contact).astype(np.int16)
+    return codes
+
+
+def codes_of_pairs(game: Game) -> dict[str, Codes]:
+    """Codes of every legal pair of a game, ``[P]`` each; without discipline."""
+    edge = game.pair_state >> 1
+    codes = codes_of_edges(game, game.edge_own[edge], game.edge_incoming[edge], game.pair_state & 1)
+    for attribute in ("shot", "technique", "area"):
+        codes[attribute] = getattr(game.catalogue, attribute)[game.pair_stroke].astype(np.int16)
+    return codes
+
+
+def _shift(index: npt.NDArray[np.int64], lag: int) -> npt.NDArray[np.int64]:
+    """Row ``lag`` rows before each row, -1 where that is outside the table."""
+    moved = index - lag
+    return np.where((moved >= 0) & (moved < len(index)), moved, -1)

@@ -1,0 +1,293 @@
+"""Fits everything: networks, calibration, players, catalogue, support; nothing is read but the stroke table and a seed."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.optimize import minimize
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import FAULT, RETURNED
+from shuttle_marl.dynamics import players as pooling
+from shuttle_marl.dynamics.bundle import Bundle
+from shuttle_marl.dynamics.compile import empty_game
+from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
+from shuttle_marl.dynamics.models import (
+    GOOD,
+    all_targets,
+    fault_class,
+    fit_binary,
+    fit_choice,
+    fit_success,
+    fit_target,
+    known_outcome,
+    latent_target,
+    sigmoid,
+    softmax,
+    was_good,
+    was_met,
+)
+from shuttle_marl.dynamics.network import Ensemble, encode
+from shuttle_marl.dynamics.ridge import fit_ridge, ridge_logits
+from shuttle_marl.dynamics.support import Support, catalogue_of, replies_of, support_of
+from shuttle_marl.dynamics.training import TrainingConfig, fold_of_match, predict, unseen
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.rally import Game
+from shuttle_marl.stroke import N_TECHNIQUES
+
+Floats = npt.NDArray[np.float64]
+Report = Callable[[str], None]
+
+THREADS: Final = 2
+"""Threads of the fit; fixed, because sums in another order give other weights."""
+_RIDGE_FOLDS: Final = 5
+_PLAYER_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+_CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted:
+    """What a fit gives.
+
+    Attributes:
+        bundle: the models.
+        game: the layout of the game; thresholds not filled in.
+        support: what the data carries, for every edge of the game.
+        chosen: what was chosen on the validation matches, and how it scored.
+    """
+
+    bundle: Bundle
+    game: Game
+    support: Support
+    chosen: dict[str, Any]
+
+
+def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig | None = None, report: Report) -> Fitted:
+    """Fit on train; the strength of pooling is chosen on validation.
+
+    Args:
+        train, validation: strokes in context.
+        seed: of all random numbers.
+        config: of the networks.
+        report: called with a line before each stage.
+
+    Raises:
+        ShuttleError: a split without strokes.
+    """
+    if not len(train) or not len(validation):
+        raise ShuttleError("the fit needs strokes of train and of validation matches; is the data complete?")
+    config = config or TrainingConfig()
+    torch.use_deterministic_algorithms(True)
+    torch.set_num_threads(THREADS)
+    known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
+
+    report("intended targets")
+    soft = _known_targets(train)
+    target = fit_target(train, soft, config, seed)
+    report("success, summing over targets that are not known")
+    success = fit_success(known, _targets(target, known), config, seed + 1)
+    report("intended targets of faults (expectation), then both again (maximisation)")
+    soft = intended_targets(target, success, train)
+    target = fit_target(train, soft, config, seed + 2)
+    success = fit_success(known, _targets(target, known), config, seed + 3)
+    report("returns")
+    returned = good.outcome == RETURNED
+    return_network = fit_binary("return", good, returned, config, seed + 4)
+    ridge = fit_ridge(good.codes, returned)
+    report("contact heights")
+    met_above = met.next_contact == 1
+    contact = fit_binary("contact", met, met_above, config, seed + 5)
+    report("choices of strokes")
+    choice = fit_choice(train, config, seed + 6)
+
+    report("calibration on matches that a network did not see")
+    blind_fault, share = _blind_faults(success, target, known, config)
+    blind_return = _blind_returns(return_network, good, returned, config)
+    blind_above = _logit(unseen(_chances(contact, met), met.match, config.folds))
+    calibration = np.stack([
+        _calibrate(blind_fault, share, known.outcome == FAULT),
+        _calibrate(blind_return[:, None], np.ones((len(good), 1)), returned),
+        _calibrate(blind_above[:, None], np.ones((len(met), 1)), met_above),
+    ])  # fmt: skip
+    networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
+    counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
+    average = Bundle(
+        networks=networks,
+        ridge=ridge,
+        calibration=calibration,
+        share=counts / counts.sum(),
+        striker={},
+        receiver={},
+        choices=pooling.PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
+    )
+    report("players")
+    marginal = sigmoid(calibration[0, 0] * blind_fault + calibration[0, 1])
+    blind = {
+        "striker": (known, _logit((share * marginal).sum(axis=1)), known.outcome == FAULT),
+        "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
+    }
+    profiles, chosen = _player_shifts(average, blind, validation)
+    choices, chosen["choices"] = _player_choices(networks, train, validation, config)
+    bundle = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
+
+    report("catalogue, legality, support")
+    catalogue = catalogue_of(train)
+    game = empty_game(catalogue, replies_of(train, catalogue))
+    final = intended_targets(target, success, known)
+    support = support_of(known, final, game)
+    return Fitted(bundle=bundle, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist()})
+
+
+def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
+    """``[N, 9]`` chance of each intended target given what happened; rows without a use (unknown outcome) are zero."""
+    soft = _known_targets(rows)
+    latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))
+    hidden = rows.take(latent)
+    chance = all_targets(success, hidden).mean(axis=0)
+    label = fault_class(hidden)
+    joint = _targets(target, hidden) * chance[np.arange(len(hidden)), :, label]
+    soft[latent] = joint / joint.sum(axis=1, keepdims=True)
+    return soft
+
+
+def _known_targets(rows: Rows) -> Floats:
+    soft = np.zeros((len(rows), N_AREAS))
+    seen = np.flatnonzero(~latent_target(rows))
+    soft[seen, rows.codes["area"][seen]] = 1.0
+    return soft
+
+
+def _targets(target: Ensemble, rows: Rows) -> Floats:
+    return np.asarray(softmax(predict(target, encode(target.spec, rows.codes))).mean(axis=0))
+
+
+def _chances(network: Ensemble, rows: Rows) -> Floats:
+    return sigmoid(predict(network, encode(network.spec, rows.codes))[..., 0])
+
+
+def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: TrainingConfig) -> tuple[Floats, Floats]:
+    """``[N, 9]`` logit of a fault by target and ``[N, 9]`` chance of each target, from members that did not see the match."""
+    chance = all_targets(success, rows)
+    fault = unseen(1 - chance[..., GOOD], rows.match, config.folds)
+    share = unseen(softmax(predict(target, encode(target.spec, rows.codes))), rows.match, config.folds)
+    return _logit(fault), share
+
+
+def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig) -> Floats:
+    convex = np.empty(len(rows))
+    fold = fold_of_match(rows.match, _RIDGE_FOLDS)
+    for k in range(_RIDGE_FOLDS):
+        inside = fold == k
+        weights = fit_ridge(rows.take(~inside).codes, label[~inside])
+        convex[inside] = ridge_logits(weights, rows.take(inside).codes)
+    return 0.5 * (_logit(unseen(_chances(network, rows), rows.match, config.folds)) + convex)
+
+
+def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:
+    """Slope and shift ``[2]`` that make the chance (a mixture of ``[N, M]`` logits with shares ``[N, M]``) most likely."""
+
+    def loss(line: Floats) -> float:
+        p = np.clip((share * sigmoid(line[0] * logit + line[1])).sum(axis=1), 1e-9, 1 - 1e-9)
+        return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
+
+    return np.asarray(minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-4}).x)
+
+
+def _player_shifts(
+    bundle: Bundle, blind: dict[str, tuple[Rows, Floats, npt.NDArray[np.bool_]]], validation: Rows
+) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
+    """Logit shifts of strikers and receivers; the precision of the prior is the best one on validation."""
+    judges = {"striker": validation.take(known_outcome(validation)), "receiver": validation.take(was_good(validation))}
+    base = {
+        "striker": _logit(bundle.fault_without_target(judges["striker"])),
+        "receiver": _logit(bundle.returned(judges["receiver"].codes)),
+    }
+    label = {"striker": judges["striker"].outcome == FAULT, "receiver": judges["receiver"].outcome == RETURNED}
+    shifts: dict[str, dict[str, float]] = {}
+    chosen: dict[str, Any] = {}
+    for role, (rows, logit, happened) in blind.items():
+        names, index = np.unique(getattr(rows, role), return_inverse=True)
+        judged = getattr(judges[role], role)
+        candidates: list[tuple[float, float, dict[str, float]]] = []
+        for precision in (*_PLAYER_PRECISIONS, np.inf):
+            values = np.zeros(len(names))
+            if np.isfinite(precision):
+                values = pooling.fit_logit_shifts(logit, happened, index, precision)
+            shift = dict(zip(names.tolist(), values.tolist(), strict=True))
+            moved = sigmoid(base[role] + bundle.shift_of(judged, shift))
+            candidates.append((_log_loss(label[role], moved), precision, shift))
+        best = min(candidates, key=lambda candidate: candidate[0])
+        shifts[role] = best[2] if np.isfinite(best[1]) else {}
+        chosen[role] = {
+            "log_loss_by_precision": {str(precision): loss for loss, precision, _ in candidates},
+            "precision": str(best[1]),
+        }
+    return shifts, chosen
+
+
+def _player_choices(
+    networks: dict[str, Ensemble], train: Rows, validation: Rows, config: TrainingConfig
+) -> tuple[pooling.PlayerChoices, dict[str, Any]]:
+    """Shifts of single players' choices; the precision of the prior is the best one on validation."""
+    names = tuple(pooling.with_enough_strokes(train.striker))
+    empty = pooling.PlayerChoices(
+        players=names,
+        style=np.zeros((len(names), SLOTS["incoming_shot"], SLOTS["contact"], networks["choice"].spec.outputs)),
+        area=np.zeros((len(names), SLOTS["shot"], SLOTS["technique"], N_AREAS)),
+    )
+    chosen: dict[str, Any] = {}
+    shifts: dict[str, Floats] = {}
+    for kind, network, cell_slots in (
+        ("style", networks["choice"], ("incoming_shot", "contact")),
+        ("area", networks["target"], ("shot", "technique")),
+    ):
+        usable = [rows.take(_judged(rows, kind) & (empty.index(rows.striker) >= 0)) for rows in (train, validation)]
+        ours, theirs = usable
+        label = [_label(rows, kind) for rows in usable]
+        cell = [
+            rows.codes[cell_slots[0]].astype(np.int64) * SLOTS[cell_slots[1]] + rows.codes[cell_slots[1]] for rows in usable
+        ]
+        cells = SLOTS[cell_slots[0]] * SLOTS[cell_slots[1]]
+        base = unseen(softmax(predict(network, encode(network.spec, ours.codes))), ours.match, config.folds)
+        judge = softmax(predict(network, encode(network.spec, theirs.codes))).mean(axis=0)
+        losses: list[tuple[float, float, Floats]] = []
+        for precision in _CHOICE_PRECISIONS:
+            shift = pooling.fit_choice_shifts(
+                base, cell[0], cells, empty.index(ours.striker), len(names), label[0], precision
+            )
+            moved = judge * np.exp(shift[empty.index(theirs.striker), cell[1]])
+            moved /= moved.sum(axis=1, keepdims=True)
+            losses.append((float(-np.log(moved[np.arange(len(moved)), label[1]]).mean()), precision, shift))
+        average = float(-np.log(judge[np.arange(len(judge)), label[1]]).mean())
+        loss, precision, shift = min(losses, key=lambda candidate: candidate[0])
+        shifts[kind] = shift
+        chosen[kind] = {"precision": precision, "cross_entropy": loss, "cross_entropy_of_average": average}
+    return (
+        dataclasses.replace(
+            empty, style=shifts["style"].reshape(empty.style.shape), area=shifts["area"].reshape(empty.area.shape)
+        ),
+        chosen,
+    )
+
+
+def _judged(rows: Rows, kind: str) -> npt.NDArray[np.bool_]:
+    return np.ones(len(rows), dtype=bool) if kind == "style" else ~latent_target(rows)
+
+
+def _label(rows: Rows, kind: str) -> npt.NDArray[np.int64]:
+    if kind == "area":
+        return rows.codes["area"].astype(np.int64)
+    return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+
+
+def _log_loss(label: npt.NDArray[np.bool_], p: Floats) -> float:
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
+
+
+def _logit(p: Floats) -> Floats:
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return np.asarray(np.log(p) - np.log1p(-p))

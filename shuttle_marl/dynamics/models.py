@@ -1,0 +1,210 @@
+"""The five networks of the game: what each reads, and what it is fitted to.
+
+========  =======================================  ==================================================
+network   reads                                    says
+========  =======================================  ==================================================
+choice    the state                                shot type and technique that players choose
+target    the state, shot type, technique          the intended target area
+success   the state and the whole stroke           good, out, or short (net, short of the net, foul)
+return    the same                                 whether the opponent returns a good stroke
+contact   the same                                 whether the opponent reaches it above the net
+========  =======================================  ==================================================
+
+**Targets of faults are latent.** The file says where a fault came down, not where it was meant to go. An out stroke was
+meant for the area next to where it landed; of a stroke that did not cross the net nothing is known, so its likelihood is
+the sum over the nine areas of (chance of this target) x (chance of falling short at this target), and target and success
+networks are fitted in turn (expectation maximisation).
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.dynamics.features import STATE, Codes, Rows
+from shuttle_marl.dynamics.network import Ensemble, Spec, encode
+from shuttle_marl.dynamics.training import TrainingConfig, fit_ensemble, predict
+from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+
+Floats = npt.NDArray[np.float64]
+
+GOOD, OUT, SHORT = range(3)
+_STROKE: Final = (*STATE, "shot", "technique", "area")
+_CONTEXT_CROSSES: Final = (
+    ("shot", "contact", "technique"),
+    ("incoming_shot", "incoming_area"),
+    ("incoming_shot", "shot"),
+    ("incoming_area", "shot"),
+    ("own_shot", "incoming_shot"),
+    ("shot", "area"),
+)
+_FLIGHT_CROSSES: Final = (
+    *_CONTEXT_CROSSES,
+    ("shot", "area", "technique"),
+    ("incoming_area", "area"),
+    ("own_area", "area"),
+)
+SPECS: Final = {
+    "choice": Spec(
+        inputs=STATE,
+        crosses=(
+            ("incoming_shot", "incoming_area", "contact"),
+            ("own_shot", "incoming_shot"),
+            ("own_area", "incoming_shot"),
+        ),
+        outputs=N_SHOTS * N_TECHNIQUES,
+    ),
+    "target": Spec(
+        inputs=(*STATE, "shot", "technique"),
+        crosses=(
+            ("shot", "technique", "contact"),
+            ("incoming_area", "shot"),
+            ("incoming_shot", "shot"),
+            ("own_area", "shot"),
+            ("incoming_area", "technique"),
+        ),
+        outputs=N_AREAS,
+    ),
+    "success": Spec(inputs=_STROKE, crosses=_CONTEXT_CROSSES, outputs=3),
+    "return": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
+    "contact": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
+}
+
+
+def fault_class(rows: Rows) -> npt.NDArray[np.int64]:
+    """``[N]`` GOOD, OUT or SHORT; faults of unknown kind count as short."""
+    fault = rows.outcome == FAULT
+    return np.where(~fault, GOOD, np.where(rows.reason == REASONS.index("out"), OUT, SHORT))
+
+
+def latent_target(rows: Rows) -> npt.NDArray[np.bool_]:
+    """``[N]`` whether the intended target is not known: the shuttle fell short, or no landing was recorded."""
+    return (fault_class(rows) == SHORT) | (rows.codes["area"] < 0)
+
+
+def softmax(logits: Floats) -> Floats:
+    """Softmax over the last axis."""
+    z = np.exp(logits - logits.max(axis=-1, keepdims=True))
+    return np.asarray(z / z.sum(axis=-1, keepdims=True))
+
+
+def sigmoid(logits: Floats) -> Floats:
+    """Logistic function."""
+    return np.asarray(0.5 * (1 + np.tanh(0.5 * logits)))
+
+
+def fit_choice(rows: Rows, config: TrainingConfig, seed: int) -> Ensemble:
+    """Fit the shot types and techniques that players choose, on all strokes."""
+    label = rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+    prior = np.log(np.bincount(label, minlength=SPECS["choice"].outputs) + 1.0)
+    labels = torch.from_numpy(label)
+
+    def loss(logits: Tensor, batch: Tensor) -> Tensor:
+        k, n, c = logits.shape
+        y = labels[batch].expand(k, n)
+        return functional.cross_entropy(logits.reshape(k * n, c), y.reshape(-1), reduction="none").view(k, n)
+
+    columns = encode(SPECS["choice"], rows.codes)
+    return fit_ensemble(SPECS["choice"], columns, loss, rows.match, prior - prior.max(), config, seed)
+
+
+def fit_target(rows: Rows, weights: Floats, config: TrainingConfig, seed: int) -> Ensemble:
+    """Fit the intended targets to soft labels.
+
+    Args:
+        rows: strokes.
+        weights: ``[N, 9]`` chance of each target; a row of zeros does not count.
+        config: how.
+        seed: of the fit.
+    """
+    used = weights.sum(axis=1) > 0
+    rows = rows.take(used)
+    soft = torch.from_numpy(weights[used].astype(np.float32))
+    prior = np.log(weights.sum(axis=0) + 1.0)
+
+    def loss(logits: Tensor, batch: Tensor) -> Tensor:
+        return -(soft[batch] * torch.log_softmax(logits, dim=-1)).sum(dim=-1)
+
+    columns = encode(SPECS["target"], rows.codes)
+    return fit_ensemble(SPECS["target"], columns, loss, rows.match, prior - prior.max(), config, seed)
+
+
+def fit_success(rows: Rows, target: Floats, config: TrainingConfig, seed: int) -> Ensemble:
+    """Fit the outcome of strokes of known outcome, summing over the targets that are not known.
+
+    Args:
+        rows: strokes of known outcome.
+        target: ``[N, 9]`` chance of each target given the state, shot type and technique.
+        config: how.
+        seed: of the fit.
+    """
+    label = fault_class(rows)
+    latent = latent_target(rows)
+    count = np.where(latent, N_AREAS, 1)
+    start = np.r_[0, np.cumsum(count)[:-1]]
+    source = np.repeat(np.arange(len(rows)), count)
+    area = np.where(latent[source], np.arange(len(source)) - start[source], rows.codes["area"][source])
+    expanded = {name: code[source] for name, code in rows.codes.items()} | {"area": area.astype(np.int16)}
+    share = torch.from_numpy(np.where(latent[source], target[source, area], 1.0).astype(np.float32))
+    starts, counts, labels = (torch.from_numpy(x.astype(np.int64)) for x in (start, count, label))
+
+    def expand(batch: Tensor) -> Tensor:
+        n = counts[batch]
+        first = torch.repeat_interleave(starts[batch] - torch.cumsum(n, 0) + n, n)
+        return first + torch.arange(int(n.sum()))
+
+    def loss(logits: Tensor, batch: Tensor) -> Tensor:
+        n = counts[batch]
+        owner = torch.repeat_interleave(torch.arange(len(batch)), n)
+        chance = torch.softmax(logits, dim=-1)
+        y = torch.repeat_interleave(labels[batch], n).expand(len(logits), -1)
+        terms = torch.gather(chance, 2, y[:, :, None])[:, :, 0] * share[expand(batch)]
+        total = torch.zeros(len(logits), len(batch)).index_add_(1, owner, terms)
+        return -torch.log(total.clamp_min(1e-12))
+
+    prior = np.log(np.bincount(label, minlength=3) / len(label))
+    columns = encode(SPECS["success"], expanded)
+    return fit_ensemble(SPECS["success"], columns, loss, rows.match, prior, config, seed, expand=expand)
+
+
+def fit_binary(name: str, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig, seed: int) -> Ensemble:
+    """Fit one of the networks with a single logit."""
+    y = torch.from_numpy(label.astype(np.float32))
+    rate = float(label.mean())
+
+    def loss(logits: Tensor, batch: Tensor) -> Tensor:
+        z = logits[:, :, 0]
+        return functional.binary_cross_entropy_with_logits(z, y[batch].expand_as(z), reduction="none")
+
+    prior = np.array([np.log(rate / (1 - rate))])
+    return fit_ensemble(SPECS[name], encode(SPECS[name], rows.codes), loss, rows.match, prior, config, seed)
+
+
+def known_outcome(rows: Rows) -> npt.NDArray[np.bool_]:
+    """``[N]`` rows that the success network is fitted to."""
+    return rows.outcome != UNKNOWN
+
+
+def was_good(rows: Rows) -> npt.NDArray[np.bool_]:
+    """``[N]`` rows that the return network is fitted to."""
+    return (rows.outcome == RETURNED) | (rows.outcome == WINNER)
+
+
+def was_met(rows: Rows) -> npt.NDArray[np.bool_]:
+    """``[N]`` rows that the contact network is fitted to."""
+    return (rows.outcome == RETURNED) & (rows.next_contact >= 0)
+
+
+def outcome_chances(success: Ensemble, codes: dict[str, Codes]) -> Floats:
+    """``[K, N, 3]`` chances of good, out, short for given targets."""
+    return softmax(predict(success, encode(success.spec, codes)))
+
+
+def all_targets(success: Ensemble, rows: Rows) -> Floats:
+    """``[K, N, 9, 3]`` chances of good, out, short for each of the nine targets."""
+    return np.stack([outcome_chances(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)

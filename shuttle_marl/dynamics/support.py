@@ -1,0 +1,158 @@
+"""What the training matches support: the catalogue, which stroke may answer which, and how extreme a chance may be.
+
+**Catalogue.** A stroke is in it if at least 3 % of its shot type's good strokes go to its area, at least 2 % are played
+with its height and technique, and at least 15 good strokes are exactly it.
+
+**Legality.** A stroke may answer an incoming stroke if its shot type, height and technique were played at least five times
+against that shot type in that area; if nothing was from one of the contacts, against that shot type anywhere; if still
+nothing, against anything.
+
+**Extremes.** How often strokes fault and win is counted in cells, each inside the one before: the shot type and area; the
+whole stroke; the same against one incoming shot type; the same against one incoming shot type and area. A cell's rate is
+shrunk to that of the cell around it with the weight of 20 strokes. The predicted chance of a fault and of a winner of a
+legal pair must lie inside the central 95 % of the Beta posterior of its innermost cell; it is moved to the nearest end
+otherwise. A cell without strokes of its own thus still has the width of 20 strokes.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import beta
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import FAULT, WINNER
+from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.rally import Game
+from shuttle_marl.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
+
+Floats = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+AREA_SHARE: Final = 0.03
+TECHNIQUE_SHARE: Final = 0.02
+LEAST_STROKES: Final = 15
+LEAST_REPLIES: Final = 5
+PRIOR_STROKES: Final = 20.0
+CREDIBLE: Final = 0.95
+
+
+def catalogue_of(rows: Rows) -> Catalogue:
+    """The strokes with enough support among good strokes; order: shot type, area, height, technique."""
+    good = rows.take((rows.outcome != FAULT) & (rows.codes["area"] >= 0))
+    c = {name: good.codes[name].astype(np.int64) for name in ("shot", "area", "contact", "technique")}
+    count = np.zeros((N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
+    np.add.at(count, (c["shot"], c["area"], c["contact"], c["technique"]), 1)
+    total = np.maximum(count.sum(axis=(1, 2, 3)), 1)
+    in_area = count.sum(axis=(2, 3)) / total[:, None] >= AREA_SHARE
+    in_style = count.sum(axis=1) / total[:, None, None] >= TECHNIQUE_SHARE
+    kept = np.argwhere((count >= LEAST_STROKES) & in_area[:, :, None, None] & in_style[:, None])
+    return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in kept.T))
+
+
+def replies_of(rows: Rows, catalogue: Catalogue) -> npt.NDArray[np.bool_]:
+    """``[n + 1, n]`` which stroke may answer which (row n: at the start); see the rule in the module's first lines."""
+    n = len(catalogue)
+    count = np.zeros((N_SHOTS + 2, N_AREAS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
+    names = ("incoming_shot", "incoming_area", "shot", "contact", "technique")
+    np.add.at(count, tuple(rows.codes[name].astype(np.int64) for name in names), 1)
+    seen = count[:N_SHOTS, :N_AREAS]
+    style = (catalogue.shot, catalogue.height, catalogue.technique)
+    anywhere, anything = seen.sum(axis=1), seen.sum(axis=(0, 1))
+    replies = np.zeros((n + 1, n), dtype=bool)
+    replies[n] = catalogue.is_serve
+    for y in range(n):
+        for contact in (0, 1):
+            candidates = (catalogue.height == contact) & ~catalogue.is_serve
+            shot, area = catalogue.shot[y], catalogue.area[y]
+            for support in (seen[shot, area], anywhere[shot], anything):
+                allowed = candidates & (support[style] >= LEAST_REPLIES)
+                if allowed.any():
+                    replies[y] |= allowed
+                    break
+    return replies
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Support:
+    """What the data carries for every edge x -> y of a game, when y answers x.
+
+    Attributes:
+        strokes: ``[E]`` strokes in the innermost cell (of faults with unknown target: the expected number).
+        faults, winners: ``[E]`` of these.
+        fault_range, winner_range: ``[E, 2]`` bounds of the predicted chances.
+    """
+
+    strokes: Floats
+    faults: Floats
+    winners: Floats
+    fault_range: Floats
+    winner_range: Floats
+
+
+def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
+    """Count the cells of every edge.
+
+    Args:
+        rows: strokes of known outcome.
+        targets: ``[N, 9]`` chance of each intended target; one-hot where it is known.
+        game: the layout.
+    """
+    which, area = np.nonzero(targets > 0)
+    weight = targets[which, area]
+    c = {name: code[which].astype(np.int64) for name, code in rows.codes.items()}
+    fault = weight * (rows.outcome[which] == FAULT)
+    winner = weight * (rows.outcome[which] == WINNER)
+    catalogue, n = game.catalogue, game.n_strokes
+    own, stroke = game.edge_own, game.edge_incoming
+    e_shot, e_area, e_height, e_technique = (
+        np.append(getattr(catalogue, a), 0).astype(np.int64)[stroke] for a in ("shot", "area", "height", "technique")
+    )
+    # An edge names the stroke that is answered (its "own" end is the incoming stroke of the one who answers).
+    e_in_shot = np.append(catalogue.shot, N_SHOTS).astype(np.int64)[own]
+    e_in_area = np.append(catalogue.area, N_AREAS).astype(np.int64)[own]
+    stroke_key = _key((c["shot"], area, c["contact"], c["technique"]))
+    edge_key = _key((e_shot, e_area, e_height, e_technique))
+    levels = (
+        (c["shot"], e_shot),
+        (_key((c["shot"], area)), _key((e_shot, e_area))),
+        (stroke_key, edge_key),
+        (_key((stroke_key, c["incoming_shot"])), _key((edge_key, e_in_shot))),
+        (_key((stroke_key, c["incoming_shot"], c["incoming_area"])), _key((edge_key, e_in_shot, e_in_area))),
+    )
+    ranges = []
+    for events in (fault, winner):
+        rate = np.full(len(stroke), events.sum() / weight.sum())
+        for level, (of_row, of_edge) in enumerate(levels):
+            total, hits = _looked_up(of_row, weight, of_edge), _looked_up(of_row, events, of_edge)
+            a, b = hits + PRIOR_STROKES * rate, total - hits + PRIOR_STROKES * (1 - rate)
+            if level < len(levels) - 1:
+                rate = a / (a + b)
+        tail = (1 - CREDIBLE) / 2
+        ranges.append(np.stack([beta.ppf(tail, a, b), beta.ppf(1 - tail, a, b)], axis=1))
+    innermost = levels[-1]
+    strokes, faults, winners = (_looked_up(innermost[0], v, innermost[1]) for v in (weight, fault, winner))
+    ranges[0][stroke == n] = ranges[1][stroke == n] = (0.0, 1.0)
+    return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])
+
+
+def is_serve_pair(game: Game) -> npt.NDArray[np.bool_]:
+    """``[P]`` whether the stroke of a legal pair is a serve."""
+    return np.asarray(game.catalogue.shot[game.pair_stroke] < N_SERVES)
+
+
+def _key(parts: tuple[Index | npt.NDArray[np.integer], ...]) -> Index:
+    """One integer for a tuple of small ones."""
+    key = np.zeros(len(parts[0]), dtype=np.int64)
+    for part in parts:
+        key = key * 32 + part
+    return key
+
+
+def _looked_up(keys: Index, weights: Floats, wanted: Index) -> Floats:
+    """Sum of the weights of the rows whose key is wanted."""
+    unique, inverse = np.unique(keys, return_inverse=True)
+    total = np.bincount(inverse, weights=weights)
+    position = np.minimum(np.searchsorted(unique, wanted), len(unique) - 1)
+    return np.where(unique[position] == wanted, total[position], 0.0)
