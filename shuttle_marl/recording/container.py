@@ -31,6 +31,19 @@ MAX_CHUNK: Final = 1 << 28
 """No batch of rallies is as large as this, unpacked [bytes]; a file that says so is damaged."""
 
 
+UNDECODABLE: Final = (
+    struct.error,
+    McapError,
+    pa.ArrowException,
+    zstandard.ZstdError,
+    ValueError,
+    LookupError,
+    OverflowError,
+    MemoryError,
+)
+"""What the decoders raise when they are given anything but what they expect."""
+
+
 @contextlib.contextmanager
 def damage(path: Path) -> Iterator[None]:
     """Turn whatever goes wrong in decoding into a :class:`RecordingError` that names the file and the way out."""
@@ -42,7 +55,7 @@ def damage(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (struct.error, McapError, pa.ArrowException, zstandard.ZstdError, ValueError, KeyError, MemoryError) as error:
+    except UNDECODABLE as error:
         raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
 
 

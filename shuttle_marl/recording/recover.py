@@ -10,14 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import pyarrow as pa
-import zstandard
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Message
 
 from shuttle_marl.recording.batch import decode
-from shuttle_marl.recording.container import FRAME, damage, message_of_chunk
+from shuttle_marl.recording.container import FRAME, UNDECODABLE, damage, message_of_chunk
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import read_header
 from shuttle_marl.recording.schema import DamagedLogError, Rallies, RecordingError
@@ -68,7 +65,7 @@ def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[
                 continue
             try:
                 first, rallies = decode(message, header)
-            except (DamagedLogError, pa.ArrowException, ValueError):
+            except (DamagedLogError, *UNDECODABLE):
                 continue
             if first >= done:
                 yield first, message.data, rallies
@@ -83,7 +80,7 @@ def _message(data: mmap.mmap, chunk: int) -> Message | None:
         return None
     try:
         return message_of_chunk(data[begin : begin + length])
-    except (DamagedLogError, McapError, struct.error, zstandard.ZstdError, ValueError, MemoryError):
+    except (DamagedLogError, *UNDECODABLE):
         return None
 
 

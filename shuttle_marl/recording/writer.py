@@ -72,11 +72,11 @@ class RallyLogWriter:
         if path.exists():
             raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
         part = part_of(path)
+        if part.exists():
+            raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = _Sink(part)
-        except FileExistsError as error:
-            raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it") from error
         except OSError as error:
             raise RecordingError(f"{part}: cannot be written ({error.strerror})") from error
         self._written(self._start)

@@ -1,0 +1,284 @@
+"""Files that were cut off or changed, processes that were killed, disks that are full."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.recover import salvage
+from shuttle_marl.recording.schema import DamagedLogError
+from shuttle_marl.recording.writer import part_of
+
+LENGTHS = (0, 2**31, 2**32, 2**63 - 1, 2**64 - 1)
+
+
+def read_all(path: Path) -> int:
+    with RallyLog(path) as log:
+        for _ in log.batches():
+            pass
+        log.rally_table()
+        log.stroke_table()
+        if log.n_rallies:
+            log.rally(int(log.first_rally[-1]))
+        return log.n_rallies
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """One of the usual accidents: bits flipped, bytes overwritten, a stretch cut out or doubled, the end cut off."""
+    data = bytearray(content)
+    at = int(rng.integers(len(data)))
+    match rng.integers(6):
+        case 0:
+            data[at] ^= 1 << rng.integers(8)
+        case 1:
+            data[at : at + 8] = bytes(rng.integers(0, 256, 8, dtype=np.uint8))
+        case 2:
+            del data[at : at + int(rng.integers(1, 200))]
+        case 3:
+            data[at:at] = data[at : at + int(rng.integers(1, 200))]
+        case 4:
+            del data[at:]
+        case _:
+            data[at : at + 8] = LENGTHS[rng.integers(len(LENGTHS))].to_bytes(8, "little")
+    return bytes(data)
+
+
+def test_damaged_files_are_read_right_or_refused(log_file: Path, tmp_path: Path) -> None:
+    """Whatever is still read, by number or recovered, is what was written; everything else is a RecordingError."""
+    content = log_file.read_bytes()
+    with RallyLog(log_file) as log:
+        expected = {first: batch.stroke.tobytes() for first, batch in log.batches()}
+    rng = np.random.default_rng(0)
+    read = refused = 0
+    path, saved = tmp_path / "mutated.mcap", tmp_path / "saved.mcap"
+    for _ in range(400):
+        path.write_bytes(mutated(content, rng))
+        begun = time.monotonic()
+        try:
+            read_all(path)
+            with RallyLog(path) as log:
+                assert all(batch.stroke.tobytes() == expected[first] for first, batch in log.batches())
+            read += 1
+        except RecordingError:
+            refused += 1
+        try:
+            recover(path, saved)
+            with RallyLog(saved) as log:
+                assert all(batch.stroke.tobytes() == expected[first] for first, batch in log.batches())
+        except RecordingError:
+            pass
+        saved.unlink(missing_ok=True)
+        assert time.monotonic() - begun < 5
+    assert read > 10
+    assert refused > 100
+
+
+def test_a_change_of_any_byte_is_found_by_the_check(log_file: Path, tmp_path: Path) -> None:
+    content = log_file.read_bytes()
+    path = tmp_path / "changed.mcap"
+    for at in range(0, len(content), 37):
+        changed = bytearray(content)
+        changed[at] ^= 0xFF
+        path.write_bytes(changed)
+        with pytest.raises(RecordingError):
+            check(path)
+
+
+def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -> None:
+    """Cut anywhere, the log says what to do, and that brings back every batch that is whole."""
+    content = log_file.read_bytes()
+    with RallyLog(log_file) as log:
+        ends = [*log._offset[1:].astype(int), len(content)]
+    path, saved = tmp_path / "a.mcap.part", tmp_path / "a.mcap"
+    for length in range(0, len(content), 211):
+        path.write_bytes(content[:length])
+        with pytest.raises(RecordingError) as refused:
+            RallyLog(path)
+        if length <= log._offset[0]:
+            with pytest.raises(RecordingError):
+                recover(path)
+            continue
+        assert f"python -m shuttle_marl.recording recover {path}" in str(refused.value)
+        found = recover(path)
+        assert found.path == saved
+        # The index of a chunk's messages stands behind it; without that the chunk is whole all the same.
+        assert found.rallies >= 16 * sum(end <= length for end in ends[:-1])
+        assert found.rallies == read_all(saved)
+        assert path.exists()
+        saved.unlink()
+
+
+def test_batches_behind_a_damaged_one_are_saved(log_file: Path, tmp_path: Path) -> None:
+    with RallyLog(log_file) as log:
+        at = int(log._offset[2]) + 100
+        expected = [batch.stroke.tobytes() for _, batch in log.batches()]
+    content = bytearray(log_file.read_bytes())
+    content[at] ^= 0xFF
+    log_file.write_bytes(content)
+    with RallyLog(log_file) as log:
+        assert log.rally(31) is not None
+        with pytest.raises(DamagedLogError, match="recover"):
+            log.rally(32)
+    found = recover(log_file)
+    assert found.path == tmp_path / "rallies.recovered.mcap"
+    assert (found.rallies, found.lost) == (84, 16)
+    with RallyLog(found.path) as log:
+        assert [first for first, _ in log.batches()] == [0, 16, 48, 64, 80, 96]
+        assert [batch.stroke.tobytes() for _, batch in log.batches()] == expected[:2] + expected[3:]
+        assert log.rally(48).stroke.tobytes() == expected[3][: len(log.rally(48).stroke)]
+        with pytest.raises(RecordingError, match="no rally 40"):
+            log.rally(40)
+    with pytest.raises(RecordingError, match="exists already"):
+        recover(log_file)
+
+
+def test_recovering_a_whole_log_gives_the_same_bytes(log_file: Path) -> None:
+    assert recover(log_file).path.read_bytes() == log_file.read_bytes()
+
+
+def test_files_that_are_no_rally_logs(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    text, other, folder = tmp_path / "a.txt", tmp_path / "other.mcap", tmp_path / "folder"
+    text.write_text("smash " * 100)
+    writer = Writer(str(other))
+    writer.start(profile="ros2")
+    writer.finish()
+    folder.mkdir()
+    for path, says in (
+        (text, "does not begin as an MCAP file"),
+        (other, "profile 'ros2'"),
+        (folder, "cannot be read"),
+        (tmp_path / "nothing.mcap", "cannot be read"),
+    ):
+        for read in (RallyLog, recover, check):
+            with pytest.raises(RecordingError, match=says if read is not check else str(path)):
+                read(path)
+
+
+def test_logs_of_another_version(tmp_path: Path, header: Callable[..., LogHeader], monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("shuttle_marl.recording.header.VERSION", 2)
+        RallyLogWriter(tmp_path / "a.mcap", header()).close()
+    with pytest.raises(RecordingError, match="schema version 2, this program reads version 1"):
+        RallyLog(tmp_path / "a.mcap")
+
+
+def test_numbers_that_point_nowhere(
+    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]
+) -> None:
+    for column, value, says in (
+        ("server", 2, "seat 2"),
+        ("winner", 9, "seat 9"),
+        ("reason", 3, "reason 3"),
+        ("policy", 2, "policy 2"),
+        ("pairing", 3, "pairing 3"),
+        ("stroke", 255, "stroke 255"),
+    ):
+        part = rallies(5)
+        getattr(part, column)[-1] = value
+        path = tmp_path / f"{column}.mcap"
+        with RallyLogWriter(path, header()) as log:
+            log.append(part)
+        with pytest.raises(DamagedLogError, match=says):
+            read_all(path)
+
+
+WRITER = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from conftest import a_header, some_rallies
+from shuttle_marl.recording import RallyLogWriter
+part = some_rallies(64, longest=12)
+log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=64, fsync_seconds=1e9)
+while True:
+    log.append(part)
+    sys.stdout.write(f"{log.flush(sync=False)}\\n")
+    sys.stdout.flush()
+"""
+
+
+def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for i in range(6):
+        path = tmp_path / f"{i}.mcap"
+        process = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path), str(Path(__file__).parent)], stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        acknowledged = process.stdout.readline()
+        time.sleep(float(rng.uniform(0, 0.1)))
+        process.send_signal(signal.SIGKILL)
+        lines = (acknowledged + process.stdout.read()).split("\n")[:-1]
+        process.wait()
+        assert not path.exists()
+        found = recover(part_of(path))
+        assert found.rallies >= int(lines[-1]) >= 64
+        assert found.lost == 0
+        assert read_all(path) == found.rallies
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from conftest import a_header, some_rallies
+from shuttle_marl.recording import RallyLogWriter, RecordingError
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=64)
+try:
+    for i in range(int(sys.argv[4])):
+        log.append(some_rallies(64, seed=i))
+    log.close()
+except RecordingError as error:
+    sys.stdout.write(f"{log.rallies}\\n{error}")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
+@pytest.mark.parametrize("batches", [1000, 12], ids=["in a batch", "in the index"])
+def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, batches: int) -> None:
+    """A limit on the size of files stands for a disk without room."""
+    path = tmp_path / "a.mcap"
+    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent)]
+    limit = 50_000
+    if batches == 12:
+        subprocess.run([*script, str(10**9), "12"], check=True)
+        limit = path.stat().st_size - 100
+        path.unlink()
+    done = subprocess.run([*script, str(limit), str(batches)], capture_output=True, text=True, check=True)
+    rallies, _, message = done.stdout.partition("\n")
+    assert f"holds the {rallies} rallies before that, whole" in message
+    assert "recover" in message
+    assert not path.exists()
+    assert recover(part_of(path)).rallies == int(rallies) > 0
+    if batches == 12:
+        assert int(rallies) == 12 * 64
+    assert read_all(path) == int(rallies)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(RecordingError, match="cannot be written"):
+        RallyLogWriter(tmp_path / "file" / "a.mcap", header())
+    if sys.platform != "win32" and os.geteuid() != 0:
+        (tmp_path / "locked").mkdir(mode=0o555)
+        with pytest.raises(RecordingError, match="cannot be written"):
+            RallyLogWriter(tmp_path / "locked" / "a.mcap", header())
+
+
+def test_salvage_needs_the_header(log_file: Path) -> None:
+    content = bytearray(log_file.read_bytes())
+    at = content.index(b'"seed":7')
+    content[at + 7] = ord("8")
+    log_file.write_bytes(content)
+    with pytest.raises(DamagedLogError, match="the header"):
+        salvage(log_file)

@@ -1,0 +1,122 @@
+"""Recorded rallies played again, and logs in which something is wrong."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.rally import ROOT, strike
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import states
+from shuttle_marl.recording.tables import outcomes, rows_of_strokes
+
+GAME = default_game()
+
+
+@pytest.fixture
+def whole(played: Path) -> tuple[LogHeader, Rallies]:
+    with RallyLog(played) as log:
+        return log.header, Rallies.join([batch for _, batch in log.batches()])
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[[LogHeader, Rallies], Path]:
+    def write(header: LogHeader, rallies: Rallies) -> Path:
+        path = tmp_path / "changed.mcap"
+        path.unlink(missing_ok=True)
+        with RallyLogWriter(path, header, batch_rallies=100) as log:
+            log.append(rallies)
+        return path
+
+    return write
+
+
+def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies]) -> None:
+    _, rallies = whole
+    state, k = states(GAME, rallies)
+    outcome = outcomes(rallies, GAME.catalogue)
+    last = rallies.first_stroke[1:] - 1
+    assert (state[rallies.first_stroke[:-1]] == ROOT).all()
+    # A draw that gives the recorded outcome: the threshold before it.
+    limits = np.concatenate([np.zeros((len(state), 1)), GAME.threshold[GAME.pair_start[state] + k]], axis=1).astype(np.int32)
+    again, following = strike(GAME, state, k, limits[np.arange(len(state)), outcome])
+    goes_on = np.setdiff1d(np.arange(len(state)), last)
+    possible = again == outcome  # an outcome of chance zero has no draw
+    assert possible.all()
+    assert np.array_equal(following[goes_on], state[goes_on + 1])
+    assert (following[last] == -1).all()
+
+
+def test_a_log_plays_again_bit_for_bit(played: Path) -> None:
+    with RallyLog(played) as log:
+        found = replay(log, GAME)
+        assert (found.rallies, found.strokes, found.wrong) == (log.n_rallies, log.n_strokes, ())
+    assert check(played, GAME).problems == ()
+
+
+@pytest.mark.parametrize("column", ["winner", "server", "reason", "rally", "match", "pairing"])
+def test_a_changed_number_is_found(whole: tuple[LogHeader, Rallies], written, column: str) -> None:
+    """Each number of a rally names its draws or says what they led to, so a wrong one shows sooner or later."""
+    header, rallies = whole
+    found = 0
+    rows = range(3, len(rallies), len(rallies) // 20)
+    for row in rows:
+        values = getattr(rallies, column).copy()
+        values[row] = {"match": values[row] + 2, "pairing": (values[row] + 1) % 3}.get(column, values[row] ^ 1)
+        path = written(header, dataclasses.replace(rallies, **{column: values}))
+        problems = check(path, GAME).problems
+        assert problems, "a rally is out of order"
+        with RallyLog(path) as log:
+            found += row in replay(log, GAME).wrong
+    assert found >= (len(rows) if column in ("winner", "reason") else len(rows) / 2)
+
+
+def test_a_changed_score_is_found_without_the_game(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    for row, place in ((1, 0), (50, 1), (99, 2), (100, 3), (len(rallies) - 1, 0)):
+        score = rallies.score.copy()
+        score[row, place] += 1
+        problems = check(written(header, dataclasses.replace(rallies, score=score))).problems
+        assert problems[0] == f"rally {row} does not follow from the score of the rally before it"
+
+
+def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    row = rows_of_strokes(rallies)[0]
+    rng = np.random.default_rng(0)
+    at = rng.choice(len(row), 40, replace=False)
+    found = 0
+    for i in at:
+        stroke = rallies.stroke.copy()
+        stroke[i] = (stroke[i] + 1 + rng.integers(len(GAME.catalogue) - 1)) % len(GAME.catalogue)
+        with RallyLog(written(header, dataclasses.replace(rallies, stroke=stroke))) as log:
+            wrong = replay(log, GAME).wrong
+            assert set(wrong) <= {int(row[i])}
+            found += len(wrong)
+    # A stroke that is legal there and has nearly the same chances may do as well; the policies would tell.
+    assert found > 30
+
+
+def test_another_seed_does_not_fit(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    with RallyLog(written(dataclasses.replace(header, seed=1), rallies)) as log:
+        assert len(replay(log, GAME).wrong) > len(rallies) / 4
+
+
+def test_another_game_is_refused(log_file: Path, header, tmp_path: Path) -> None:
+    RallyLogWriter(tmp_path / "other.mcap", header(game="0" * 64)).close()
+    with (
+        RallyLog(tmp_path / "other.mcap") as log,
+        pytest.raises(RecordingError, match="played on game 000000000000, not on"),
+    ):
+        replay(log, GAME)
+
+
+def test_arbitrary_rallies_are_wrong_but_never_an_error(log_file: Path) -> None:
+    with RallyLog(log_file) as log:
+        assert len(replay(log, GAME).wrong) > 90
+    assert len(check(log_file, GAME).problems) >= 2
