@@ -29,19 +29,28 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
         DamagedLogError: the message holds something else.
         pa.ArrowException: it holds no Arrow stream.
     """
-    with pa.ipc.open_stream(message.data) as reader:
-        expected = arrow_schema(len(header.strokes))
-        metadata = reader.schema.metadata or {}
-        if not reader.schema.equals(expected) or metadata.get(b"version") != str(VERSION).encode():
-            raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
-        batch = reader.read_next_batch()
-    batch.validate(full=True)
+    batch = _read(message.data)
+    metadata = batch.schema.metadata or {}
+    if not batch.schema.equals(arrow_schema(len(header.strokes))) or metadata.get(b"version") != str(VERSION).encode():
+        raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
     first = int(metadata.get(b"first_rally", b"-1"))
     if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
         raise DamagedLogError("a batch without a place in the log")
     rallies = Rallies.from_arrow(batch)
     _check(rallies, header)
     return first, rallies
+
+
+def _read(data: bytes) -> pa.RecordBatch:
+    try:
+        with pa.ipc.open_stream(data) as reader:
+            batches = list(reader)
+    except OSError as error:  # of Arrow, about the bytes: no file is involved
+        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
+    if len(batches) != 1:
+        raise DamagedLogError(f"{len(batches)} Arrow batches in a message, expected 1")
+    batches[0].validate(full=True)
+    return batches[0]
 
 
 def _check(rallies: Rallies, header: LogHeader) -> None:

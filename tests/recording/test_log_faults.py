@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Message
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording.batch import decode, encode
 from shuttle_marl.recording.check import check
+from shuttle_marl.recording.container import UNDECODABLE
 from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.schema import DamagedLogError
 from shuttle_marl.recording.writer import part_of
@@ -80,6 +83,23 @@ def test_damaged_files_are_read_right_or_refused(log_file: Path, tmp_path: Path)
         assert time.monotonic() - begun < 5
     assert read > 10
     assert refused > 100
+
+
+def test_messages_with_right_checksums_and_wrong_contents(header, rallies) -> None:
+    """What a hostile writer could send: checksums do not help against it, so the decoder has to."""
+    data = encode(0, rallies(64), len(header().strokes))
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(2000):
+        changed = mutated(data, rng)
+        message = Message(channel_id=1, log_time=0, data=changed, publish_time=0, sequence=0)
+        try:
+            _, read = decode(message, header())
+            assert read.stroke.max() < len(header().strokes)
+            assert read.length.min() >= 1
+        except (DamagedLogError, *UNDECODABLE):
+            refused += 1
+    assert 200 < refused < 2000
 
 
 def test_a_change_of_any_byte_is_found_by_the_check(log_file: Path, tmp_path: Path) -> None:
