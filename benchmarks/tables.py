@@ -48,9 +48,7 @@ def ranking(folder: Path) -> str:
         TableError: the folder holds no finished run.
     """
     try:
-        config, manifest = (
-            json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in ("config", "manifest")
-        )
+        config, manifest = (json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in ("config", "manifest"))
         rows: list[dict[str, Any]] = pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist()
     except (OSError, ValueError) as error:
         raise TableError(f"{folder}: no finished run of the league ({error})") from error
@@ -84,6 +82,21 @@ def startup() -> str:
     result = _result("startup")
     rows = [(f"`{c['command']}`", f"{c['cpu_s']:.2f}") for c in result["commands"]]
     return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{_machine(result)}"
+
+
+def recording_log() -> str:
+    """Cost of the rally log, from ``benchmarks/results/recording_log.json``."""
+    result = _result("recording_log")
+    rows = [
+        ("bytes a stroke", f"{result['bytes_per_stroke']:.2f}"),
+        ("CPU time to write a stroke", f"{result['write_us_per_stroke']:.3f} µs"),
+        ("CPU time to play a stroke, for comparison", f"{result['play_us_per_stroke']:.3f} µs"),
+        ("strokes read a second", f"{result['read_strokes_per_s'] / 1e6:.0f} million"),
+        ("strokes played again a second", f"{result['replay_strokes_per_s'] / 1e6:.1f} million"),
+        ("to open the log and read one rally by its number", f"{result['find_rally_ms']:.1f} ms"),
+    ]
+    played = f"{result['strokes']:,} strokes, {result['rallies']:,} rallies. {_machine(result)}"
+    return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
 def _result(name: str) -> dict[str, Any]:
@@ -120,24 +133,19 @@ def main(*, run: Path | None = None, check: bool = False) -> None:
             ("README.md", "ranking"): lambda: ranking(folder),
             ("benchmarks/README.md", "aec"): aec,
             ("benchmarks/README.md", "startup"): startup,
+            ("docs/rally_log.md", "recording_log"): recording_log,
         }
         for (name, block), render in tables.items():
             page = ROOT / name
             before = page.read_text(encoding="utf-8")
             after = replaced(before, block, render())
             if check and after != before:
-                changes = "\n".join(
-                    difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm="")
-                )
-                raise TableError(
-                    f"{name}: the table {block!r} is not what the results say; run this without --check\n{changes}"
-                )
+                changes = "\n".join(difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm=""))
+                raise TableError(f"{name}: the table {block!r} is not what the results say; run this without --check\n{changes}")
             if not check:
                 replace_file(page, after.encode())
     Console().print(f"{len(tables)} tables {'checked' if check else 'written'}")
 
 
 if __name__ == "__main__":
-    sys.exit(
-        cli.run(main, prog="python -m benchmarks.tables", description="Write or check the tables of the documentation.")
-    )
+    sys.exit(cli.run(main, prog="python -m benchmarks.tables", description="Write or check the tables of the documentation."))
