@@ -237,9 +237,7 @@ def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, In
     }
 
 
-def thresholds(
-    p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]
-) -> UInts:
+def thresholds(p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]) -> UInts:
     """Fixed-point thresholds ``[P, 3]`` from the three chances, each rounded to the nearest 1/65536.
 
     The first three outcomes together never reach 1, so the last one keeps at least 1/65536.

@@ -43,7 +43,5 @@ class DataError(ShuttleError):
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems = tuple(problems)
         if len(problems) > 1:
-            error.args = (
-                f"{problems[0]} (and {len(problems) - 1} more; `python -m shuttle_marl.data validate` lists them all)",
-            )
+            error.args = (f"{problems[0]} (and {len(problems) - 1} more; `python -m shuttle_marl.data validate` lists them all)",)
         return error

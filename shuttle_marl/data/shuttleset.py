@@ -122,9 +122,7 @@ class Match:
         found = sorted(path for path in self.folder.glob("set*.csv") if re.fullmatch(r"set\d\.csv", path.name))
         if [path.name for path in found] != [f"set{i + 1}.csv" for i in range(self.n_games)]:
             there = ", ".join(path.name for path in found) or "none"
-            raise DataError(
-                self.folder, f"match.csv lists {self.n_games} games, files set1.csv, set2.csv, …; there: {there}"
-            )
+            raise DataError(self.folder, f"match.csv lists {self.n_games} games, files set1.csv, set2.csv, …; there: {there}")
         return found
 
 

@@ -46,9 +46,7 @@ def load_account(path: Path | str) -> Account:
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(
-            path, "holds no account of its strokes; make it with `python -m shuttle_marl.data convert`"
-        ) from error
+        raise DataError(path, "holds no account of its strokes; make it with `python -m shuttle_marl.data convert`") from error
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:

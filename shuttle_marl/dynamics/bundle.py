@@ -25,8 +25,6 @@ from shuttle_marl.files import replace_file
 Floats = npt.NDArray[np.float64]
 
 NETWORKS: Final = "networks.safetensors"
-CARD: Final = "card.json"
-GAME: Final = "game.safetensors"
 
 
 class ModelError(ShuttleError):
@@ -151,9 +149,7 @@ class Bundle:
                 crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
                 spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
                 network = Ensemble(spec).requires_grad_(False).eval()
-                network.load_state_dict(
-                    {k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")}
-                )
+                network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")})
                 networks[name] = network
             missing = set(SPECS) - set(networks)
             if missing:

@@ -68,9 +68,7 @@ class Rows:
 
     def take(self, which: npt.NDArray[np.integer | np.bool_]) -> "Rows":
         """The rows chosen by an index or a mask."""
-        arrays = {
-            f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")
-        }
+        arrays = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")}
         return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
 
     def in_matches(self, names: Sequence[str]) -> "Rows":

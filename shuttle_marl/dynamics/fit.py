@@ -247,17 +247,14 @@ def _player_choices(
         usable = [rows.take(_judged(rows, kind) & (empty.index(rows.striker) >= 0)) for rows in (train, validation)]
         ours, theirs = usable
         label = [_label(rows, kind) for rows in usable]
-        cell = [
-            rows.codes[cell_slots[0]].astype(np.int64) * SLOTS[cell_slots[1]] + rows.codes[cell_slots[1]] for rows in usable
-        ]
+        first, second = cell_slots
+        cell = [rows.codes[first].astype(np.int64) * SLOTS[second] + rows.codes[second] for rows in usable]
         cells = SLOTS[cell_slots[0]] * SLOTS[cell_slots[1]]
         base = unseen(softmax(predict(network, encode(network.spec, ours.codes))), ours.match, config.folds)
         judge = softmax(predict(network, encode(network.spec, theirs.codes))).mean(axis=0)
         losses: list[tuple[float, float, Floats]] = []
         for precision in _CHOICE_PRECISIONS:
-            shift = pooling.fit_choice_shifts(
-                base, cell[0], cells, empty.index(ours.striker), len(names), label[0], precision
-            )
+            shift = pooling.fit_choice_shifts(base, cell[0], cells, empty.index(ours.striker), len(names), label[0], precision)
             moved = judge * np.exp(shift[empty.index(theirs.striker), cell[1]])
             moved /= moved.sum(axis=1, keepdims=True)
             losses.append((float(-np.log(moved[np.arange(len(moved)), label[1]]).mean()), precision, shift))

@@ -93,9 +93,7 @@ def fit_choice_shifts(
     return np.asarray(total.numpy())
 
 
-def fit_logit_shifts(
-    logit: Floats, label: npt.NDArray[np.bool_], player: npt.NDArray[np.integer], precision: float
-) -> Floats:
+def fit_logit_shifts(logit: Floats, label: npt.NDArray[np.bool_], player: npt.NDArray[np.integer], precision: float) -> Floats:
     """Most probable shift of a logit for each player (``[max + 1]``) under a normal prior, by Newton's method."""
     n = int(player.max()) + 1
     shift = np.zeros(n)

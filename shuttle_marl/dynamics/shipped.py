@@ -1,4 +1,4 @@
-"""Finds the models that come with the package."""
+"""Finds the models that come with the package, and reads their games."""
 
 import functools
 from pathlib import Path
@@ -6,7 +6,12 @@ from typing import Final
 
 from shuttle_marl.rally import Game, GameError
 
+GAME: Final = "game.safetensors"
+"""The compiled game in a model folder."""
+BC: Final = "bc.safetensors"
+"""Its behaviour-cloned players."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
+_FOLDERS: dict[str, Path] = {}
 
 
 def model_folder(name: str = "default") -> Path:
@@ -16,16 +21,35 @@ def model_folder(name: str = "default") -> Path:
         GameError: there is no such model.
     """
     for folder in (_MODELS / name, Path(name)):
-        if (folder / "game.safetensors").is_file():
+        if (folder / GAME).is_file():
             return folder
-    shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob("*/game.safetensors"))) or "none"
+    shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
     raise GameError(
-        f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with game.safetensors; "
+        f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
         "fit one with `python -m shuttle_marl.dynamics fit`"
     )
 
 
 @functools.cache
+def load_game(name: str = "default") -> Game:
+    """The game of a shipped model, or of the model in the folder ``name``.
+
+    Raises:
+        GameError: there is no such model, or its file is damaged.
+    """
+    folder = model_folder(name)
+    game = Game.load(folder / GAME)
+    _FOLDERS[game.hash] = folder
+    return game
+
+
 def default_game() -> Game:
     """The benchmark's game: the symmetric average profile, as shipped."""
-    return Game.load(model_folder() / "game.safetensors")
+    return load_game()
+
+
+def folder_of(game: Game) -> Path | None:
+    """Folder of the model that a game was loaded from by :func:`load_game`; None for any other game."""
+    if game.hash not in _FOLDERS and (_MODELS / "default" / GAME).is_file():
+        load_game()
+    return _FOLDERS.get(game.hash)

@@ -9,9 +9,10 @@ nothing, against anything.
 
 **Extremes.** How often strokes fault and win is counted in cells, each inside the one before: the shot type and area; the
 whole stroke; the same against one incoming shot type; the same against one incoming shot type and area. A cell's rate is
-shrunk to that of the cell around it with the weight of 20 strokes. The predicted chance of a fault and of a winner of a
-legal pair must lie inside the central 95 % of the Beta posterior of its innermost cell; it is moved to the nearest end
-otherwise. A cell without strokes of its own thus still has the width of 20 strokes.
+shrunk to that of the cell around it with the weight of 40 strokes. The predicted chance of a fault and of a winner of a
+legal pair must lie inside the central 90 % of the Beta posterior of its innermost cell; it is moved to the nearest end
+otherwise (Beta with Jeffreys' half event on either side). A cell without strokes of its own thus still has the width of
+40 strokes.
 """
 
 import dataclasses
@@ -34,8 +35,8 @@ AREA_SHARE: Final = 0.03
 TECHNIQUE_SHARE: Final = 0.02
 LEAST_STROKES: Final = 15
 LEAST_REPLIES: Final = 5
-PRIOR_STROKES: Final = 20.0
-CREDIBLE: Final = 0.95
+PRIOR_STROKES: Final = 40.0
+CREDIBLE: Final = 0.90
 
 
 def catalogue_of(rows: Rows) -> Catalogue:
@@ -129,6 +130,8 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
             a, b = hits + PRIOR_STROKES * rate, total - hits + PRIOR_STROKES * (1 - rate)
             if level < len(levels) - 1:
                 rate = a / (a + b)
+        # Half a fault and half a good stroke more (Jeffreys): never to have seen an event does not exclude it.
+        a, b = a + 0.5, b + 0.5
         tail = (1 - CREDIBLE) / 2
         ranges.append(np.stack([beta.ppf(tail, a, b), beta.ppf(1 - tail, a, b)], axis=1))
     innermost = levels[-1]

@@ -85,9 +85,7 @@ def fit_ensemble(
     optimiser = torch.optim.AdamW(groups, lr=config.learning_rate)
     steps_an_epoch = max(1, n // config.batch)
     steps = config.epochs * steps_an_epoch
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, max_lr=config.learning_rate, total_steps=steps + 1, pct_start=0.15
-    )
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=config.learning_rate, total_steps=steps + 1, pct_start=0.15)
     for step in range(steps):
         if step % steps_an_epoch == 0:
             order = torch.randperm(n, generator=generator)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 from pettingzoo import AECEnv
 
-from shuttle_marl.dynamics.shipped import default_game, model_folder
+from shuttle_marl.dynamics.shipped import default_game, load_game
 from shuttle_marl.env.episode_draws import EpisodeDraws
 from shuttle_marl.env.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.env.snapshot import Snapshot
@@ -223,9 +223,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             RenderError: a picture is wanted and pygame is not installed.
         """
         if self.render_mode is None:
-            gymnasium.logger.warn(
-                "render() does nothing: make the environment with render_mode='human', 'rgb_array' or 'ansi'"
-            )
+            gymnasium.logger.warn("render() does nothing: make the environment with render_mode='human', 'rgb_array' or 'ansi'")
             return None
         if self.render_mode == "ansi":
             return as_text(self.snapshot())
@@ -299,9 +297,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.rewards = {AGENTS[winner]: 1.0, AGENTS[1 - winner]: -1.0}
         self._accumulate_rewards()
 
-    def _tell(
-        self, striker: int, stroke: int | None, outcome: str | None, p_succ: float | None, p_ret: float | None
-    ) -> None:
+    def _tell(self, striker: int, stroke: int | None, outcome: str | None, p_succ: float | None, p_ret: float | None) -> None:
         info = {
             "striker": AGENTS[striker],
             "stroke": None if stroke is None else self.game.catalogue.names[stroke],
@@ -341,4 +337,4 @@ def resolve_game(game: Game | str | None) -> Game:
     """
     if game is None:
         return default_game()
-    return game if isinstance(game, Game) else Game.load(model_folder(game) / "game.safetensors")
+    return game if isinstance(game, Game) else load_game(game)

@@ -99,9 +99,7 @@ def _write_score(picture: Picture, snapshot: Snapshot) -> None:
             current = column == len(snapshot.by_game) - 1
             at = (x + _NAME_WIDTH + _GAME_WIDTH * (column + 0.5) + 4, middle)
             won = points[player] > points[1 - player]
-            picture.write(
-                str(points[player]), at, _LARGE if current else _NORMAL, TEXT if won or current else MUTED, "center"
-            )
+            picture.write(str(points[player]), at, _LARGE if current else _NORMAL, TEXT if won or current else MUTED, "center")
         if not snapshot.by_game and snapshot.winner == player:
             picture.write("won", (x + _NAME_WIDTH + _GAME_WIDTH / 2, middle), _NORMAL, GREEN, "center")
     right = _STAGE[0] + _STAGE[2] - 14

@@ -58,9 +58,7 @@ class Layer:
     ) -> None:
         """The outline of a rectangle."""
         box = pygame.Rect(round(x * SCALE), round(y * SCALE), round(w * SCALE), round(h * SCALE))
-        pygame.draw.rect(
-            self.surface, (*colour, alpha), box, max(1, round(width * SCALE)), border_radius=round(radius * SCALE)
-        )
+        pygame.draw.rect(self.surface, (*colour, alpha), box, max(1, round(width * SCALE)), border_radius=round(radius * SCALE))
 
     def circle(self, at: XY, radius: float, colour: Colour, alpha: int = 255, width: float = 0) -> None:
         """A disc, or a ring if it has a width."""

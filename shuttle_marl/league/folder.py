@@ -74,9 +74,7 @@ def _resumed(config: LeagueConfig) -> Path:
     before, now = read_json(folder / CONFIG), config.fixed()
     different = [f"{name}: {before.get(name)!r} then, {now[name]!r} now" for name in now if before.get(name) != now[name]]
     if different:
-        raise LeagueError(
-            f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it"
-        )
+        raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
     return folder
 
 

@@ -63,9 +63,7 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[
         _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
         for i, name in enumerate(pool)
     ]
-    order = sorted(
-        range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i)
-    )
+    order = sorted(range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
     return [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
 
 

@@ -63,9 +63,7 @@ def report(config: LeagueConfig, standings: Sequence[Standing], results: Sequenc
     ]
     if len(played) < len(results):
         lines += ["## Forfeits", ""]
-        lines += [
-            f"- {r.names[0]} v {r.names[1]}: {' and '.join(r.forfeit)} forfeited: {r.reason}" for r in results if r.forfeit
-        ]
+        lines += [f"- {r.names[0]} v {r.names[1]}: {' and '.join(r.forfeit)} forfeited: {r.reason}" for r in results if r.forfeit]
         lines += ["", "Forfeited pairings count for neither side; who forfeited stands behind everybody else.", ""]
     lines += [
         "## What the numbers mean",

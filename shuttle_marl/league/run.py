@@ -14,7 +14,7 @@ import pyarrow.parquet
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from shuttle_marl.dynamics.shipped import model_folder
+from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.files import replace_file
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
@@ -59,7 +59,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         RecordingError: the rally log cannot be written any more.
     """
     console = console or Console(quiet=True)
-    game = Game.load(model_folder(config.game) / "game.safetensors")
+    game = load_game(config.game)
     config = dataclasses.replace(config, pool=config.pool or default_pool())
     with console.status("evaluating the entrants on every state"):
         entrants = [enter(name, game) for name in config.pool]

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.policy import bc
 from shuttle_marl.policy.base import Policy, PolicyError, States
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
 from shuttle_marl.policy.tempered import TemperedPolicy
@@ -151,9 +152,7 @@ def _import(name: str, module_name: str) -> ModuleType:
         if (module_name + ".").startswith(f"{error.name}."):
             close = difflib.get_close_matches(name, names(), n=4, cutoff=0.6)
             hint = f"; did you mean {', '.join(close)}?" if close else ""
-            raise PolicyError(
-                f"policy {name!r}: no module {module_name!r} in the current folder or installed{hint}"
-            ) from error
+            raise PolicyError(f"policy {name!r}: no module {module_name!r} in the current folder or installed{hint}") from error
         raise PolicyError(f"policy {name!r}: its module needs {error.name!r}, which is not installed") from error
     except Exception as error:
         raise PolicyError(f"policy {name!r}: importing its module raised {type(error).__name__}: {error}") from error
@@ -181,24 +180,12 @@ def _plain(key: str, make: Callable[[], Policy]) -> None:
     register(key, load)
 
 
-def _bc() -> ModuleType | None:
-    """The module of the behaviour-cloned players, which imports torch; None where no such model is installed."""
-    if not (Path(__file__).parent.parent / "models" / "bc").is_dir():
-        return None
-    return importlib.import_module("shuttle_marl.policy.bc")
-
-
 def _load_bc(player: str | None, game: Game) -> Policy:
-    bc = _bc()
-    if bc is None:
-        raise PolicyError("no behaviour-cloned players are installed; fit them with `python -m shuttle_marl.dynamics fit`")
-    policy: Policy = bc.load(player, game)
-    return policy
+    return bc.load(player, game)
 
 
 def _bc_names() -> list[str]:
-    bc = _bc()
-    return [] if bc is None else ["bc", *(f"bc:{player}" for player in bc.players())]
+    return ["bc", *(f"bc:{player}" for player in bc.players())]
 
 
 register("bc", _load_bc, _bc_names)

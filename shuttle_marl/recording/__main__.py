@@ -9,8 +9,7 @@ from typing import Annotated, Final, Literal
 import tyro
 
 from shuttle_marl import cli
-from shuttle_marl.dynamics.shipped import model_folder
-from shuttle_marl.rally import Game
+from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.recording.check import check as check_log
 from shuttle_marl.recording.export import export as export_log
 from shuttle_marl.recording.reader import RallyLog
@@ -57,7 +56,7 @@ def check(file: File, *, game: str = "default", replay: bool = True) -> None:
         game: model on whose game it was played: a shipped one or a folder.
         replay: play the strokes again; needs that game.
     """
-    result = check_log(file, Game.load(model_folder(game) / "game.safetensors") if replay else None)
+    result = check_log(file, load_game(game) if replay else None)
     if result.problems:
         raise RecordingError(f"{file}: {'; '.join(result.problems)}")
     how = "played again, every outcome the same" if result.replayed else "not played again"
@@ -104,9 +103,7 @@ def show(file: File, *, rally: int | None = None, pairing: int = 0, match: int |
             return
         numbers = log.numbers_of_match(pairing, match or 0)
         if not len(numbers):
-            raise RecordingError(
-                f"{file}: no match {match} of pairing {pairing}; see `info` for how many pairings there are"
-            )
+            raise RecordingError(f"{file}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
             _say(describe(log, int(number)))
         _say(f"games: {score_line(log, numbers)}")
@@ -117,9 +114,7 @@ COMMANDS: Final[dict[str, cli.Command]] = {"info": info, "check": check, "recove
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    return cli.run(
-        COMMANDS, prog="python -m shuttle_marl.recording", description="Read, check and mend rally logs.", argv=argv
-    )
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description="Read, check and mend rally logs.", argv=argv)
 
 
 def _say(text: str) -> None:

@@ -50,9 +50,7 @@ class RallyLogWriter:
         rallies: number of rallies on disk.
     """
 
-    def __init__(
-        self, path: Path, header: LogHeader, *, batch_rallies: int = BATCH_RALLIES, fsync_seconds: float = 5.0
-    ) -> None:
+    def __init__(self, path: Path, header: LogHeader, *, batch_rallies: int = BATCH_RALLIES, fsync_seconds: float = 5.0) -> None:
         """Start a log.
 
         Args:
@@ -173,9 +171,7 @@ class RallyLogWriter:
                 self._synced = time.monotonic()
 
         self._written(write, offset)
-        self._index.append(
-            (first, len(rallies), len(rallies.stroke), offset, int(rallies.pairing[0]), int(rallies.match[0]))
-        )
+        self._index.append((first, len(rallies), len(rallies.stroke), offset, int(rallies.pairing[0]), int(rallies.match[0])))
         self.rallies = first + len(rallies)
 
     def _finish(self) -> None:

@@ -15,8 +15,7 @@ LINES = DATASHEET.read_text(encoding="utf-8").splitlines()
 
 def test_fields() -> None:
     expected = [
-        f"| `{f.name}` | {f.type} | {'yes' if f.nullable else 'no'} | {f.metadata[b'description'].decode()} |"
-        for f in STROKES
+        f"| `{f.name}` | {f.type} | {'yes' if f.nullable else 'no'} | {f.metadata[b'description'].decode()} |" for f in STROKES
     ]
     start = LINES.index("| field | type | null | meaning |") + 2
     assert LINES[start : start + len(expected) + 1] == [*expected, ""]

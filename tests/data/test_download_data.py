@@ -225,9 +225,7 @@ def test_killed_download_leaves_no_half_file_and_resumes(server: Server, tmp_pat
     assert (tmp_path / SPACED).read_bytes() == CONTENT[SPACED]
 
 
-def test_command(
-    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(upstream, "manifest", lambda: MANIFEST)
     assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 0
     out = capsys.readouterr().out

@@ -95,9 +95,7 @@ def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.Monke
 
 
 def test_missing_columns(path: Path) -> None:
-    path.write_text(
-        path.read_text(encoding="utf-8").replace("hit_height", "height").replace("flaw", "law"), encoding="utf-8"
-    )
+    path.write_text(path.read_text(encoding="utf-8").replace("hit_height", "height").replace("flaw", "law"), encoding="utf-8")
     assert f"{path}, line 1: missing column hit_height, flaw; the header is 'rally,ball_round," in str(refused(path))
 
 

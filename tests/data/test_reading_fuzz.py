@@ -12,9 +12,7 @@ from upstream_layout import COLUMNS, LIFT, SERVE, SMASH, Layout, game, plain_gam
 from shuttle_marl.data import DataError, clean_matches, upstream
 from shuttle_marl.data.invariants import violations
 
-USED = [
-    c for c in COLUMNS if c not in ("server", "hit_area", "win_reason", "player_location_area", "opponent_location_area")
-]
+USED = [c for c in COLUMNS if c not in ("server", "hit_area", "win_reason", "player_location_area", "opponent_location_area")]
 VALUES = st.sampled_from(
     ["", "0", "1", "2", "-1", "7", "31", "300", "1e9", "nan", "inf", "A", "B", "C", "未知球種", "發短球", "殺球", "飛球",
      "出界", "掛網",

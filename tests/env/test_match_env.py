@@ -24,9 +24,7 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
         state = ROOT
         rally = count = 0
         owed = [0.0, 0.0]
-        for agent, seen, paid, terminated, truncated, info, action in play(
-            env, seed if episode == 0 else None, policy_seed=seed
-        ):
+        for agent, seen, paid, terminated, truncated, info, action in play(env, seed if episode == 0 else None, policy_seed=seed):
             assert not truncated
             player = AGENTS.index(agent)
             assert paid == owed[player]

@@ -358,9 +358,7 @@ def test_the_command_prints_the_table_and_a_forfeit(
     assert "my_broken:policy (forfeited 2)" in printed.out
     assert "no distribution" in printed.err
     assert printed.out.index("safe") < printed.out.index("random") < printed.out.index("my_broken")
-    assert (
-        "my_broken:policy forfeited: policy 'my_broken:policy' returned no distribution" in (out / "report.md").read_text()
-    )
+    assert "my_broken:policy forfeited: policy 'my_broken:policy' returned no distribution" in (out / "report.md").read_text()
     rows = pyarrow.csv.read_csv(out / "results.csv").to_pylist()
     assert [row["forfeit"] for row in rows] == ["my_broken:policy"] * 2 + [""] * 2 + ["my_broken:policy"] * 2
     assert main(flags) == 1

@@ -41,9 +41,7 @@ def tracked() -> list[Path]:
         names = [name for name in done.stdout.split("\0") if name]
     else:
         names = [
-            str(p.relative_to(ROOT))
-            for p in ROOT.rglob("*")
-            if not any(part[0] == "." for part in p.relative_to(ROOT).parts)
+            str(p.relative_to(ROOT)) for p in ROOT.rglob("*") if not any(part[0] == "." for part in p.relative_to(ROOT).parts)
         ]
     return [ROOT / name for name in names if (ROOT / name).is_file()]
 

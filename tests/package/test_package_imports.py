@@ -39,9 +39,7 @@ def test_help_is_light(module: str) -> None:
 @pytest.mark.parametrize("floor", TABLE_FLOORS)
 def test_what_plays_does_not_import_torch(floor: str) -> None:
     """Every module of a floor that runs on tables, imported one after the other."""
-    names = [
-        name for _, name, _ in pkgutil.walk_packages(shuttle_marl.__path__, "shuttle_marl.") if name.split(".")[1] == floor
-    ]
+    names = [name for _, name, _ in pkgutil.walk_packages(shuttle_marl.__path__, "shuttle_marl.") if name.split(".")[1] == floor]
     if not names:
         pytest.skip(f"there is no floor {floor} yet")
     code = "import importlib\n" + "\n".join(f"importlib.import_module({n!r})" for n in names if not n.endswith("__main__"))

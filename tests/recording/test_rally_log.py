@@ -83,9 +83,7 @@ def test_the_rallies_of_a_match(played: Path) -> None:
         assert len(log.numbers_of_match(1, 6)) == len(log.numbers_of_match(3, 0)) == 0
 
 
-def test_a_match_across_many_batches(
-    tmp_path: Path, rallies: Callable[..., Rallies], header: Callable[..., LogHeader]
-) -> None:
+def test_a_match_across_many_batches(tmp_path: Path, rallies: Callable[..., Rallies], header: Callable[..., LogHeader]) -> None:
     part = rallies(90)
     order = np.repeat(np.arange(9), 10)
     part = dataclasses.replace(part, pairing=(order // 3).astype(np.uint32), match=(order % 3).astype(np.uint32))
@@ -191,9 +189,7 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
 @pytest.mark.skipif(RERUN is None, reason="rerun-sdk is not installed")
 def test_another_independent_reader_finds_nothing_wrong(played: Path, tmp_path: Path) -> None:
     def check(path: Path) -> int:
-        return subprocess.run(
-            [str(RERUN), "mcap", "check", "--full", str(path)], capture_output=True, check=False
-        ).returncode
+        return subprocess.run([str(RERUN), "mcap", "check", "--full", str(path)], capture_output=True, check=False).returncode
 
     assert check(played) == 0
     cut = tmp_path / "cut.mcap"

@@ -1,0 +1,144 @@
+"""The card of a model: what it was fitted on, how it scores, and what the game that it makes looks like."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.stroke import SHOTS
+
+CARD: Final = "card.json"
+
+
+def strokes_hash(strokes: pa.Table) -> str:
+    """SHA-256 of a stroke table: the same from the raw files and from Parquet."""
+    sink = pa.BufferOutputStream()
+    table = strokes.replace_schema_metadata(None).combine_chunks()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    return hashlib.sha256(sink.getvalue()).hexdigest()
+
+
+def write_card(folder: Path, card: dict[str, Any]) -> None:
+    """Write the card as JSON."""
+    replace_file(folder / CARD, (json.dumps(card, indent=1) + "\n").encode())
+
+
+def read_card(folder: Path) -> dict[str, Any]:
+    """Read a card.
+
+    Raises:
+        ShuttleError: there is none, or it is damaged.
+    """
+    path = folder / CARD
+    try:
+        card = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ShuttleError(f"{path}: no readable model card ({error})") from error
+    if not isinstance(card, dict):
+        raise ShuttleError(f"{path}: no model card, expected a JSON object")
+    return card
+
+
+def as_markdown(card: dict[str, Any]) -> str:
+    """The card for people."""
+    health, scores = card["health"], card["validation"]
+    lines = [
+        f"# Model card: {card['name']}",
+        "",
+        f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['weights_hash'][:16]}`, "
+        f"data `{card['data']['hash'][:16]}`.",
+        "",
+        f"Fitted on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
+        f"chosen was chosen on {card['data']['validation_strokes']:,} strokes of {card['data']['validation_matches']} others. "
+        f"Seed {card['seed']}.",
+        "",
+        f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
+        f"pairs; {100 * card['game']['clipped']:.1f} % of them were moved into the range that the data supports.",
+        "",
+        "## Predictions on the validation matches",
+        "",
+        "| model | rows | log-loss | trees | ratio | difference (95 %, by match) | Brier | AUC | ECE | ECE of trees |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name in ("success", "return", "contact"):
+        s = scores[name]
+        d = s["difference"]
+        lines.append(
+            f"| {name} | {s['rows']:,} | {s['log_loss']:.5f} | {s['trees']['log_loss']:.5f} | "
+            f"{s['log_loss'] / s['trees']['log_loss']:.4f} | {d['mean']:+.5f} ({d['low']:+.5f} to {d['high']:+.5f}) | "
+            f"{s['brier']:.5f} | {s['auc']:.4f} | {s['ece']:.4f} | {s['trees']['ece']:.4f} |"
+        )
+    following = scores["next_stroke"]
+    lines += ["", "| next stroke | top-1 | top-2 | top-3 | top-4 |", "|---|---|---|---|---|"]
+    for key, title in (("shot_type", "shot type"), ("area", "area"), ("area_given_type", "area, shot type known")):
+        lines.append(f"| {title} | " + " | ".join(f"{x:.3f}" for x in following[key]) + " |")
+    lines += ["", "### Reliability", "", "Mean prediction and observed share in fifteen bins of equal mass.", ""]
+    for name in ("success", "return", "contact"):
+        bins = scores[name]["reliability"]
+        lines += [
+            f"| {name} | " + " | ".join(str(i + 1) for i in range(len(bins))) + " |",
+            "|---" * (len(bins) + 1) + "|",
+            "| predicted | " + " | ".join(f"{b['predicted']:.3f}" for b in bins) + " |",
+            "| observed | " + " | ".join(f"{b['observed']:.3f}" for b in bins) + " |",
+            "",
+        ]
+    lines += [
+        "## The solved game",
+        "",
+        f"Minimax self-play: {health['minimax']['mean_rally']:.1f} strokes a rally, largest shot type "
+        f"{100 * health['largest_shot_share']:.1f} %, {health['shot_types_above_2_percent']} shot types above 2 %, value at the "
+        f"serve {health['value_at_serve']:+.3f}. Largest chance that a rally goes on after a legal stroke (no serve): "
+        f"{health['largest_continuation']:.4f}. The best response to BC wins "
+        f"{100 * health['best_response_to_bc_wins']:.1f} % of rallies. BC against BC: {health['bc']['mean_rally']:.2f} strokes.",
+        "",
+        "| share of strokes | " + " | ".join(SHOTS) + " |",
+        "|---" * (len(SHOTS) + 1) + "|",
+    ]
+    for who in ("minimax", "bc"):
+        lines.append(f"| {who} | " + " | ".join(f"{100 * health[who]['shot_mix'][shot]:.1f} %" for shot in SHOTS) + " |")
+    lines += ["", "## Extreme chances and what supports them", "", card["support_rule"], ""]
+    for title, rows in card["extremes"].items():
+        lines += [
+            f"**{title}**",
+            "",
+            "| chance | strokes | events | supported range | stroke | state |",
+            "|---|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {r['chance']:.4f} | {r['strokes']:g} | {r['events']:g} | {r['range'][0]:.4f} to {r['range'][1]:.4f} | "
+            f"{r['stroke']} | {r['state']} |"
+            for r in rows
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def plot_reliability(card: dict[str, Any], path: Path) -> None:
+    """Draw the three reliability diagrams.
+
+    Raises:
+        ShuttleError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl  # noqa: PLC0415  an extra
+        from matplotlib.figure import Figure  # noqa: PLC0415
+    except ImportError as error:
+        raise ShuttleError("pictures need matplotlib: pip install 'shuttle-marl[plot]'") from error
+    mpl.use("Agg")
+    figure = Figure(figsize=(10, 3.4), layout="constrained")
+    for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):
+        bins = card["validation"][name]["reliability"]
+        predicted, observed = (np.array([b[key] for b in bins]) for key in ("predicted", "observed"))
+        spread = 1.96 * np.sqrt(np.maximum(observed * (1 - observed), 1e-6) / np.array([b["rows"] for b in bins]))
+        low = min(predicted.min(), observed.min()) - 0.02
+        axes.plot([low, 1], [low, 1], color="0.7", linewidth=1)
+        axes.errorbar(predicted, observed, yerr=spread, fmt="o", markersize=4, color="#0b6e4f", linewidth=1)
+        axes.set(title=f"{name} (ECE {card['validation'][name]['ece']:.4f})", xlabel="predicted", ylabel="observed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,176 @@
+"""Scores the models on matches that they were not fitted to, beside gradient-boosted trees on the same rows."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import rankdata
+
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import FAULT, RETURNED
+from shuttle_marl.dynamics.bundle import Bundle
+from shuttle_marl.dynamics.features import STATE, Rows
+from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
+from shuttle_marl.dynamics.trees import tree_predictions
+from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+BINS: Final = 15
+RESAMPLES: Final = 2000
+_CONTEXT: Final = (*STATE, "shot", "technique")
+_STROKE: Final = (*_CONTEXT, "area")
+
+
+def log_losses(label: Bools, p: Floats) -> Floats:
+    """``[N]`` log-loss of each row, in nats."""
+    p = np.clip(p, 1e-7, 1 - 1e-7)
+    return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
+
+
+def calibration_error(label: Bools, p: Floats, bins: int = BINS) -> float:
+    """Expected calibration error over bins of equal mass."""
+    parts = np.array_split(np.argsort(p, kind="stable"), bins)
+    return float(sum(abs(label[i].mean() - p[i].mean()) * len(i) for i in parts if len(i)) / len(label))
+
+
+def reliability(label: Bools, p: Floats, bins: int = BINS) -> list[dict[str, float]]:
+    """The reliability diagram: mean prediction, observed share and number of rows of each bin of equal mass."""
+    parts = np.array_split(np.argsort(p, kind="stable"), bins)
+    return [
+        {"predicted": round(float(p[i].mean()), 5), "observed": round(float(label[i].mean()), 5), "rows": len(i)}
+        for i in parts
+        if len(i)
+    ]
+
+
+def area_under_curve(label: Bools, p: Floats) -> float:
+    """Area under the ROC curve; NaN if only one kind of label occurs."""
+    positive = int(label.sum())
+    negative = len(label) - positive
+    if not positive or not negative:
+        return float("nan")
+    return float((rankdata(p)[label].sum() - positive * (positive + 1) / 2) / (positive * negative))
+
+
+def scores(label: Bools, p: Floats) -> dict[str, Any]:
+    """rows, log_loss, brier, auc, ece of a binary prediction."""
+    return {
+        "rows": len(label),
+        "log_loss": float(log_losses(label, p).mean()),
+        "brier": float(np.mean((p - label) ** 2)),
+        "auc": area_under_curve(label, p),
+        "ece": calibration_error(label, p),
+    }
+
+
+def difference_by_match(ours: Floats, theirs: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:
+    """Mean difference of log-losses (ours minus theirs) and its 95 % interval, by a bootstrap over matches."""
+    _, index = np.unique(match, return_inverse=True)
+    total, count = np.bincount(index, ours - theirs), np.bincount(index)
+    draws = np.random.default_rng(seed).integers(0, len(count), (RESAMPLES, len(count)))
+    means = total[draws].sum(axis=1) / count[draws].sum(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return {"mean": float((ours - theirs).mean()), "low": float(low), "high": float(high)}
+
+
+def evaluate(bundle: Bundle, train: Rows, test: Rows, *, report: Callable[[str], None]) -> dict[str, Any]:
+    """All scores.
+
+    Args:
+        bundle: the models.
+        train: rows that the trees are fitted to.
+        test: rows to score on.
+        report: called with a line before each stage.
+
+    Returns:
+        ``success``, ``return``, ``contact``: scores, ``trees`` (the same of the trees), ``difference`` (ours minus trees by
+        match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
+    """
+
+    def success(rows: Rows) -> Floats:
+        return 1 - bundle.fault_without_target(rows, bundle.shift_of(rows.striker, bundle.striker))
+
+    def returned(rows: Rows) -> Floats:
+        return bundle.returned(rows.codes, shift=bundle.shift_of(rows.receiver, bundle.receiver))
+
+    tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], Floats], tuple[str, ...]]] = {
+        # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
+        "success": (known_outcome, lambda rows: rows.outcome != FAULT, success, _CONTEXT),
+        "return": (was_good, lambda rows: rows.outcome == RETURNED, returned, _STROKE),
+        "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: bundle.above(rows.codes), _STROKE),
+    }
+    out: dict[str, Any] = {}
+    for name, (chosen, label_of, predict, features) in tasks.items():
+        report(f"{name}, and trees on the same rows")
+        fitted, rows = train.take(chosen(train)), test.take(chosen(test))
+        label, p = label_of(rows), predict(rows)
+        trees = tree_predictions(features, fitted.codes, label_of(fitted), fitted.match, rows.codes)
+        out[name] = {
+            **scores(label, p),
+            "trees": scores(label, trees),
+            "difference": difference_by_match(log_losses(label, p), log_losses(label, trees), rows.match),
+            "reliability": reliability(label, p),
+        }
+    report("next stroke")
+    out["next_stroke"] = next_stroke_scores(bundle, test)
+    return out
+
+
+def next_stroke_chances(bundle: Bundle, rows: Rows, *, own: bool = True) -> tuple[Floats, Floats, Floats]:
+    """What the behaviour-cloned players expect of each row.
+
+    Args:
+        bundle: the models.
+        rows: strokes in context.
+        own: use the striker's own model where there is one.
+
+    Returns:
+        ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played.
+    """
+    player = bundle.choices.index(rows.striker) if own else np.full(len(rows), -1)
+    choice = bundle.choices.shifted_choice(bundle.choice(rows.codes), rows.codes, player)
+    styles = choice.reshape(len(rows), N_SHOTS, N_TECHNIQUES)
+    area = np.zeros((len(rows), N_AREAS))
+    given = np.zeros((len(rows), N_AREAS))
+    for shot in range(N_SHOTS):
+        for technique in range(N_TECHNIQUES):
+            weight = styles[:, shot, technique]
+            asked = np.flatnonzero((weight > 1e-4) | (rows.codes["shot"] == shot))
+            codes = {name: code[asked] for name, code in rows.codes.items()}
+            codes |= {"shot": np.full(len(asked), shot, np.int16), "technique": np.full(len(asked), technique, np.int16)}
+            target = bundle.choices.shifted_targets(bundle.targets(codes), codes, player[asked])
+            area[asked] += weight[asked, None] * target
+            played = rows.codes["shot"][asked] == shot
+            share = weight[asked] / np.maximum(styles[asked, shot].sum(axis=1), 1e-12)
+            given[asked[played]] += (share[:, None] * target)[played]
+    return styles.sum(axis=2), area / area.sum(axis=1, keepdims=True), given / given.sum(axis=1, keepdims=True)
+
+
+def top_k(chances: Floats, label: npt.NDArray[np.integer], most: int = 4) -> list[float]:
+    """Share of rows whose label is among the k likeliest, for k = 1 to ``most``."""
+    ranked = np.argsort(-chances, axis=1, kind="stable")[:, :most]
+    hit = ranked == np.asarray(label)[:, None]
+    return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
+
+
+def next_stroke_scores(bundle: Bundle, rows: Rows, *, own: bool = True) -> dict[str, Any]:
+    """Top-1 to top-4 of shot type, area, and area given the shot type; cross-entropies in nats.
+
+    The area is scored on strokes that were no fault, because a fault does not say where it was aimed. ``cross_entropy`` is
+    that of shot type and area together, on the same strokes; ``shot_type_cross_entropy`` that of the shot type on all.
+    """
+    shot, area, given = next_stroke_chances(bundle, rows, own=own)
+    good = (rows.outcome != FAULT) & (rows.codes["area"] >= 0)
+    of_shot = shot[np.arange(len(rows)), rows.codes["shot"]]
+    of_area = given[np.flatnonzero(good), rows.codes["area"][good]]
+    return {
+        "rows": len(rows),
+        "shot_type": top_k(shot, rows.codes["shot"]),
+        "area": top_k(area[good], rows.codes["area"][good]),
+        "area_given_type": top_k(given[good], rows.codes["area"][good]),
+        "cross_entropy": float(-(np.log(of_shot[good]) + np.log(of_area)).mean()),
+        "shot_type_cross_entropy": float(-np.log(of_shot).mean()),
+    }

@@ -1,0 +1,144 @@
+"""From a stroke table to a model folder, and back to its scores."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from safetensors.numpy import load_file, save
+
+from shuttle_marl import __version__
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.splits import Split, matches_of
+from shuttle_marl.dynamics.bundle import Bundle
+from shuttle_marl.dynamics.card import strokes_hash, write_card
+from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_chances, pair_log_choices
+from shuttle_marl.dynamics.evaluate import evaluate
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.fit import THREADS, fit
+from shuttle_marl.dynamics.health import extremes, health
+from shuttle_marl.dynamics.shipped import BC, GAME
+from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.rally import Game
+from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+
+SUPPORT: Final = "support.safetensors"
+"""What the data carries, beside the models: the torch reference of the tables needs it."""
+
+_RULE: Final = (
+    f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
+    f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "
+    f"{PRIOR_STROKES:g} strokes. The predicted chances of a legal pair lie inside the central {100 * CREDIBLE:g} % of the Beta "
+    f"posterior of its innermost cell. Of every stroke but the serve at least {100 * LEAST_END:g} % end the rally. Strokes and "
+    f"events are those of the innermost cell; faults whose target is not known count in parts."
+)
+
+
+def rows_of(rows: Rows, split: Split) -> Rows:
+    """The strokes of a split.
+
+    Raises:
+        ShuttleError: there are none of its matches.
+    """
+    chosen = rows.in_matches(matches_of(split))
+    if not len(chosen):
+        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return chosen
+
+
+def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """Fit, compile, check and write a model folder.
+
+    Args:
+        data: folder of the download, or a Parquet file.
+        out: folder to write.
+        seed: of all random numbers.
+        report: called with a line before each stage.
+
+    Returns:
+        The card.
+    """
+    report("reading strokes")
+    strokes = load_strokes(data)
+    rows = rows_from_strokes(strokes)
+    train, validation = rows_of(rows, "train"), rows_of(rows, "validation")
+    fitted = fit(train, validation, seed=seed, report=report)
+    report("compiling the game")
+    chances = pair_chances(fitted.bundle, fitted.game, fitted.support)
+    game = compile_game(fitted.game, chances)
+    log_choice = pair_log_choices(fitted.bundle, game)
+    report("solving the game")
+    chance = np.exp(log_choice.astype(np.float64))
+    chance /= np.bincount(game.pair_state, chance, game.n_states)[game.pair_state]
+    solved = health(game, chance)
+    weights_hash = fitted.bundle.save(out)
+    save_support(out, fitted.support)
+    game.save(out / GAME)
+    choices = fitted.bundle.choices
+    clones: dict[str, npt.NDArray[Any]] = {
+        "log_choice": log_choice,
+        "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
+        "area": choices.area,
+    }
+    replace_file(out / BC, save(clones, metadata={"players": json.dumps(choices.players)}))
+    scores = evaluate(fitted.bundle, train, validation, report=report)
+    card = {
+        "name": out.name,
+        "version": __version__,
+        "seed": seed,
+        "weights_hash": weights_hash,
+        "game_hash": game.hash,
+        "data": {
+            "hash": strokes_hash(strokes),
+            "train_matches": len(np.unique(train.match)),
+            "train_strokes": len(train),
+            "validation_matches": len(np.unique(validation.match)),
+            "validation_strokes": len(validation),
+        },
+        "game": {
+            "strokes": game.n_strokes,
+            "states": game.n_states,
+            "legal_pairs": game.n_pairs,
+            "clipped": float(chances.clipped.mean()),
+        },
+        "players": list(choices.players),
+        "chosen": fitted.chosen,
+        "validation": scores,
+        "health": solved,
+        "support_rule": _RULE,
+        "extremes": extremes(game, fitted.support),
+        "citations": ["arXiv:2306.04948 (ShuttleSet)", "arXiv:2306.15664 (ShuttleSet22)"],
+    }
+    write_card(out, card)
+    return card
+
+
+def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:
+    """Scores of a model folder on a split; see :func:`shuttle_marl.dynamics.evaluate.evaluate`."""
+    torch.set_num_threads(THREADS)
+    report("reading strokes")
+    rows = rows_from_strokes(load_strokes(data))
+    train, test = rows_of(rows, "train"), rows_of(rows, split)
+    return evaluate(Bundle.load(folder), train, test, report=report)
+
+
+def save_support(folder: Path, support: Support) -> None:
+    """Write the support of a model."""
+    fields = ("strokes", "faults", "winners", "fault_range", "winner_range")
+    replace_file(folder / SUPPORT, save({name: np.ascontiguousarray(getattr(support, name)) for name in fields}))
+
+
+def load_support(folder: Path) -> Support:
+    """Read the support of a model."""
+    return Support(**load_file(folder / SUPPORT))
+
+
+def reference_game(folder: Path, game: Game, *, pessimism: float = 0.0) -> Game:
+    """Compile the tables anew from the torch models: the reference for the tables in the folder."""
+    bundle = Bundle.load(folder)
+    return compile_game(game, pair_chances(bundle, game, load_support(folder), pessimism=pessimism))
