@@ -19,12 +19,13 @@ RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
-.PHONY: help demo test lint format lock clean
+.PHONY: help demo test install lint format lock clean
 .NOTPARALLEL:
 
 help:
 	@echo 'make demo     play a tournament between the players of the package, into runs/demo'
 	@echo 'make test     run all tests'
+	@echo 'make install  install everything, PyTorch too, and run nothing'
 	@echo 'make lint     check format, style, types and floors'
 	@echo 'make format   format the code and mend what can be mended'
 	@echo 'make lock     choose all versions anew and write them to constraints.txt'
@@ -35,6 +36,8 @@ demo: $(RUN_STAMP)
 
 test: $(TEST_STAMP)
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+
+install: $(TEST_STAMP)
 
 lint: $(TEST_STAMP)
 	$(BIN)/ruff format --check .

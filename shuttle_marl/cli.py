@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import tyro
 from rich.console import Console
@@ -10,6 +10,9 @@ from rich.console import Console
 from shuttle_marl.errors import ShuttleError
 
 Command = Callable[..., Any]
+
+_EXTRAS: Final = {"lightgbm": "train", "matplotlib": "plot", "pygame": "render", "torch": "train"}
+"""Which extra of the package installs a library that not every command needs."""
 
 
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
@@ -22,7 +25,8 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         argv: arguments; default ``sys.argv[1:]``.
 
     Returns:
-        0, or 1 after a :class:`ShuttleError` (its message goes to standard error), or 130 after an interrupt.
+        0, or 1 after a :class:`ShuttleError` (its message goes to standard error) or when the extra that a command needs is
+        not installed, or 130 after an interrupt.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -34,6 +38,14 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     except ShuttleError as error:
         console.print(f"[bold red]error:[/] {prog}: ", end="")
         console.print(str(error), markup=False)
+        return 1
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in _EXTRAS:
+            raise
+        advice = f"`make install` installs it, or `pip install 'shuttle-marl[{_EXTRAS[library]}]'`"
+        console.print(f"[bold red]error:[/] {prog}: ", end="")
+        console.print(f"this needs {library}, which is not installed; {advice}", markup=False)
         return 1
     except KeyboardInterrupt:
         console.print("interrupted; what was written is whole")
