@@ -55,6 +55,7 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_right_or_refused(log_file: Path, tmp_path: Path) -> None:
     """Whatever is still read, by number or recovered, is what was written; everything else is a RecordingError."""
     content = log_file.read_bytes()
@@ -224,6 +225,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for i in range(6):
