@@ -71,6 +71,11 @@ def clones(folder: Path) -> Clones:
         raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
 
 
+def installed() -> bool:
+    """Whether the shipped model has behaviour-cloned players."""
+    return (model_folder() / BC).is_file()
+
+
 def players() -> list[str]:
     """Identifiers of the players of the shipped model who have a model of their own, most strokes first."""
     return list(clones(model_folder()).players)

@@ -185,7 +185,7 @@ def _load_bc(player: str | None, game: Game) -> Policy:
 
 
 def _bc_names() -> list[str]:
-    return ["bc", *(f"bc:{player}" for player in bc.players())]
+    return ["bc", *(f"bc:{player}" for player in bc.players())] if bc.installed() else []
 
 
 register("bc", _load_bc, _bc_names)

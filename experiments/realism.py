@@ -1,0 +1,103 @@
+"""Does simulated play look like the matches? Behaviour cloning against itself beside the validation matches.
+
+    python -m experiments.realism --data DATA [--split validation] [--json]
+
+Simulated figures are exact (expected visits of every state), so they carry no noise; the intervals are those of the
+matches, by a bootstrap over matches.
+"""
+
+import json as json_format
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.table import Table
+
+from shuttle_marl.cli import run
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import FAULT, UNKNOWN, WINNER
+from shuttle_marl.data.splits import Split
+from shuttle_marl.dynamics import load_game
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.health import Solver, play_statistics
+from shuttle_marl.dynamics.make import rows_of
+from shuttle_marl.policy import bc
+from shuttle_marl.stroke import SHOTS
+
+RESAMPLES: Final = 2000
+Floats = npt.NDArray[np.float64]
+
+
+def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
+    """Figures of real matches, each with its value and 95 % interval.
+
+    A rally's length is the number of its last stroke; rallies whose end was not kept do not count. A stroke's shares are
+    of the kept strokes of known outcome. Serves that the cameras missed are few but not at random: the share of serves is
+    taken of rallies, not of strokes.
+    """
+    ended = (rows.outcome == FAULT) | (rows.outcome == WINNER)
+    known = rows.outcome != UNKNOWN
+    n = len(rows.matches)
+    # Strokes before a kept one that were dropped (nearly always serves) count towards the length.
+    total = np.bincount(rows.match[ended], rows.stroke[ended], n)
+    per_match: dict[str, tuple[Floats, Floats]] = {
+        "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(float)),
+        "fault share": (np.bincount(rows.match[rows.outcome == FAULT], minlength=n).astype(float), total),
+        "winner share": (np.bincount(rows.match[rows.outcome == WINNER], minlength=n).astype(float), total),
+    }
+    strokes = np.bincount(rows.match[known], minlength=n).astype(float)
+    for i, shot in enumerate(SHOTS):
+        per_match[shot] = (np.bincount(rows.match[known & (rows.codes["shot"] == i)], minlength=n).astype(float), strokes)
+    used = np.flatnonzero(per_match["mean rally"][1])
+    draws = used[np.random.default_rng(seed).integers(0, len(used), (RESAMPLES, len(used)))]
+    out = {}
+    for name, (top, bottom) in per_match.items():
+        low, high = np.quantile(top[draws].sum(axis=1) / bottom[draws].sum(axis=1), [0.025, 0.975])
+        out[name] = {"value": float(top.sum() / bottom.sum()), "low": float(low), "high": float(high)}
+    return out
+
+
+def simulated(model: str) -> dict[str, float]:
+    """The same figures of behaviour cloning against itself, exactly."""
+    game = load_game(model)
+    figures = play_statistics(Solver(game), bc.load(None, game).pair_probabilities())
+    shares = {"mean rally": figures["mean_rally"], "fault share": figures["fault_share"], "winner share": figures["winner_share"]}
+    return {**shares, **figures["shot_mix"]}
+
+
+def realism(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
+    """Print the table.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: matches to compare with.
+        model: a shipped model or a model folder.
+        json: print JSON instead.
+    """
+    real = observed(rows_of(rows_from_strokes(load_strokes(data)), split))
+    ours = simulated(model)
+    result: dict[str, Any] = {name: {**real[name], "simulated": ours[name]} for name in real}
+    if json:
+        sys.stdout.write(json_format.dumps({"split": split, "figures": result}) + "\n")
+        return
+    table = Table(title=f"Behaviour cloning against itself and the {split} matches")
+    for column in ("", "simulated", "matches", "95 % interval"):
+        table.add_column(column, justify="left" if not column else "right")
+    for name, row in result.items():
+        scale, unit = (1.0, "") if name == "mean rally" else (100.0, " %")
+        value, low, high = (scale * row[key] for key in ("value", "low", "high"))
+        table.add_row(name, f"{scale * row['simulated']:.2f}{unit}", f"{value:.2f}{unit}", f"{low:.2f} to {high:.2f}")
+    Console(highlight=False).print(table)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(realism, prog="experiments.realism", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""Small fits on the simulated sample: same weights twice, contexts, pooling, scores."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy.special import expit
+
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import STROKES
+from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
+from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.players import fit_choice_shifts, fit_logit_shifts
+from shuttle_marl.dynamics.ridge import fit_ridge, ridge_logits
+from shuttle_marl.dynamics.training import TrainingConfig, fold_of_match, unseen
+from shuttle_marl.errors import ShuttleError
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+
+
+def sample() -> Rows:
+    return rows_from_strokes(load_strokes(SAMPLE))
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
+    rows = sample()
+    part = rows.match % 4 == 0
+    config = TrainingConfig(epochs=1, batch=256, folds=5)
+    hashes = []
+    for seed in (7, 7, 8):
+        fitted = fit(rows.take(~part), rows.take(part), seed=seed, config=config, report=lambda line: None)
+        hashes.append((fitted.bundle.save(tmp_path), fitted.support.fault_range.tobytes()))
+    assert hashes[0] == hashes[1]
+    assert hashes[0] != hashes[2]
+
+
+def test_a_fit_without_validation_says_so() -> None:
+    rows = sample()
+    with pytest.raises(ShuttleError, match="validation"):
+        fit(rows, rows.take(np.zeros(len(rows), dtype=bool)), report=lambda line: None)
+
+
+def test_contexts_of_a_rally_with_a_missed_serve() -> None:
+    table = load_strokes(SAMPLE)
+    first = table.filter(pa.compute.equal(table["rally"], table["rally"][0])).slice(0, 4)
+    assert first["stroke"].to_pylist() == [1, 2, 3, 4]
+    whole = rows_from_strokes(first)
+    assert whole.codes["incoming_shot"][0] == SLOTS["incoming_shot"] - 2, "none at the serve"
+    assert whole.codes["own_shot"][1] == SLOTS["own_shot"] - 2
+    assert whole.codes["incoming_shot"][1] == first["shot"][0].as_py()
+    assert whole.codes["own_area"][2] == first["area"][0].as_py()
+    assert whole.next_contact[0] == first["height"][1].as_py()
+    # Without the serve, what came before is unknown, not none.
+    missed = rows_from_strokes(first.slice(1))
+    assert missed.codes["incoming_shot"][0] == SLOTS["incoming_shot"] - 1
+    assert missed.codes["own_shot"][0] == SLOTS["own_shot"] - 2
+    assert missed.codes["own_shot"][1] == SLOTS["own_shot"] - 1
+    # A gap in a rally breaks the context as well.
+    gap = rows_from_strokes(pa.concat_tables([first.slice(0, 1), first.slice(2)]))
+    assert gap.codes["incoming_shot"][1] == SLOTS["incoming_shot"] - 1
+    assert gap.next_contact[0] == -1
+    assert first.schema.equals(STROKES)
+
+
+def test_logit_shifts_are_shrunk() -> None:
+    rng = np.random.default_rng(0)
+    player = np.repeat([0, 1, 2], [4000, 4000, 20])
+    truth = np.array([0.6, -0.6, 0.6])
+    label = rng.random(len(player)) < expit(-1 + truth[player])
+    shift = fit_logit_shifts(np.full(len(player), -1.0), label, player, precision=20.0)
+    assert shift[:2] == pytest.approx(truth[:2], abs=0.15)
+    assert abs(shift[2]) < 0.3
+    # At the optimum the gradient vanishes.
+    p = expit(-1 + shift[player])
+    gradient = np.bincount(player, label - p) - 20.0 * shift
+    assert np.abs(gradient).max() < 1e-6
+
+
+def test_choice_shifts_move_towards_what_a_player_does() -> None:
+    rng = np.random.default_rng(1)
+    base = np.full((6000, 3), 1 / 3)
+    player = rng.integers(0, 2, 6000)
+    cell = rng.integers(0, 2, 6000)
+    truth = np.array([[0.6, 0.2, 0.2], [0.2, 0.2, 0.6]])
+    label = np.array([rng.choice(3, p=truth[i]) for i in player])
+    shift = fit_choice_shifts(base, cell, 2, player, 2, label, precision=1.0)
+    tilted = np.exp(shift) / np.exp(shift).sum(axis=-1, keepdims=True)
+    assert np.abs(tilted - truth[:, None]).max() < 0.05
+    firm = fit_choice_shifts(base, cell, 2, player, 2, label, precision=1e6)
+    assert np.abs(firm).max() < 0.01
+
+
+def test_ridge_learns_an_interaction() -> None:
+    rows = sample()
+    shot, contact = rows.codes["shot"], rows.codes["contact"]
+    truth = expit(np.where((shot == 5) & (contact == 1), 2.0, -1.0))
+    label = np.random.default_rng(2).random(len(rows)) < truth
+    p = expit(ridge_logits(fit_ridge(rows.codes, label), rows.codes))
+    assert np.abs(p - truth).mean() < 0.06
+
+
+def test_unseen_uses_only_members_that_left_the_match_out() -> None:
+    match = np.array([5, 5, 9, 9, 2, 2])
+    fold = fold_of_match(match, 2)
+    assert fold.tolist() == [0, 0, 1, 1, 0, 0]
+    members = np.arange(4)[:, None] * np.ones(6)
+    assert unseen(members, match, 2).tolist() == [1, 1, 2, 2, 1, 1]
+
+
+def test_scores_have_known_values() -> None:
+    label = np.array([True, True, False, False])
+    assert area_under_curve(label, np.array([0.9, 0.4, 0.5, 0.1])) == 0.75
+    assert np.isnan(area_under_curve(np.ones(3, dtype=bool), np.ones(3)))
+    assert calibration_error(label, np.array([0.8, 0.8, 0.2, 0.2]), bins=2) == pytest.approx(0.2)
+    assert top_k(np.array([[0.5, 0.3, 0.2], [0.1, 0.2, 0.7]]), np.array([1, 2]), most=2) == [0.5, 1.0]
+    difference = difference_by_match(np.array([1.0, 3.0, 2.0]), np.array([0.5, 2.5, 1.5]), np.array([0, 0, 1]))
+    assert difference == {"mean": 0.5, "low": 0.5, "high": 0.5}

@@ -1,0 +1,122 @@
+"""The model that comes with the package: tables, support, health, card."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game, model_folder
+from shuttle_marl.dynamics.bundle import NETWORKS, Bundle, ModelError
+from shuttle_marl.dynamics.card import as_markdown, read_card
+from shuttle_marl.dynamics.compile import LEAST_END
+from shuttle_marl.dynamics.health import health
+from shuttle_marl.dynamics.make import load_support, reference_game
+from shuttle_marl.dynamics.support import is_serve_pair
+from shuttle_marl.policy import bc
+from shuttle_marl.rally import ONE
+
+ULP = 1.0 / ONE
+
+
+@functools.cache
+def solved() -> dict:
+    game = default_game()
+    return health(game, bc.load(None, game).pair_probabilities())
+
+
+def test_no_chance_leaves_what_its_data_carries() -> None:
+    """The rule in the first lines of support.py, on every legal pair that is no serve."""
+    game, support = default_game(), load_support(model_folder())
+    good, returned, _ = game.chances()
+    fault, winner = 1 - good, good * (1 - returned)
+    edge, rally = game.pair_edge, ~is_serve_pair(game)
+    for chance, (low, high) in ((fault, support.fault_range.T), (winner, support.winner_range.T)):
+        inside = (chance >= low[edge] - 2 * ULP) & (chance <= high[edge] + 2 * ULP)
+        # A fault may exceed its range only where the least share of ended rallies demands it.
+        excused = np.isclose(fault + winner, LEAST_END, atol=3 * ULP)
+        assert (inside | excused)[rally].all()
+
+
+def test_ranges_follow_the_counts() -> None:
+    """Without strokes of its own a cell is as wide as its prior; with many it is narrow and holds its own rate."""
+    support = load_support(model_folder())
+    width = support.winner_range[:, 1] - support.winner_range[:, 0]
+    many = support.strokes > 200
+    rate = support.winners / np.maximum(support.strokes, 1)
+    assert many.sum() > 10
+    assert (rate[many] >= support.winner_range[many, 0]).all()
+    assert (rate[many] <= support.winner_range[many, 1]).all()
+    assert width[many].mean() < 0.5 * width[support.strokes < 5].mean()
+
+
+def test_the_solved_game_is_healthy() -> None:
+    figures = solved()
+    assert figures["largest_shot_share"] <= 0.45
+    assert figures["shot_types_above_2_percent"] >= 6
+    assert 5 <= figures["minimax"]["mean_rally"] <= 20
+    assert figures["largest_continuation"] <= 0.997
+    assert figures["best_response_to_bc_wins"] >= 0.70
+
+
+def test_the_card_says_what_the_tables_say() -> None:
+    card = read_card(model_folder())
+    game = default_game()
+    assert card["game_hash"] == game.hash
+    assert card["game"]["legal_pairs"] == game.n_pairs
+    assert card["health"]["value_at_serve"] == pytest.approx(solved()["value_at_serve"], abs=1e-7)
+    assert all(len(rows) == 10 for rows in card["extremes"].values())
+    text = as_markdown(card)
+    assert f"{game.n_pairs:,} legal" in text
+    for name in ("success", "return", "contact"):
+        scores = card["validation"][name]
+        assert scores["log_loss"] <= 1.005 * scores["trees"]["log_loss"]
+        assert scores["difference"]["low"] <= 0
+        assert scores["ece"] <= 0.012
+
+
+@pytest.mark.slow
+def test_tables_are_the_torch_models_with_one_thread_and_with_two() -> None:
+    import torch
+
+    game = default_game()
+    before = torch.get_num_threads()
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            reference = reference_game(model_folder(), game)
+            assert reference.hash == game.hash == read_card(model_folder())["game_hash"]
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_pessimism_makes_every_stroke_riskier() -> None:
+    import torch
+
+    from shuttle_marl.dynamics.features import codes_of_pairs
+
+    bundle, game = Bundle.load(model_folder()), default_game()
+    some = np.random.default_rng(0).choice(game.n_pairs, 500, replace=False)
+    codes = {name: code[some] for name, code in codes_of_pairs(game).items()}
+    with torch.no_grad():
+        plain, careful = (bundle.averaged(bundle.fault, codes, pessimism=z) for z in (0.0, 1.0))
+        kept, feared = (bundle.averaged(bundle.returned, codes, pessimism=z) for z in (0.0, 1.0))
+    assert (careful > plain).all()
+    assert (feared > kept).all()
+
+
+@pytest.mark.parametrize("damage", ["missing", "truncated", "nan"])
+def test_damaged_weights_are_refused(tmp_path, damage: str) -> None:
+    source = model_folder() / NETWORKS
+    if damage == "truncated":
+        (tmp_path / NETWORKS).write_bytes(source.read_bytes()[:5000])
+    elif damage == "nan":
+        bundle = Bundle.load(model_folder())
+        bundle.networks["return"].second.data[0, 0, 0] = float("nan")
+        bundle.save(tmp_path)
+    with pytest.raises(ModelError, match=NETWORKS):
+        Bundle.load(tmp_path)
+
+
+def test_bundle_round_trip(tmp_path) -> None:
+    bundle = Bundle.load(model_folder())
+    assert bundle.save(tmp_path) == read_card(model_folder())["weights_hash"]

@@ -1,0 +1,76 @@
+"""The experiments on the annotated matches (where SHUTTLESET names their folder), and what they say without."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import next_stroke, realism
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import FAULT, RETURNED, WINNER
+from shuttle_marl.dynamics.__main__ import main as dynamics
+from shuttle_marl.dynamics.features import rows_from_strokes
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+MATCHES = os.environ.get("SHUTTLESET")
+needs_matches = pytest.mark.skipif(not MATCHES, reason="SHUTTLESET names no folder with the annotated matches")
+
+
+def test_observed_figures_of_the_sample() -> None:
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    figures = realism.observed(rows)
+    rallies = int(((rows.outcome == FAULT) | (rows.outcome == WINNER)).sum())
+    assert figures["mean rally"]["value"] == pytest.approx(len(rows) / rallies)
+    assert figures["fault share"]["value"] == pytest.approx((rows.outcome == FAULT).mean())
+    assert figures["smash"]["value"] == pytest.approx((rows.codes["shot"] == 5).mean())
+    assert all(f["low"] <= f["value"] <= f["high"] for f in figures.values())
+    assert (rows.outcome == RETURNED).any()
+
+
+@pytest.mark.parametrize("command", [next_stroke.main, realism.main])
+def test_data_without_the_split_is_named(command, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(["--data", str(SAMPLE)]) == 1
+    assert "no match of the split" in capsys.readouterr().err
+
+
+def test_evaluate_without_the_split_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dynamics(["evaluate", "--data", str(SAMPLE), "--split", "test", "--json"]) == 1
+    assert "no match of the split" in capsys.readouterr().err
+
+
+@needs_matches
+def test_play_is_realistic(capsys: pytest.CaptureFixture[str]) -> None:
+    assert realism.main(["--data", str(MATCHES), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["figures"]
+    assert figures["mean rally"]["simulated"] == pytest.approx(figures["mean rally"]["value"], rel=0.05)
+    assert figures["fault share"]["simulated"] == pytest.approx(figures["fault share"]["value"], abs=0.02)
+
+
+@needs_matches
+@pytest.mark.slow
+def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert next_stroke.main(["--data", str(MATCHES), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["rows"]) >= 6
+    for scores in result["rows"].values():
+        for key in ("shot_type", "area", "area_given_type"):
+            assert len(scores[key]) == 4
+            assert (np.diff(scores[key]) >= 0).all()
+    assert result["rows"]["all"]["cross_entropy"] < result["rows"]["all, average player's model"]["cross_entropy"]
+
+
+@needs_matches
+@pytest.mark.slow
+def test_evaluate_prints_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dynamics(["evaluate", "--data", str(MATCHES), "--split", "validation", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    for name in ("success", "return", "contact"):
+        scores = result[name]
+        assert {"rows", "log_loss", "brier", "auc", "ece"} <= set(scores)
+        assert {"rows", "log_loss", "brier", "auc", "ece"} == set(scores["trees"])
+        assert scores["log_loss"] <= 1.005 * scores["trees"]["log_loss"]
+        assert scores["difference"]["low"] <= 0
+        assert scores["ece"] <= 0.012
+    assert {"shot_type", "area", "area_given_type", "cross_entropy"} <= set(result["next_stroke"])
