@@ -121,14 +121,15 @@ class Bundle:
             "players.style": torch.from_numpy(self.choices.style),
             "players.area": torch.from_numpy(self.choices.area),
         }
-        header = {
-            "specs": json.dumps({name: dataclasses.asdict(n.spec) for name, n in self.networks.items()}),
-            "striker": json.dumps(self.striker),
-            "receiver": json.dumps(self.receiver),
-            "players": json.dumps(self.choices.players),
-            "disciplines": json.dumps(DISCIPLINES),
+        described = {
+            "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
+            "striker": self.striker,
+            "receiver": self.receiver,
+            "players": self.choices.players,
+            "disciplines": DISCIPLINES,
         }
-        content = save(tensors, metadata=header)
+        # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
+        content = save(tensors, metadata={"model": json.dumps(described, sort_keys=True)})
         replace_file(folder / NETWORKS, content)
         return hashlib.sha256(content).hexdigest()
 
@@ -142,10 +143,10 @@ class Bundle:
         path = folder / NETWORKS
         try:
             with safe_open(path, framework="pt") as file:
-                header = file.metadata() or {}
+                header = json.loads((file.metadata() or {})["model"])
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
             networks = {}
-            for name, fields in json.loads(header["specs"]).items():
+            for name, fields in header["specs"].items():
                 crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
                 spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
                 network = Ensemble(spec).requires_grad_(False).eval()
@@ -159,10 +160,10 @@ class Bundle:
                 ridge=tensors["ridge"].numpy(),
                 calibration=tensors["calibration"].numpy(),
                 share=tensors["share"].numpy(),
-                striker=json.loads(header["striker"]),
-                receiver=json.loads(header["receiver"]),
+                striker=header["striker"],
+                receiver=header["receiver"],
                 choices=PlayerChoices(
-                    players=tuple(json.loads(header["players"])),
+                    players=tuple(header["players"]),
                     style=tensors["players.style"].numpy(),
                     area=tensors["players.area"].numpy(),
                 ),
