@@ -49,22 +49,23 @@ ATTACK_BELOW: Final = {
 
 DEFEND: Final = {
     "short-serve": 2.0,
-    "long-serve": 1.0,
+    "long-serve": 0.0,
     "net-kill": 4.0,
-    "lift": 2.0,
-    "clear": 2.0,
-    "drop": 2.0,
+    "lift": 3.5,
+    "drop": 1.5,
     "net-shot": 2.0,
-    "half-smash": 1.0,
+    "half-smash": 2.0,
+    "clear": 1.0,
     "block": 1.0,
-    "cross-court-net-shot": 1.0,
     "push": 0.5,
     "drive": 0.0,
+    "cross-court-net-shot": 0.0,
     "smash": 0.0,
 }
-"""Defensive: high and deep, or soft and low; no hard hitting but for a shuttle that sits on the net."""
-DEFEND_AGAINST_SMASH: Final = {"block": 2.0, "lift": 1.0, "drive": -1.0}
-"""Defensive, in addition, against a smash, half smash or net kill: soak up its pace with a block, or lift it out."""
+"""Defensive: lift high and deep from below; from above place the shuttle instead of hitting it hard; no risky angles at
+the net, and nothing hard but for a shuttle that sits on it."""
+DEFEND_AGAINST_SMASH: Final = {"lift": 2.0, "block": 1.0, "drive": -1.0}
+"""Defensive, in addition, against a smash, half smash or net kill: lift it out to win time, or soak up its pace."""
 POWER: Final = ("smash", "half-smash", "net-kill")
 
 

@@ -94,12 +94,15 @@ def test_choice_shifts_move_towards_what_a_player_does() -> None:
 
 
 def test_ridge_learns_an_interaction() -> None:
+    """What holds for one technique from above and for the other from below: no sum of single effects can say that."""
     rows = sample()
-    shot, contact = rows.codes["shot"], rows.codes["contact"]
-    truth = expit(np.where((shot == 5) & (contact == 1), 2.0, -1.0))
+    backhand, contact = rows.codes["technique"] == 1, rows.codes["contact"] == 1
+    truth = expit(np.where(backhand ^ contact, 1.5, -1.5))
     label = np.random.default_rng(2).random(len(rows)) < truth
     p = expit(ridge_logits(fit_ridge(rows.codes, label), rows.codes))
-    assert np.abs(p - truth).mean() < 0.06
+    for group in (backhand & contact, backhand & ~contact, ~backhand & contact, ~backhand & ~contact):
+        assert p[group].mean() == pytest.approx(truth[group].mean(), abs=0.06)
+    assert p.mean() == pytest.approx(label.mean(), abs=1e-3)
 
 
 def test_unseen_uses_only_members_that_left_the_match_out() -> None:
