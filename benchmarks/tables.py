@@ -4,8 +4,8 @@
 
 A table stands between ``<!-- begin: NAME -->`` and ``<!-- end: NAME -->``. The ranking comes from a run folder of the
 league; without ``--run`` the default tournament is played, which is the same on every machine. Speeds come from
-``benchmarks/results/``, where the benchmarks' own ``--json`` output was saved. ``--check`` changes nothing and fails if a
-table is not what the results say.
+``benchmarks/results/``, where the benchmarks' own ``--json`` output was saved. The model card is a page of its own.
+``--check`` changes nothing and fails if a page does not show what the results say.
 """
 
 import difflib
@@ -20,6 +20,8 @@ import pyarrow.csv
 from rich.console import Console
 
 from shuttle_marl import cli
+from shuttle_marl.dynamics.card import as_markdown, read_card
+from shuttle_marl.dynamics.shipped import model_folder
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.league.config import LeagueConfig
@@ -61,7 +63,12 @@ def ranking(folder: Path) -> str:
     return f"{markdown(HEADINGS, [cells(s) for s in standings], left=('player',))}\n\n{played}"
 
 
-def aec() -> str:
+def model_card(_: Path) -> str:
+    """The card of the shipped model."""
+    return as_markdown(read_card(model_folder()))
+
+
+def aec(_: Path) -> str:
     """Speed of PettingZoo's loop, from ``benchmarks/results/aec.json``."""
     result = _result("aec")
     rows = [
@@ -77,14 +84,14 @@ def aec() -> str:
     return f"{markdown(headings, rows, left=('environment',))}\n\n{_machine(result)}"
 
 
-def startup() -> str:
+def startup(_: Path) -> str:
     """CPU time of commands that do nothing yet, from ``benchmarks/results/startup.json``."""
     result = _result("startup")
     rows = [(f"`{c['command']}`", f"{c['cpu_s']:.2f}") for c in result["commands"]]
     return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{_machine(result)}"
 
 
-def recording_log() -> str:
+def recording_log(_: Path) -> str:
     """Cost of the rally log, from ``benchmarks/results/recording_log.json``."""
     result = _result("recording_log")
     rows = [
@@ -120,6 +127,17 @@ def replaced(text: str, name: str, table: str) -> str:
     return f"{text[: text.index(begin)]}{begin}\n{table}\n{text[text.index(end) :]}"
 
 
+TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
+    ("README.md", "ranking"): ranking,
+    ("benchmarks/README.md", "aec"): aec,
+    ("benchmarks/README.md", "startup"): startup,
+    ("docs/rally_log.md", "recording_log"): recording_log,
+}
+"""Page and name of every table, and what makes it from the run folder of the ranking."""
+WHOLE_PAGES: Final[dict[str, Callable[[Path], str]]] = {"docs/model_card.md": model_card}
+"""Pages that are made as a whole."""
+
+
 def main(*, run: Path | None = None, check: bool = False) -> None:
     """Write all tables, or check them.
 
@@ -129,22 +147,18 @@ def main(*, run: Path | None = None, check: bool = False) -> None:
     """
     with tempfile.TemporaryDirectory() as temporary:
         folder = run or run_league(LeagueConfig(out=Path(temporary) / "run", record="none"), Console(stderr=True)).folder
-        tables: dict[tuple[str, str], Callable[[], str]] = {
-            ("README.md", "ranking"): lambda: ranking(folder),
-            ("benchmarks/README.md", "aec"): aec,
-            ("benchmarks/README.md", "startup"): startup,
-            ("docs/rally_log.md", "recording_log"): recording_log,
-        }
-        for (name, block), render in tables.items():
-            page = ROOT / name
-            before = page.read_text(encoding="utf-8")
-            after = replaced(before, block, render())
-            if check and after != before:
-                changes = "\n".join(difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm=""))
-                raise TableError(f"{name}: the table {block!r} is not what the results say; run this without --check\n{changes}")
-            if not check:
-                replace_file(page, after.encode())
-    Console().print(f"{len(tables)} tables {'checked' if check else 'written'}")
+        changed: dict[str, str] = {name: render(folder) for name, render in WHOLE_PAGES.items()}
+        for (name, block), render in TABLES.items():
+            text = changed.get(name) or (ROOT / name).read_text(encoding="utf-8")
+            changed[name] = replaced(text, block, render(folder))
+    for name, after in changed.items():
+        before = (ROOT / name).read_text(encoding="utf-8")
+        if check and after != before:
+            changes = "\n".join(difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm=""))
+            raise TableError(f"{name} does not show what the results say; run this without --check\n{changes}")
+        if not check:
+            replace_file(ROOT / name, after.encode())
+    Console().print(f"{len(TABLES)} tables and {len(WHOLE_PAGES)} pages {'checked' if check else 'written'}")
 
 
 if __name__ == "__main__":

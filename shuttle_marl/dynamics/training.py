@@ -102,7 +102,7 @@ def fit_ensemble(
     return model.requires_grad_(False).eval()
 
 
-def predict(model: Ensemble, columns: npt.NDArray[np.int32], chunk: int = 8192) -> npt.NDArray[np.float64]:
+def predict(model: Ensemble, columns: npt.NDArray[np.int32], chunk: int = 1024) -> npt.NDArray[np.float64]:
     """Logits ``[K, N, outputs]`` in double precision."""
     double = Ensemble(model.spec).double().requires_grad_(False)
     double.load_state_dict(model.state_dict())
