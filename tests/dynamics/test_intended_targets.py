@@ -15,7 +15,7 @@ from shuttle_marl.stroke import SHOTS
 N = 40_000
 # Of the shuttle aimed at each area: out, and short of the net (recorded in a front area, wherever it was aimed).
 OUT = np.array([0.03, 0.00, 0.03, 0.02, 0.00, 0.02, 0.08, 0.03, 0.08])
-SHORT = np.array([0.10, 0.04, 0.10, 0.03, 0.01, 0.03, 0.02, 0.01, 0.02])
+SHORT = np.array([0.08, 0.03, 0.08, 0.07, 0.02, 0.06, 0.09, 0.05, 0.07])
 
 
 def simulated() -> tuple[Rows, np.ndarray]:
@@ -49,6 +49,7 @@ def simulated() -> tuple[Rows, np.ndarray]:
     return rows, target
 
 
+@pytest.mark.slow
 def test_fault_rates_per_intended_target_are_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     # The networks of the game, small and without shrinkage: what is tested is the treatment of the targets.
     context = ("incoming_shot", "incoming_area")
