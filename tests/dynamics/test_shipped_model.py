@@ -44,8 +44,8 @@ def test_ranges_follow_the_counts() -> None:
     many = support.strokes > 200
     rate = support.winners / np.maximum(support.strokes, 1)
     assert many.sum() > 10
-    assert (rate[many] >= support.winner_range[many, 0]).all()
-    assert (rate[many] <= support.winner_range[many, 1]).all()
+    assert (rate[many] >= support.winner_range[many, 0] - 0.005).all()
+    assert (rate[many] <= support.winner_range[many, 1] + 0.005).all()
     assert width[many].mean() < 0.5 * width[support.strokes < 5].mean()
 
 
