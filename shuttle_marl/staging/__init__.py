@@ -1,0 +1,1 @@
+"""From a rally to motion."""

@@ -1,0 +1,83 @@
+"""Timing and places as measured in the training matches; written by :mod:`shuttle_marl.staging.fit`."""
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.court import AREAS
+from shuttle_marl.stroke import HEIGHTS, N_SERVES, SHOTS
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+FILE: Final = Path(__file__).parent / "measured.json"
+"""The shipped table; its ``provenance`` says which matches it was measured on."""
+DISTANCES: Final = tuple(float(d) for d in range(14))
+"""Edges of the classes of length of a stroke [m]."""
+QUARTILES: Final = (0.25, 0.5, 0.75)
+QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Which quantiles places are described by."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Measured:
+    """What the matches tell about time and place.
+
+    Attributes:
+        flight_time: ``[13, 3]`` quartiles of the time until the receiver strikes [s], by shot type.
+        flight_time_by_length: ``[13, 2, 13, 3]`` the same by shot type, height at which the shuttle is met (0 below, 1
+            above the net), and length in metres (class k: from k to k + 1).
+        places: ``[13, 9, 2, 5]`` quantiles of x and y of the point where the receiver meets the shuttle, in the striker's
+            frame [m], by shot type and area.
+        base: ``[13, 9, 2]`` where a player stands, in their own frame [m], when the opponent answers; by their own stroke.
+        net_share: ``[13]`` share of the faults of a shot type that do not cross the net.
+        out_by: ``[2, 5]`` quantiles of the distance by which shuttles land beyond the side and the back line [m].
+        serve: ``[2, 2, 2, 5]`` quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m].
+    """
+
+    flight_time: Floats
+    flight_time_by_length: Floats
+    places: Floats
+    base: Floats
+    net_share: Floats
+    out_by: Floats
+    serve: Floats
+
+    def seconds(self, shot: Ints | np.int64, met: Ints | np.int64, length: Floats | float, u: Floats | np.float64) -> Floats:
+        """Flight times [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""
+        k = np.clip(np.asarray(length).astype(np.int64), 0, len(DISTANCES) - 2)
+        low, middle, high = np.moveaxis(self.flight_time_by_length[shot, met, k], -1, 0)
+        drawn = np.where(u < 0.5, low + 2 * u * (middle - low), middle + (2 * u - 1) * (high - middle))
+        overall = self.flight_time[shot]
+        return np.clip(drawn, overall[..., 0], overall[..., 2])
+
+
+def quantile(knots: Floats, u: Floats) -> Floats:
+    """Values ``[...]`` at shares ``u`` from quantiles ``[..., 5]`` at :data:`QUANTILES`, linear in between, held outside."""
+    u = np.clip(u, QUANTILES[0], QUANTILES[-1])
+    k = np.clip(np.searchsorted(QUANTILES, u, side="right") - 1, 0, len(QUANTILES) - 2)
+    levels = np.array(QUANTILES)
+    low, high = (np.take_along_axis(knots, (k + i)[..., None], axis=-1)[..., 0] for i in (0, 1))
+    return low + (high - low) * (u - levels[k]) / (levels[k + 1] - levels[k])
+
+
+@functools.cache
+def load_measured(path: Path = FILE) -> Measured:
+    """The shipped table, or one written by ``fit``."""
+    raw = json.loads(path.read_text(encoding="utf-8"))
+    serves = SHOTS[:N_SERVES]
+    by_length = raw["flight_time_by_length"]
+    return Measured(
+        flight_time=np.array([raw["flight_time"][s] for s in SHOTS]),
+        flight_time_by_length=np.array([[by_length[s][h] for h in HEIGHTS] for s in SHOTS]),
+        places=np.array([[raw["places"][s][a] for a in AREAS] for s in SHOTS]),
+        base=np.array([[raw["base"][s][a] for a in AREAS] for s in SHOTS]),
+        net_share=np.array([raw["faults"][s] for s in SHOTS]),
+        out_by=np.array([raw["out_by"][side] for side in ("side", "back")]),
+        serve=np.array([[raw["serve"][s][who] for who in ("striker", "receiver")] for s in serves]),
+    )

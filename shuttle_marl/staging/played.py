@@ -1,0 +1,88 @@
+"""What is staged: one rally that was played."""
+
+import dataclasses
+import functools
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.rally import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.stroke import Catalogue
+
+
+class StagingError(ShuttleError):
+    """A rally that cannot be staged, or an option that is none."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PlayedRally:
+    """A rally, as the rally log and the environments know it.
+
+    Attributes:
+        catalogue: the strokes that can be played.
+        server: seat that serves, 0 or 1; strikers alternate.
+        stroke: ``[n]`` catalogue index of every stroke, n >= 1.
+        ending: how the last stroke ended the rally, FAULT or WINNER of :mod:`shuttle_marl.rally`.
+    """
+
+    catalogue: Catalogue
+    server: int
+    stroke: npt.NDArray[np.int64]
+    ending: int
+
+    @classmethod
+    def of(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "PlayedRally":
+        """From the strokes one by one.
+
+        Args:
+            catalogue: the strokes that can be played.
+            strokes: seat of the striker, catalogue index, and outcome (index into ``shuttle_marl.rally.OUTCOMES``) of each.
+
+        Raises:
+            StagingError: seats that do not alternate, outcomes that do not fit, or what :meth:`checked` refuses.
+        """
+        rows = np.array(list(strokes), dtype=np.int64).reshape(-1, 3)
+        if not len(rows):
+            raise StagingError("a rally without strokes; expected at least the serve")
+        seat, stroke, outcome = rows.T
+        if (seat != (seat[0] + np.arange(len(seat))) % 2).any():
+            raise StagingError(f"seats {seat.tolist()}: expected two players who take turns")
+        rally = cls(catalogue=catalogue, server=int(seat[0]), stroke=stroke, ending=int(outcome[-1])).checked()
+        if (outcome != rally.outcome).any():
+            raise StagingError(f"outcomes {outcome.tolist()}: the heights of the strokes give {rally.outcome.tolist()}")
+        return rally
+
+    def checked(self) -> "PlayedRally":
+        """This rally.
+
+        Raises:
+            StagingError: no strokes, an unknown seat, stroke or ending, or a serve that does not stand at the start.
+        """
+        if self.server not in (0, 1):
+            raise StagingError(f"server {self.server}: expected seat 0 or 1")
+        if self.ending not in (FAULT, WINNER):
+            raise StagingError(f"ending {self.ending}: expected {FAULT} (fault) or {WINNER} (winner)")
+        if not len(self.stroke):
+            raise StagingError("a rally without strokes; expected at least the serve")
+        if self.stroke.min() < 0 or self.stroke.max() >= len(self.catalogue):
+            raise StagingError(f"strokes {self.stroke.tolist()}: the catalogue has {len(self.catalogue)} strokes, from 0")
+        serves = self.catalogue.is_serve[self.stroke]
+        if not serves[0] or serves[1:].any():
+            raise StagingError("a rally starts with a serve and has no other; check the order of its strokes")
+        return self
+
+    def __len__(self) -> int:
+        return len(self.stroke)
+
+    @functools.cached_property
+    def striker(self) -> npt.NDArray[np.int64]:
+        """``[n]`` seat of the striker of each stroke."""
+        return (self.server + np.arange(len(self.stroke))) % 2
+
+    @functools.cached_property
+    def outcome(self) -> npt.NDArray[np.int64]:
+        """``[n]`` outcome of each stroke, index into ``shuttle_marl.rally.OUTCOMES``."""
+        following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
+        return np.r_[following, self.ending]
