@@ -1,0 +1,211 @@
+"""Thousands of rallies at once for TorchRL: ``RallyEnv`` for self-play, ``VersusEnv`` against opponents in the environment.
+
+Both step the compiled kernel and hold their rallies in numpy arrays, so they are stateful and locked to their batch size.
+Given the same strokes they play the rallies of ``rally_v0`` with the same seed: row b of B plays the episodes b, b + B, …
+"""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from shuttle_marl.env.base import resolve_game
+from shuttle_marl.kernel import RallyBatch, VersusBatch
+from shuttle_marl.kernel.rows import Server
+from shuttle_marl.policy.base import Policy
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import Game
+
+TOKENS = 3
+"""Numbers in an observation: own last stroke, incoming stroke, contact."""
+_SEEDS = 1 << 63
+
+Opponents = str | Policy | Sequence[str | Policy]
+
+
+class _BatchedEnv(EnvBase):
+    """The TorchRL side of a batch of the kernel.
+
+    Entries of its tensordicts, batch size ``[B]``:
+
+    - ``observation``: ``[B, 3]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
+      offered (1: above the net).
+    - ``action_mask``: ``[B, n]`` bool legal strokes.
+    - ``action``: ``[B]`` int64 catalogue index.
+    - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.
+
+    ``rollout`` and the collectors reset rows in the same call as the step. So where ``("next", "terminated")`` holds, the
+    rest of ``"next"`` belongs to the next rally already; no estimator looks at it there.
+    """
+
+    batch_locked = True
+
+    def __init__(self, game: Game, batch: RallyBatch | VersusBatch, seed: int) -> None:
+        size = len(batch)
+        super().__init__(batch_size=torch.Size([size]))
+        # EnvBase is an nn.Module, whose __setattr__ wants the call above first.
+        self.game = game
+        self._batch = batch
+        self._next_seed: int | None = seed
+        n = game.n_strokes
+        self.observation_spec = Composite(
+            observation=Bounded(0, torch.tensor([n, n, 1], dtype=torch.int32).expand(size, TOKENS), dtype=torch.int32),
+            action_mask=Binary(shape=(size, n), dtype=torch.bool),
+            shape=(size,),
+        )
+        self.action_spec = Categorical(n, shape=(size,), dtype=torch.int64)
+        self.reward_spec = Unbounded((size, 1))
+        self.full_done_spec = Composite(
+            done=Categorical(2, shape=(size, 1), dtype=torch.bool),
+            terminated=Categorical(2, shape=(size, 1), dtype=torch.bool),
+            shape=(size,),
+        )
+
+    @property
+    def states(self) -> npt.NDArray[np.int32]:
+        """``[B]`` state of each striker, as in :mod:`shuttle_marl.rally`; a copy."""
+        return self._batch.rows.state.copy()
+
+    def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
+        """A legal stroke for each row, equally likely, by the draw of the stroke that is due."""
+        if tensordict is None:
+            tensordict = TensorDict(batch_size=self.batch_size)
+        return cast(TensorDictBase, tensordict.set("action", torch.from_numpy(self._batch.random_strokes())))
+
+    def _set_seed(self, seed: int | None) -> None:
+        """The next reset begins with rally 0 of this seed."""
+        self._next_seed = None if seed is None else int(seed) % _SEEDS
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        which = None if tensordict is None else tensordict.get("_reset", None)
+        if self._next_seed is not None:
+            self._batch.reset(self._next_seed)
+            self._next_seed = None
+        elif which is None:
+            self._batch.reset()
+        else:
+            self._batch.reset(rows=which.view(-1).numpy())
+        none = torch.zeros(len(self._batch), 1, dtype=torch.bool)
+        return TensorDict({**self._observation(), "done": none, "terminated": none.clone()}, self.batch_size)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        reward, done = self._play(tensordict, reset=False)
+        return TensorDict({**self._observation(), "reward": reward, "done": done, "terminated": done.clone()}, self.batch_size)
+
+    def _step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
+        """Step and reset in one call of the kernel; TorchRL's own way takes three to five times as long.
+
+        This overrides a private method of TorchRL, which is why its version is pinned.
+        """
+        reward, done = self._play(tensordict, reset=True)
+        seen = self._observation()
+        following = {**seen, "reward": reward, "done": done, "terminated": done.clone()}
+        tensordict.set("next", _unchecked(following, self.batch_size))
+        none = torch.zeros_like(done)
+        return tensordict, _unchecked({**seen, "done": none, "terminated": none.clone()}, self.batch_size)
+
+    def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[torch.Tensor, torch.Tensor]:
+        reward, done = self._batch.step(tensordict.get("action").numpy(), reset=reset)
+        return torch.from_numpy(reward).unsqueeze(-1), torch.from_numpy(done).unsqueeze(-1)
+
+    def _observation(self) -> dict[str, torch.Tensor]:
+        size = len(self._batch)
+        tokens = np.empty((size, TOKENS), np.int32)
+        mask = np.empty((size, self.game.n_strokes), np.bool_)
+        self._batch.write_observation(tokens, mask)
+        return {"observation": torch.from_numpy(tokens), "action_mask": torch.from_numpy(mask)}
+
+
+def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:
+    """A tensordict without the checks of its shapes, which cost more than a step."""
+    return TensorDict._new_unsafe(source=entries, batch_size=batch_size)
+
+
+class RallyEnv(_BatchedEnv):
+    """B rallies in the striker's view: every row of a rollout is one stroke, by the two players in turn.
+
+    The reward is the striker's, and so is the value: the value of the next state belongs to the opponent. Estimators of
+    return and advantage with ``gamma=-1`` are then the exact recursion of a zero-sum game, for self-play in which both
+    players learn.
+
+    Args:
+        batch: number of rallies B.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        seed: names the draws of the rallies.
+        server: seat that serves, 0 or 1; None: by lot.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        KernelError: an option that it cannot take.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self, batch: int = 1024, *, game: Game | str | None = None, seed: int = 0, server: Server = None, threads: int = 1
+    ) -> None:
+        resolved = resolve_game(game)
+        super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
+
+
+class VersusEnv(_BatchedEnv):
+    """B rallies of a learner against opponents: a row of a rollout is the learner's stroke and the reply to it.
+
+    An ordinary environment for one agent (``gamma=1``). A rally that ends on the opponent's serve never comes to the
+    learner; :attr:`unseen` counts those, and win rates have to count them too.
+
+    Args:
+        batch: number of rallies B.
+        opponents: name of a policy, a policy, or several; row b meets number b modulo K.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        seed: names the draws of the rallies and of the opponents.
+        seat: seat of the learner, 0 or 1.
+        server: seat that serves, 0 or 1; None: by lot.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        KernelError: an option that it cannot take.
+        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self,
+        batch: int = 1024,
+        *,
+        opponents: Opponents = "bc",
+        game: Game | str | None = None,
+        seed: int = 0,
+        seat: int = 0,
+        server: Server = None,
+        threads: int = 1,
+    ) -> None:
+        resolved = resolve_game(game)
+        versus = VersusBatch(
+            resolved, batch, opponents=_tables_of(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
+        )
+        super().__init__(resolved, versus, seed)
+
+    @property
+    def versus(self) -> VersusBatch:
+        """The batch of the kernel, to assign and replace opponents."""
+        return cast(VersusBatch, self._batch)
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Rallies that ended on the opponent's serve since the last seed: won and lost by the learner."""
+        return self.versus.unseen
+
+
+def _tables_of(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
+    several = opponents if isinstance(opponents, Sequence) and not isinstance(opponents, str) else [opponents]
+    tables = []
+    for opponent in several:
+        name = opponent if isinstance(opponent, str) else type(opponent).__name__
+        tables.append(tabulate(resolve(opponent, game) if isinstance(opponent, str) else opponent, game, name))
+    return tables

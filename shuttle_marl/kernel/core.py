@@ -1,0 +1,192 @@
+"""One stroke of one row, compiled: draws, the table read that decides a stroke, and the choice of a tabulated policy.
+
+Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.rally.strike`, the draws
+are those of :mod:`shuttle_marl.draws`; tests hold them equal bit for bit.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import Game
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
+_MIX_2: Final = np.uint64(0x94D049BB133111EB)
+_LOW_16: Final = np.uint64(0xFFFF)
+_CHOICE_ONE: Final = np.uint64(65535)
+_GUIDES: Final = 16
+_GUIDE_SHIFT: Final = np.uint16(12)
+
+
+class KernelError(ShuttleError):
+    """An argument that the kernel cannot take."""
+
+
+def compiled(function: F) -> F:
+    """Compile without Python objects and without the interpreter's lock, and keep the machine code on disk."""
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: F) -> F:
+    """Compile to be inlined by LLVM into a caller."""
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+class Tables(NamedTuple):
+    """A game packed so that a stroke costs few reads.
+
+    Attributes:
+        limits: ``[P]`` uint64, the three thresholds of a legal pair in its lowest 48 bits, the fault's lowest.
+        head: ``[S, 4]`` int32, first legal pair of a state, number of its legal strokes, edge that follows the first one,
+            row of ``rank`` and ``mask``.
+        incoming: ``[E]`` int16 incoming stroke of an edge.
+        own: ``[E]`` int16 own last stroke of an edge.
+        rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal ones, -1 where it is not legal.
+        mask: ``[2 (n + 1), n]`` bool legal strokes.
+    """
+
+    limits: npt.NDArray[np.uint64]
+    head: npt.NDArray[np.int32]
+    incoming: npt.NDArray[np.int16]
+    own: npt.NDArray[np.int16]
+    rank: npt.NDArray[np.int16]
+    mask: npt.NDArray[np.bool_]
+
+
+@functools.lru_cache(maxsize=8)
+def tables_of(game: Game) -> Tables:
+    """The packed tables of a game, made once."""
+    t = game.threshold.astype(np.uint64)
+    states = np.arange(game.n_states)
+    incoming = game.edge_incoming[states >> 1]
+    head = np.stack(
+        [game.pair_start[:-1], np.diff(game.pair_start), game.first_reply, 2 * incoming + (states & 1)], axis=1, dtype=np.int32
+    )
+    return Tables(
+        limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
+        head=np.ascontiguousarray(head),
+        incoming=game.edge_incoming.astype(np.int16),
+        own=game.edge_own.astype(np.int16),
+        rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
+        mask=np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes)),
+    )
+
+
+@inlined
+def mix(x: Any) -> Any:
+    """:func:`shuttle_marl.draws.mix` of one number."""
+    x = (x ^ (x >> np.uint64(30))) * _MIX_1
+    x = (x ^ (x >> np.uint64(27))) * _MIX_2
+    return x ^ (x >> np.uint64(31))
+
+
+@inlined
+def extend(key: Any, number: Any) -> Any:
+    """:func:`shuttle_marl.draws.extend` of one key."""
+    return mix((key ^ np.uint64(number)) + _GOLDEN)
+
+
+@inlined
+def draw(key: Any, counter: Any) -> Any:
+    """:func:`shuttle_marl.draws.draw` of one key."""
+    return mix(mix(key + np.uint64(counter) * _GOLDEN) + _GOLDEN)
+
+
+@inlined
+def first_server(bits: Any) -> Any:
+    """Who serves a rally that is drawn by lot: bit 16 of its first draw."""
+    return np.int64((bits >> np.uint64(16)) & np.uint64(1))
+
+
+@inlined
+def outcome_of(limits: Any, bits: Any) -> Any:
+    """Outcome of a stroke, 0 to 3, by the lowest 16 bits of a draw."""
+    u = bits & _LOW_16
+    return (
+        np.int64(u >= (limits & _LOW_16))
+        + np.int64(u >= ((limits >> np.uint64(16)) & _LOW_16))
+        + np.int64(u >= ((limits >> np.uint64(32)) & _LOW_16))
+    )
+
+
+@inlined
+def uniform_choice(count: Any, bits: Any) -> Any:
+    """One of ``count`` strokes, equally likely, by the upper half of a draw."""
+    return np.int64(((bits >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))
+
+
+@inlined
+def table_choice(players: Any, player: Any, s: Any, start: Any, bits: Any) -> Any:
+    """The stroke that a tabulated policy plays, by the upper half of a draw: the first entry above it."""
+    u = np.uint16(((bits >> np.uint64(32)) * _CHOICE_ONE) >> np.uint64(32))
+    k = np.int64(players.guide[player, s, u >> _GUIDE_SHIFT])
+    # Seven in eight choices need two steps or fewer; as additions they cost no mispredicted branch.
+    k += np.int64(players.cumulative[player, start + k] <= u)
+    k += np.int64(players.cumulative[player, start + k] <= u)
+    while players.cumulative[player, start + k] <= u:
+        k += 1
+    return k
+
+
+class Players(NamedTuple):
+    """K tabulated policies, packed for choosing strokes.
+
+    Attributes:
+        cumulative: ``[K, P]`` uint16, as in :class:`shuttle_marl.policy.table.TabulatedPolicy`.
+        guide: ``[K, S, 16]`` uint8, where to begin looking, by the highest four bits of a draw.
+    """
+
+    cumulative: npt.NDArray[np.uint16]
+    guide: npt.NDArray[np.uint8]
+
+
+@compiled
+def _write_guide(cumulative: npt.NDArray[np.uint16], pair_start: npt.NDArray[np.int32], guide: npt.NDArray[np.uint8]) -> None:
+    for s in range(len(pair_start) - 1):
+        k = pair_start[s]
+        if pair_start[s + 1] > k:
+            for part in range(guide.shape[1]):
+                while cumulative[k] <= part << _GUIDE_SHIFT:
+                    k += 1
+                guide[s, part] = k - pair_start[s]
+
+
+def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
+    """Policies tabulated for one game, packed.
+
+    Raises:
+        KernelError: no policy, one of another game, or more than 256 legal strokes in a state.
+    """
+    if not policies:
+        raise KernelError("no policy: expected one or more that are tabulated")
+    players = Players(
+        np.empty((len(policies), game.n_pairs), np.uint16), np.zeros((len(policies), game.n_states, _GUIDES), np.uint8)
+    )
+    if np.diff(game.pair_start).max() > 256:
+        raise KernelError("a state has more than 256 legal strokes, more than the kernel's tables can count")
+    for number, policy in enumerate(policies):
+        put(players, number, policy, game)
+    return players
+
+
+def put(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> None:
+    """Write a policy in the place of one of them.
+
+    Raises:
+        KernelError: a policy of another game, or no such place.
+    """
+    if policy.game.hash != game.hash:
+        raise KernelError("a policy was tabulated for another game; tabulate it for this one")
+    if not 0 <= number < len(players.cumulative):
+        raise KernelError(f"policy number {number}: expected 0 to {len(players.cumulative) - 1}")
+    players.cumulative[number] = policy.cumulative
+    _write_guide(players.cumulative[number], game.pair_start, players.guide[number])

@@ -1,0 +1,194 @@
+"""Thousands of rallies at once, both players' strokes given from outside: the striker's view."""
+
+import dataclasses
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl import draws
+from shuttle_marl.kernel.core import Players, Tables, compiled, draw, inlined, outcome_of, pack, table_choice, uniform_choice
+from shuttle_marl.kernel.rows import Batch, Rows, Server, begin, in_slices
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import Game
+
+_BLOCK: Final = 256
+"""Rows that play together while a batch plays by itself."""
+_NOBODY: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
+
+
+@inlined
+def play(tables: Any, rows: Any, i: Any, k: Any, bits: Any) -> Any:
+    """Play the k-th legal stroke in row i; returns +1 or -1 where the striker won or lost with it, 0 where it came back."""
+    s = rows.state[i]
+    outcome = outcome_of(tables.limits[tables.head[s, 0] + k], bits)
+    edge = tables.head[s, 2] + k
+    rows.stroke[i] += 1
+    rows.striker[i] = 1 - rows.striker[i]
+    if outcome >= 2:
+        rows.state[i] = 2 * edge + outcome - 2
+        return 0
+    rows.state[i] = 2 * edge
+    rows.live[i] = False
+    return 2 * outcome - 1
+
+
+@compiled
+def _reset(rows: Rows, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int) -> None:
+    for i in range(rows.state.size):
+        if which[i]:
+            begin(rows, i, seed_key, server)
+
+
+@compiled
+def _step(
+    tables: Tables,
+    rows: Rows,
+    rank: npt.NDArray[np.int16],
+    reward: npt.NDArray[np.float32],
+    done: npt.NDArray[np.bool_],
+    seed_key: np.uint64,
+    server: int,
+    reset: bool,
+    first: int,
+    last: int,
+) -> None:
+    for i in range(first, last):
+        result = play(tables, rows, i, rank[i], draw(rows.key[i], rows.stroke[i]))
+        reward[i] = result
+        done[i] = result != 0
+        if reset and result != 0:
+            begin(rows, i, seed_key, server)
+
+
+@compiled
+def _run(
+    tables: Tables,
+    rows: Rows,
+    players: Players,
+    tally: npt.NDArray[np.int64],
+    seed_key: np.uint64,
+    server: int,
+    strokes: int,
+    first: int,
+    last: int,
+) -> None:
+    """Let rows play by themselves; ``tally`` counts rallies won by the striker, lost by the striker, won by seat 0.
+
+    A block of rows stays in the first cache while it plays all its strokes. Choosing and deciding are passes of their own
+    without branches, so that the reads of many rows are under way at once.
+    """
+    tabulated = players.cumulative.shape[1] > 0
+    limits, edges = np.empty(_BLOCK, np.uint64), np.empty(_BLOCK, np.int32)
+    bits, ended = np.empty(_BLOCK, np.uint64), np.empty(_BLOCK, np.int64)
+    for begin_block in range(first, last, _BLOCK):
+        end_block = min(begin_block + _BLOCK, last)
+        for _ in range(strokes):
+            for i in range(begin_block, end_block):
+                j = i - begin_block
+                s = rows.state[i]
+                start, count = tables.head[s, 0], tables.head[s, 1]
+                bits[j] = draw(rows.key[i], rows.stroke[i])
+                k = table_choice(players, rows.striker[i], s, start, bits[j]) if tabulated else uniform_choice(count, bits[j])
+                limits[j], edges[j] = tables.limits[start + k], tables.head[s, 2] + k
+            over = 0
+            for i in range(begin_block, end_block):
+                j = i - begin_block
+                outcome = outcome_of(limits[j], bits[j])
+                rows.state[i] = 2 * edges[j] + max(outcome - 2, 0)
+                rows.stroke[i] += 1
+                rows.striker[i] ^= 1
+                ended[over] = 2 * i + outcome
+                over += outcome < 2
+            for j in range(over):
+                i, won = ended[j] >> 1, ended[j] & 1
+                tally[0] += won
+                tally[1] += 1 - won
+                tally[2] += rows.striker[i] == won
+                begin(rows, i, seed_key, server)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tally:
+    """What happened while a batch played by itself.
+
+    Attributes:
+        winners: rallies that ended on a winner.
+        faults: rallies that ended on a fault.
+        won_by_seat_0: rallies that seat 0 won.
+    """
+
+    winners: int
+    faults: int
+    won_by_seat_0: int
+
+
+class RallyBatch(Batch):
+    """B rallies in which every stroke is given from outside.
+
+    Row b plays the rallies b, b + B, b + 2 B, … of its seed; the draws of rally r are those of episode r of
+    ``rally_v0`` with that seed, so what happens in a rally depends on its number and its strokes alone.
+
+    Args:
+        game: the tables.
+        batch: number of rows B.
+        seed: names all draws.
+        server: seat that serves, 0 or 1; None: by lot.
+        threads: threads that share the rows; never changes a result.
+    """
+
+    def __init__(self, game: Game, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
+        super().__init__(game, batch, server=server, threads=threads)
+        self.reset(seed)
+
+    def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
+        """Start the next rally in some rows.
+
+        Args:
+            seed: begin anew, with rally 0 of this seed; None: go on.
+            rows: ``[B]`` which ones; None: all.
+        """
+        if seed is not None:
+            self._seed_key = draws.stream(seed)[0]
+            self.rows.rally[:] = np.arange(len(self)) - len(self)
+        _reset(self.rows, np.ones(len(self), np.bool_) if rows is None else rows, self._seed_key, self._server)
+
+    def step(
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """Play one stroke in every row.
+
+        Args:
+            stroke: ``[B]`` catalogue index of each striker's stroke.
+            reset: whether rows whose rally is over begin their next one at once.
+
+        Returns:
+            ``[B]`` float32 reward of the striker (+1 winner, -1 fault, 0 returned) and ``[B]`` whether the rally is over.
+
+        Raises:
+            IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
+        """
+        rank = self._ranks(stroke)
+        reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
+        args = (self._tables, self.rows, rank, reward, done, self._seed_key, self._server, reset)
+        in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
+        return reward, done
+
+    def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
+        """Let every row play a number of strokes by itself, beginning rallies as they end.
+
+        Args:
+            strokes: strokes a row.
+            policies: who plays at seats 0 and 1; None: both choose equally among the legal strokes.
+        """
+        players = pack(policies, self.game) if policies else _NOBODY
+        tallies: list[npt.NDArray[np.int64]] = []
+
+        def work(first: int, last: int) -> None:
+            tally = np.zeros(3, np.int64)
+            tallies.append(tally)
+            _run(self._tables, self.rows, players, tally, self._seed_key, self._server, strokes, first, last)
+
+        in_slices(work, len(self), self.threads)
+        winners, faults, seat_0 = np.sum(tallies, axis=0).tolist()
+        return Tally(winners=winners, faults=faults, won_by_seat_0=seat_0)

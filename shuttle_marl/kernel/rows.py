@@ -1,0 +1,214 @@
+"""What a batch of rallies consists of, and how a row begins its next rally."""
+
+import itertools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
+from shuttle_marl.rally import Game
+
+BY_LOT: Final = -1
+"""Who serves: drawn by lot."""
+_LEAST_ROWS: Final = 1024
+"""A slice of fewer rows costs less than handing it to a thread."""
+
+Server = Literal[0, 1] | None
+
+
+class IllegalStrokeError(KernelError):
+    """A stroke that is not legal in the state of its row; nothing has changed.
+
+    Attributes:
+        row: the first such row.
+    """
+
+    def __init__(self, message: str, row: int) -> None:
+        super().__init__(message)
+        self.row = row
+
+
+class Rows(NamedTuple):
+    """B rallies, each at a stroke of its own.
+
+    Attributes:
+        state: ``[B]`` int32 state of the striker; where a rally is over, the state after its last stroke, contact below.
+        striker: ``[B]`` int8 seat of the striker.
+        stroke: ``[B]`` int32 strokes played in this rally.
+        rally: ``[B]`` int64 number of the rally, which with the seed names its draws.
+        key: ``[B]`` uint64 key of the rally's draws.
+        live: ``[B]`` bool whether the rally goes on.
+    """
+
+    state: npt.NDArray[np.int32]
+    striker: npt.NDArray[np.int8]
+    stroke: npt.NDArray[np.int32]
+    rally: npt.NDArray[np.int64]
+    key: npt.NDArray[np.uint64]
+    live: npt.NDArray[np.bool_]
+
+
+def new_rows(batch: int) -> Rows:
+    """Rows before their first rally: row b plays the rallies b, b + B, b + 2 B, …
+
+    Raises:
+        KernelError: fewer than one row.
+    """
+    if batch < 1:
+        raise KernelError(f"batch {batch}: expected 1 or more")
+    return Rows(
+        state=np.zeros(batch, np.int32),
+        striker=np.zeros(batch, np.int8),
+        stroke=np.zeros(batch, np.int32),
+        rally=np.arange(batch, dtype=np.int64) - batch,
+        key=np.zeros(batch, np.uint64),
+        live=np.zeros(batch, np.bool_),
+    )
+
+
+@inlined
+def begin(rows: Any, i: Any, seed_key: Any, server: Any) -> Any:
+    """Start the next rally of row i; returns its first draw."""
+    rows.rally[i] += rows.rally.size
+    key = extend(seed_key, rows.rally[i])
+    bits = draw(key, 0)
+    rows.key[i] = key
+    rows.state[i] = 0
+    rows.stroke[i] = 0
+    rows.live[i] = True
+    rows.striker[i] = server if server >= 0 else first_server(bits)
+    return bits
+
+
+@compiled
+def find_ranks(
+    tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], rank: npt.NDArray[np.int16], first: int, last: int
+) -> int:
+    """Position of each stroke among the legal ones; returns the first row where it has none or is over, else -1."""
+    n = tables.rank.shape[1]
+    for i in range(first, last):
+        if not rows.live[i] or stroke[i] < 0 or stroke[i] >= n:
+            return i
+        rank[i] = tables.rank[tables.head[rows.state[i], 3], stroke[i]]
+        if rank[i] < 0:
+            return i
+    return -1
+
+
+@compiled
+def write_observation(
+    tables: Tables,
+    state: npt.NDArray[np.int32],
+    tokens: npt.NDArray[np.int32],
+    mask: npt.NDArray[np.bool_],
+    first: int,
+    last: int,
+) -> None:
+    """Observation and action mask of rows ``first`` up to ``last``: own last stroke, incoming stroke, contact."""
+    for i in range(first, last):
+        s = state[i]
+        tokens[i, 0] = tables.own[s >> 1]
+        tokens[i, 1] = tables.incoming[s >> 1]
+        tokens[i, 2] = s & 1
+        # Column by column: assigning a slice costs six times as much.
+        row = tables.head[s, 3]
+        for j in range(mask.shape[1]):
+            mask[i, j] = tables.mask[row, j]
+
+
+@compiled
+def choose_uniform(tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
+    """A legal stroke for each of the rows ``first`` up to ``last``, equally likely."""
+    for i in range(first, last):
+        s = rows.state[i]
+        k = uniform_choice(tables.head[s, 1], draw(rows.key[i], rows.stroke[i]))
+        stroke[i] = tables.incoming[tables.head[s, 2] + k]
+
+
+@lru_cache(maxsize=4)
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:  # noqa: ARG001  threads do not survive a fork
+    return ThreadPoolExecutor(threads, thread_name_prefix="shuttle_marl")
+
+
+def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
+    """Call ``work(first, last)`` on slices of ``size`` rows, side by side on as many threads."""
+    threads = min(threads, size // _LEAST_ROWS)
+    if threads <= 1:
+        work(0, size)
+        return
+    bounds = np.linspace(0, size, threads + 1).astype(int).tolist()
+    pool = _pool(threads - 1, os.getpid())
+    others = [pool.submit(work, first, last) for first, last in itertools.pairwise(bounds[1:])]
+    work(bounds[0], bounds[1])
+    for other in others:
+        other.result()
+
+
+class Batch:
+    """What :class:`~shuttle_marl.kernel.RallyBatch` and :class:`~shuttle_marl.kernel.VersusBatch` share."""
+
+    def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
+        if server not in (None, 0, 1):
+            raise KernelError(f"server {server!r}: expected 0, 1, or None for a draw by lot")
+        if threads < 1:
+            raise KernelError(f"threads {threads}: expected 1 or more")
+        self.game = game
+        self._tables = tables_of(game)
+        self.rows = new_rows(batch)
+        self.threads = threads
+        self._server = BY_LOT if server is None else int(server)
+
+    def __len__(self) -> int:
+        return len(self.rows.state)
+
+    def write_observation(self, tokens: npt.NDArray[np.int32], mask: npt.NDArray[np.bool_]) -> None:
+        """Write what each striker sees.
+
+        Args:
+            tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
+            mask: ``[B, n]`` bool legal strokes.
+        """
+        state = self.rows.state
+        in_slices(lambda a, b: write_observation(self._tables, state, tokens, mask, a, b), len(self), self.threads)
+
+    def random_strokes(self) -> npt.NDArray[np.int64]:
+        """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
+        stroke = np.empty(len(self), np.int64)
+        in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
+        return stroke
+
+    def _ranks(self, stroke: npt.NDArray[np.integer]) -> npt.NDArray[np.int16]:
+        """``[B]`` position of each stroke among the legal ones.
+
+        Raises:
+            KernelError: a wrong number of strokes.
+            IllegalStrokeError: a stroke that is not legal.
+        """
+        wanted = np.ascontiguousarray(stroke, dtype=np.int64)
+        if wanted.shape != (len(self),):
+            raise KernelError(f"strokes of shape {wanted.shape}: expected ({len(self)},), one catalogue index a row")
+        rank = np.empty(len(self), np.int16)
+        found: list[int] = []
+
+        def find(first: int, last: int) -> None:
+            found.append(find_ranks(self._tables, self.rows, wanted, rank, first, last))
+
+        in_slices(find, len(self), self.threads)
+        wrong = [row for row in found if row >= 0]
+        if wrong:
+            self._refuse(min(wrong), int(wanted[min(wrong)]))
+        return rank
+
+    def _refuse(self, row: int, stroke: int) -> None:
+        if not self.rows.live[row]:
+            raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", row)
+        names = self.game.catalogue.names
+        if not 0 <= stroke < len(names):
+            raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", row)
+        where = self.game.describe(int(self.rows.state[row]))
+        raise IllegalStrokeError(f"row {row}: stroke {stroke} ({names[stroke]}) is not legal in state: {where}", row)

@@ -1,0 +1,200 @@
+"""Thousands of rallies against tabulated opponents: one step is the learner's stroke and the opponent's reply."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl import draws
+from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, pack, put, table_choice
+from shuttle_marl.kernel.rally import play
+from shuttle_marl.kernel.rows import Batch, Rows, Server, begin, in_slices
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import Game
+
+
+class Duel(NamedTuple):
+    """Who plays whom in each row.
+
+    Attributes:
+        players: the K opponents.
+        seat: ``[B]`` int8 seat of the learner.
+        opponent: ``[B]`` int32 opponent of the rally that is being played.
+        following: ``[B]`` int32 opponent of the rallies that begin from now on.
+        unseen: ``[B, 2]`` int64 rallies that ended on the opponent's serve: won, lost by the learner.
+    """
+
+    players: Players
+    seat: npt.NDArray[np.int8]
+    opponent: npt.NDArray[np.int32]
+    following: npt.NDArray[np.int32]
+    unseen: npt.NDArray[np.int64]
+
+
+@inlined
+def _reply(tables: Any, rows: Any, duel: Any, i: Any, bits: Any) -> Any:
+    """The opponent's stroke in row i; the result is theirs."""
+    s = rows.state[i]
+    k = table_choice(duel.players, duel.opponent[i], s, tables.head[s, 0], bits)
+    return play(tables, rows, i, k, bits)
+
+
+@inlined
+def _begin_duel(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> None:
+    """Begin rallies until one comes to the learner."""
+    while True:
+        bits = begin(rows, i, seed_key, server)
+        duel.opponent[i] = duel.following[i]
+        if rows.striker[i] == duel.seat[i]:
+            return
+        result = _reply(tables, rows, duel, i, bits)
+        if result == 0:
+            return
+        duel.unseen[i, 1 if result > 0 else 0] += 1
+
+
+@compiled
+def _reset(tables: Tables, rows: Rows, duel: Duel, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int) -> None:
+    for i in range(rows.state.size):
+        if which[i]:
+            _begin_duel(tables, rows, duel, i, seed_key, server)
+
+
+@compiled
+def _step(
+    tables: Tables,
+    rows: Rows,
+    duel: Duel,
+    rank: npt.NDArray[np.int16],
+    reward: npt.NDArray[np.float32],
+    done: npt.NDArray[np.bool_],
+    seed_key: np.uint64,
+    server: int,
+    reset: bool,
+    first: int,
+    last: int,
+) -> None:
+    for i in range(first, last):
+        result = play(tables, rows, i, rank[i], draw(rows.key[i], rows.stroke[i]))
+        if result == 0:
+            result = -_reply(tables, rows, duel, i, draw(rows.key[i], rows.stroke[i]))
+        reward[i] = result
+        done[i] = result != 0
+        if reset and result != 0:
+            _begin_duel(tables, rows, duel, i, seed_key, server)
+
+
+class VersusBatch(Batch):
+    """B rallies of a learner against opponents that play from tables.
+
+    Row b plays the rallies b, b + B, b + 2 B, … of its seed, with the draws of ``rally_v0``: the lower half of a draw
+    decides a stroke's outcome, the upper half which stroke an opponent plays. A rally that ends on the opponent's serve
+    never comes to the learner: it is counted in :attr:`unseen`, and the row goes on with its next rally.
+
+    Args:
+        game: the tables.
+        batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b meets opponent b modulo K.
+        seed: names all draws.
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``. It only says which half of the lots for the first
+            serve is the learner's.
+        server: seat that serves, 0 or 1; None: by lot.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy],
+        seed: int = 0,
+        seat: int | npt.NDArray[np.integer] = 0,
+        server: Server = None,
+        threads: int = 1,
+    ) -> None:
+        super().__init__(game, batch, server=server, threads=threads)
+        seats = np.asarray(seat)
+        if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
+            raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
+        assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
+        self.duel = Duel(
+            players=pack(opponents, game),
+            seat=np.broadcast_to(seats, batch).astype(np.int8),
+            opponent=assigned.copy(),
+            following=assigned,
+            unseen=np.zeros((batch, 2), np.int64),
+        )
+        self.reset(seed)
+
+    @property
+    def n_opponents(self) -> int:
+        """Number of opponents K."""
+        return len(self.duel.players.cumulative)
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Rallies that ended on the opponent's serve since the last seed was given: won and lost by the learner."""
+        won, lost = self.duel.unseen.sum(axis=0).tolist()
+        return won, lost
+
+    def assign(self, opponent: npt.NDArray[np.integer]) -> None:
+        """Say which opponent each row meets in the rallies that it begins from now on.
+
+        Args:
+            opponent: ``[B]`` numbers from 0 to K - 1.
+
+        Raises:
+            KernelError: a number that is none of an opponent.
+        """
+        opponent = np.asarray(opponent)
+        if opponent.shape != (len(self),) or not ((opponent >= 0) & (opponent < self.n_opponents)).all():
+            raise KernelError(f"opponents {opponent!r}: expected {len(self)} numbers from 0 to {self.n_opponents - 1}")
+        self.duel.following[:] = opponent
+
+    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
+        """Put another policy in the place of an opponent; rallies that are being played go on against it.
+
+        Raises:
+            KernelError: a policy of another game, or no such opponent.
+        """
+        put(self.duel.players, number, policy, self.game)
+
+    def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
+        """Start the next rally in some rows, up to the learner's first stroke.
+
+        Args:
+            seed: begin anew, with rally 0 of this seed; None: go on.
+            rows: ``[B]`` which ones; None: all.
+        """
+        if seed is not None:
+            self._seed_key = draws.stream(seed)[0]
+            self.rows.rally[:] = np.arange(len(self)) - len(self)
+            self.duel.unseen[:] = 0
+        which = np.ones(len(self), np.bool_) if rows is None else rows
+        _reset(self._tables, self.rows, self.duel, which, self._seed_key, self._server)
+
+    def step(
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """Play the learner's stroke and the opponent's reply in every row.
+
+        Args:
+            stroke: ``[B]`` catalogue index of the learner's stroke.
+            reset: whether rows whose rally is over begin their next one at once.
+
+        Returns:
+            ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally goes on) and ``[B]`` whether it is over.
+
+        Raises:
+            IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
+        """
+        rank = self._ranks(stroke)
+        reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
+        args = (self._tables, self.rows, self.duel, rank, reward, done, self._seed_key, self._server, reset)
+        in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
+        return reward, done
