@@ -7,6 +7,7 @@ from typing import Final
 _COMMANDS: Final = {
     "data": "download, convert, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
+    "exact": "solve the game, and measure policies against the solution",
     "league": "play a tournament between policies",
     "recording": "read, check, mend and export the log of every rally",
 }

@@ -2,20 +2,28 @@
 
 A name is ``KEY`` or ``KEY:ARGUMENT`` where KEY was registered (``random``, ``bc:viktor-axelsen``), else
 ``module:attribute``. ``@greedy`` or ``@TEMPERATURE`` behind it makes the policy sharper or flatter (``bc@0.5``). A new
-family is one call of :func:`register`.
+family is one call of :func:`register`, or an entry point of an installed package:
+
+    [project.entry-points."shuttle_marl.policies"]
+    KEY = "package.module:FAMILY"
+
+where ``FAMILY`` is a :class:`Family`. Entry points are read when a name is asked for that is not registered, or all names, so
+they slow nothing else; a package's module should import what is heavy inside its functions.
 """
 
+import contextlib
 import dataclasses
 import difflib
 import functools
 import importlib
+import importlib.metadata
 import inspect
 import operator
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,23 +31,37 @@ import numpy.typing as npt
 from shuttle_marl.policy import bc
 from shuttle_marl.policy.base import Policy, PolicyError, States
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
+from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.policy.tempered import TemperedPolicy
 from shuttle_marl.policy.uniform import UniformPolicy
 from shuttle_marl.rally import Game
 
 Load = Callable[[str | None, Game], Policy]
 
+ENTRY_POINTS: Final = "shuttle_marl.policies"
+"""Group of the entry points by which installed packages add families."""
 
-@dataclasses.dataclass(frozen=True)
-class _Family:
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Family:
+    """Policies that share the part of their name before the colon.
+
+    Attributes:
+        load: called with what stands behind the colon (None without one) and the game; raises :class:`PolicyError` for an
+            argument it does not know.
+        names: the full names that can be listed now.
+        of_policies: whether what stands behind the colon is the name of another policy, and so keeps its own ``@…``.
+    """
+
     load: Load
     names: Callable[[], Iterable[str]]
+    of_policies: bool = False
 
 
-_FAMILIES: dict[str, _Family] = {}
+_FAMILIES: dict[str, Family] = {}
 
 
-def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = None) -> None:
+def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = None, *, of_policies: bool = False) -> None:
     """Add policies to the registry.
 
     Args:
@@ -47,6 +69,7 @@ def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = N
         load: called with what stands behind the colon (None without one) and the game; raises :class:`PolicyError` for an
             argument it does not know. Import what is heavy inside.
         names: the full names that can be listed now; default just ``key``.
+        of_policies: whether what stands behind the colon is the name of another policy.
 
     Raises:
         PolicyError: the key is taken, or is no plain word.
@@ -55,12 +78,41 @@ def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = N
         raise PolicyError(f"policy key {key!r}: expected a word without ':', '@' and spaces")
     if key in _FAMILIES:
         raise PolicyError(f"policy key {key!r} is registered already; choose another")
-    _FAMILIES[key] = _Family(load, names or (lambda: (key,)))
+    _FAMILIES[key] = Family(load=load, names=names or (lambda: (key,)), of_policies=of_policies)
 
 
 def names() -> tuple[str, ...]:
-    """Names of all policies that can be listed: those that come with the package and those registered since."""
-    return tuple(name for family in _FAMILIES.values() for name in family.names())
+    """Names of all policies that can be listed: those of installed packages and those registered since."""
+    families = list(_FAMILIES.values())
+    for key in _entry_points():
+        # A package that cannot be imported says so when its policies are asked for, and is in nobody else's way.
+        with contextlib.suppress(PolicyError):
+            families += [family for family in [_plugged_in(key)] if family is not None and key not in _FAMILIES]
+    return tuple(name for family in families for name in family.names())
+
+
+@functools.cache
+def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
+    return {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+
+
+def _family(key: str) -> Family | None:
+    """The family of a key, registered or from an entry point; a registered one hides an entry point of the same name."""
+    return _FAMILIES.get(key) or _plugged_in(key)
+
+
+@functools.cache
+def _plugged_in(key: str) -> Family | None:
+    point = _entry_points().get(key)
+    if point is None:
+        return None
+    try:
+        family = point.load()
+    except Exception as error:
+        raise PolicyError(f"policies {key!r}: entry point {point.value} raised {type(error).__name__}: {error}") from error
+    if not isinstance(family, Family):
+        raise PolicyError(f"policies {key!r}: entry point {point.value} is a {type(family).__name__}, expected a Family")
+    return family
 
 
 def resolve(name: str, game: Game) -> Policy:
@@ -76,15 +128,17 @@ def resolve(name: str, game: Game) -> Policy:
         PolicyError: there is no such policy (with the closest names), or it cannot be made.
     """
     base, at, suffix = name.rpartition("@")
-    if not at:
+    key, colon, _ = name.partition(":")
+    family = _family(key) if at and colon else None
+    if not at or (family is not None and family.of_policies):
         return _resolve_plain(name, game)
     return TemperedPolicy(_resolve_plain(base, game), _temperature(name, suffix))
 
 
 def _resolve_plain(name: str, game: Game) -> Policy:
     key, colon, argument = name.partition(":")
-    if key in _FAMILIES:
-        return _FAMILIES[key].load(argument if colon else None, game)
+    if (family := _family(key)) is not None:
+        return family.load(argument if colon else None, game)
     if colon and key and argument:
         return _from_module(name, key, argument, game)
     close = difflib.get_close_matches(name, names(), n=4, cutoff=0.5)
@@ -184,6 +238,12 @@ def _load_bc(player: str | None, game: Game) -> Policy:
     return bc.load(player, game)
 
 
+def _load_table(file: str | None, game: Game) -> Policy:
+    if not file:
+        raise PolicyError("policy table: expected a file behind the colon, as in table:FILE")
+    return TabulatedPolicy.load(Path(file), game)
+
+
 def _bc_names() -> list[str]:
     return ["bc", *(f"bc:{player}" for player in bc.players())] if bc.installed() else []
 
@@ -192,3 +252,4 @@ register("bc", _load_bc, _bc_names)
 for _key, _style in STYLES.items():
     _plain(_key, functools.partial(ScriptedPolicy, _style))
 _plain("random", UniformPolicy)
+register("table", _load_table, lambda: ())

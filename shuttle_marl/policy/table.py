@@ -1,11 +1,15 @@
 """Policies compiled to tables: one 16-bit cumulative chance a legal pair, the same layout as the game."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from shuttle_marl.draws import CHOICE_ONE
+from shuttle_marl.files import replace_file
 from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.rally import Game
 
@@ -57,6 +61,36 @@ class TabulatedPolicy:
         s = game.pair_state
         table[s, np.arange(game.n_pairs) - game.pair_start[s]] = self.cumulative
         return table[:, :-1]
+
+    def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
+        """Write the table as safetensors, with the hash of the game, beside and moved into place."""
+        replace_file(path, save({"cumulative": self.cumulative}, metadata={"game": self.game.hash, **(metadata or {})}))
+
+    @classmethod
+    def load(cls, path: Path, game: Game) -> "TabulatedPolicy":
+        """Read a table written by :meth:`save`.
+
+        Raises:
+            PolicyError: the file is missing or damaged, or is a policy for another game.
+        """
+        try:
+            with safe_open(path, framework="numpy") as file:
+                header = file.metadata() or {}
+                cumulative = file.get_tensor("cumulative")
+        except (OSError, SafetensorError, KeyError, ValueError) as error:
+            raise PolicyError(f"{path}: no readable table of a policy ({error})") from error
+        if header.get("game") != game.hash:
+            made_for = str(header.get("game"))[:12]
+            raise PolicyError(
+                f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
+            )
+        last = game.pair_start[1:][np.diff(game.pair_start) > 0] - 1
+        falls = np.diff(cumulative.astype(np.int64)) < 0
+        if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
+            raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
+        if falls[np.setdiff1d(np.arange(len(falls)), last)].any():
+            raise PolicyError(f"{path}: a cumulative chance falls; the file is damaged, save the policy again")
+        return cls(game=game, cumulative=cumulative)
 
 
 def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolicy:

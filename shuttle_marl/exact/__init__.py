@@ -1,0 +1,72 @@
+"""Exact values of the game: minimax, best responses, exploitability, cross-play, regret, visits. See ``docs/exact.md``.
+
+Names are imported when first used, because the solvers need numba and scipy, which take longer to import than a command's help.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact.contraction import TOLERANCE
+    from shuttle_marl.exact.errors import ExactError
+    from shuttle_marl.exact.losses import Regret, regret
+    from shuttle_marl.exact.match import least_gain
+    from shuttle_marl.exact.minimax import Solution, solve
+    from shuttle_marl.exact.occupancy import Visits, visits
+    from shuttle_marl.exact.odds import Odds
+    from shuttle_marl.exact.pairwise import Crossplay, crossplay
+    from shuttle_marl.exact.profile import ProfileValue, evaluate
+    from shuttle_marl.exact.response import Exploitability, Response, best_response, nash_conv
+    from shuttle_marl.exact.sampled import SampledOdds, sample
+    from shuttle_marl.exact.scorecard import Scorecard, Scorer
+
+__all__ = [
+    "TOLERANCE",
+    "Crossplay",
+    "ExactError",
+    "Exploitability",
+    "Odds",
+    "ProfileValue",
+    "Regret",
+    "Response",
+    "SampledOdds",
+    "Scorecard",
+    "Scorer",
+    "Solution",
+    "Visits",
+    "best_response",
+    "crossplay",
+    "evaluate",
+    "least_gain",
+    "nash_conv",
+    "regret",
+    "sample",
+    "solve",
+    "visits",
+]
+
+_MODULES: Final = {
+    "contraction": ("TOLERANCE",),
+    "pairwise": ("Crossplay", "crossplay"),
+    "errors": ("ExactError",),
+    "match": ("least_gain",),
+    "minimax": ("Solution", "solve"),
+    "odds": ("Odds",),
+    "profile": ("ProfileValue", "evaluate"),
+    "losses": ("Regret", "regret"),
+    "response": ("Exploitability", "Response", "best_response", "nash_conv"),
+    "sampled": ("SampledOdds", "sample"),
+    "scorecard": ("Scorecard", "Scorer"),
+    "occupancy": ("Visits", "visits"),
+}
+_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(f"shuttle_marl.exact.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

@@ -1,0 +1,109 @@
+"""Which states and strokes a profile visits, how long its rallies are, and how they end."""
+
+import dataclasses
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.exact.contraction import ROUNDING, TOLERANCE
+from shuttle_marl.exact.induced import check_same_layout, induced
+from shuttle_marl.exact.linear import solve_linear
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import ONE, ROOT
+from shuttle_marl.stroke import N_SHOTS
+
+Floats = npt.NDArray[np.float64]
+
+ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
+"""How a rally can end; the first two are won by player 0."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Visits:
+    """Expected numbers of visits in a rally of player 0 against player 1.
+
+    Attributes:
+        policies: of player 0 and player 1.
+        states: ``[S]`` each, how often player 0 strikes in a state, and player 1.
+        error_bound: the numbers of all states together are within this of the true ones.
+    """
+
+    policies: tuple[TabulatedPolicy, TabulatedPolicy]
+    states: tuple[Floats, Floats]
+    error_bound: float
+
+    def pairs(self, player: int) -> Floats:
+        """``[P]`` how often a player plays each legal pair."""
+        policy = self.policies[player]
+        return np.asarray(policy.pair_probabilities() * self.states[player][policy.game.pair_state])
+
+    @property
+    def rally_length(self) -> float:
+        """Expected number of strokes of a rally."""
+        return float(self.states[0].sum() + self.states[1].sum())
+
+    def endings(self) -> dict[str, float]:
+        """Share of the rallies that end in each of :data:`ENDINGS`."""
+        shares = dict.fromkeys(ENDINGS, 0.0)
+        for player, policy in enumerate(self.policies):
+            played = self.pairs(player)
+            fault, winner = policy.game.threshold[:, :2].T.astype(np.float64) / ONE
+            shares[f"winner of player {player}"] = float(played @ (winner - fault))
+            shares[f"fault of player {player}"] = float(played @ fault)
+        return shares
+
+    def shot_mix(self, player: int) -> Floats:
+        """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.stroke.SHOTS`."""
+        game = self.policies[player].game
+        played = np.bincount(game.catalogue.shot[game.pair_stroke], self.pairs(player), N_SHOTS)
+        return np.asarray(played / played.sum())
+
+
+def visits(
+    policy: TabulatedPolicy,
+    opponent: TabulatedPolicy,
+    *,
+    server: Literal[0, 1] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Visits:
+    """Expected visits when player 0 plays ``policy`` and player 1 plays ``opponent``.
+
+    With b_i the start of a rally that player i serves, and C_i the chances to go on where i strikes, the visits are
+    x_0 = b_0 + w, w = C_1' (b_1 + C_0' (b_0 + w)), x_1 = b_1 + C_0' x_0. As w lies on rally states, whose rows in C_i sum to
+    c_i at most, |C_i' w| <= c_i |w| in the 1-norm, and the bound of :mod:`shuttle_marl.exact.contraction` holds in that norm:
+    the error of w is at most D residual / (1 - D), D = c_0 c_1, and that of x_1 no larger.
+
+    Args:
+        policy: of player 0.
+        opponent: of player 1.
+        server: who serves; None: each half of the time.
+        tolerance: largest error bound that is good enough.
+
+    Raises:
+        ExactError: the two games have different layouts, or play may go on for ever.
+    """
+    check_same_layout(policy.game, opponent.game)
+    chains = [induced(policy), induced(opponent)]
+    backward = [chain.go_on.T for chain in chains]
+    size = len(chains[0].reward)
+    start = np.zeros((2, size))
+    start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]
+    contraction = chains[0].contraction * chains[1].contraction
+    constant = backward[1] @ (start[1] + backward[0] @ start[0])
+
+    def bound(residual: float, w: Floats) -> float:
+        # All terms are positive, so rounding is relative to their sum.
+        rounding = ROUNDING * (1 + float(np.abs(w).sum()))
+        return 2 * ((residual + rounding) * contraction / (1 - contraction) + rounding)
+
+    z, _, error = solve_linear(
+        lambda w: constant + backward[1] @ (backward[0] @ w),
+        lambda w: backward[1] @ (backward[0] @ w),
+        constant,
+        norm=lambda r: float(np.abs(r).sum()),
+        bound=bound,
+        tolerance=tolerance,
+    )
+    first = start[0] + z
+    return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0] @ first), error_bound=error)

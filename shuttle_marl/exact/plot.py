@@ -1,0 +1,195 @@
+"""The value of a state over the court: where to aim the reply to an incoming stroke."""
+
+import dataclasses
+import difflib
+import io
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.court import (
+    AREAS,
+    BACK_CUT,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    MIDDLE_CUT,
+    N_AREAS,
+    SHORT_SERVICE,
+    SIDE_CUT,
+    WIDTH,
+    area_centre,
+)
+from shuttle_marl.exact.bellman import stroke_values
+from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.exact.minimax import Solution
+from shuttle_marl.files import replace_file
+from shuttle_marl.rally import Game
+from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
+
+Floats = npt.NDArray[np.float64]
+
+_FORMATS: Final = (".png", ".svg", ".pdf")
+_MAT: Final = "#127257"
+_LINE: Final = "#dcebe6"
+_INK: Final = "#0b0f17"
+_SPREAD: Final = 0.35
+"""Chances to win within this of one half are told apart by colour; what lies beyond has the last one."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Aim:
+    """The best replies to an incoming stroke from one contact, by target area.
+
+    Attributes:
+        value: ``[9]`` value of the best reply aimed at each area, NaN where none is legal.
+        stroke: ``[9]`` catalogue index of that reply, -1 where none is legal.
+        state_value: value of the best reply of all.
+    """
+
+    value: Floats
+    stroke: npt.NDArray[np.intp]
+    state_value: float
+
+
+def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim, Aim]:
+    """The best replies to a stroke from below and from above the net, under perfect play afterwards.
+
+    Args:
+        solution: the solved game.
+        incoming: catalogue index of the incoming stroke.
+        own: the striker's own last stroke; None: the mean over all that can precede (the serve has none).
+
+    Raises:
+        ExactError: the two strokes never follow each other.
+    """
+    game = solution.games[0]
+    edges = np.flatnonzero(game.edge_incoming == incoming)
+    if own is not None:
+        edges = edges[game.edge_own[edges] == own]
+    if not len(edges):
+        after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
+        raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
+    value = stroke_values(game, solution.value[1])
+    below, above = (_aim(game, value, 2 * edges + contact) for contact in (0, 1))
+    return below, above
+
+
+def _aim(game: Game, value: Floats, states: npt.NDArray[np.intp]) -> Aim:
+    # The replies to a stroke from a contact are the same whatever the striker's own last stroke was, in the same order.
+    strokes = game.legal_strokes(int(states[0]))
+    mean = np.mean([value[game.pair_start[s] : game.pair_start[s + 1]] for s in states], axis=0)
+    by_area = np.full(N_AREAS, np.nan)
+    chosen = np.full(N_AREAS, -1, dtype=np.intp)
+    for stroke, worth in zip(strokes, mean, strict=True):
+        area = game.catalogue.area[stroke]
+        if not worth <= by_area[area]:
+            by_area[area], chosen[area] = worth, stroke
+    return Aim(value=by_area, stroke=chosen, state_value=float(mean.max()))
+
+
+def stroke_index(game: Game, name: str) -> int:
+    """Catalogue index of a stroke given by name.
+
+    Raises:
+        ExactError: there is none of that name; says which ones are close.
+    """
+    try:
+        return game.catalogue.index(name)
+    except UnknownStrokeError as error:
+        close = difflib.get_close_matches(name, game.catalogue.names, n=4, cutoff=0.4)
+        hint = f"; did you mean {', '.join(close)}?" if close else ""
+        raise ExactError(f"{error}{hint}") from error
+
+
+def plot(solution: Solution, path: Path, incoming: int, own: int | None = None) -> None:
+    """Draw :func:`aims` on the court, the striker's half below, into a PNG, SVG or PDF file.
+
+    Raises:
+        ExactError: the strokes never follow each other, or the file's suffix is of no known format.
+        FileWriteError: the file cannot be written.
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    import matplotlib as mpl  # noqa: PLC0415  an extra
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    if path.suffix not in _FORMATS:
+        raise ExactError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
+    mpl.use("Agg")
+    game = solution.games[0]
+    colours = mpl.colormaps["RdYlGn"]
+    figure = Figure(figsize=(9.6, 8.2), layout="constrained")
+    for axes, contact, aim in zip(figure.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
+        _draw_court(axes)
+        _draw_incoming(axes, int(game.catalogue.area[incoming]))
+        for area in range(N_AREAS):
+            _draw_area(axes, game, aim, area, colours)
+        axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.state_value)}", fontsize=11)
+    names = game.catalogue.names
+    if own is not None:
+        before = f" after one's own {names[own]}"
+    else:
+        before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
+    figure.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
+    with io.BytesIO() as buffer:
+        figure.savefig(buffer, format=path.suffix[1:], dpi=110)
+        replace_file(path, buffer.getvalue())
+
+
+def _percent(value: float) -> str:
+    return f"{100 * (1 + value) / 2:.1f} %"
+
+
+def _draw_court(axes: Any) -> None:
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
+    axes.fill([-WIDTH / 2, WIDTH / 2, WIDTH / 2, -WIDTH / 2], np.repeat([-HALF_LENGTH, HALF_LENGTH], 2), color=_MAT, zorder=0)
+    line = {"color": _LINE, "linewidth": 1.2, "zorder": 3}
+    for x in (-WIDTH / 2, -HALF_WIDTH, HALF_WIDTH, WIDTH / 2):
+        axes.plot([x, x], [-HALF_LENGTH, HALF_LENGTH], **line)
+    for y in (-HALF_LENGTH, -SHORT_SERVICE, SHORT_SERVICE, HALF_LENGTH):
+        axes.plot([-WIDTH / 2, WIDTH / 2], [y, y], **line)
+    for side in (-1, 1):
+        axes.plot([0, 0], [side * SHORT_SERVICE, side * HALF_LENGTH], **line)
+    axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=_INK, linewidth=3, zorder=4)
+
+
+def _corners(area: int) -> tuple[float, float, float, float]:
+    """Left, bottom, width and height of an area of the opponent's half [m]; its right is the opponent's."""
+    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
+    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
+    depth, side = divmod(area, 3)
+    return xs[side], ys[depth], xs[side + 1] - xs[side], ys[depth + 1] - ys[depth]
+
+
+def _draw_incoming(axes: Any, area: int) -> None:
+    # The striker receives it: the opponent's half turned by half a turn.
+    left, bottom, width, height = _corners(area)
+    x, y, text = -left - width / 2, -bottom - height / 2, AREAS[area].replace("-", "\n")
+    box = [(-left, -bottom), (-left - width, -bottom), (-left - width, -bottom - height), (-left, -bottom - height)]
+    axes.fill(*zip(*box, strict=True), facecolor=_LINE, alpha=0.9, zorder=3.5)
+    axes.text(x, y, f"incoming\n{text}", ha="center", va="center", fontsize=7.5, color=_INK, zorder=5)
+
+
+def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:
+    left, bottom, width, height = _corners(area)
+    box = [(left, bottom), (left + width, bottom), (left + width, bottom + height), (left, bottom + height)]
+    x, y = area_centre(np.array(area))
+    if aim.stroke[area] < 0:
+        axes.fill(*zip(*box, strict=True), facecolor="none", edgecolor=_LINE, hatch="//", alpha=0.5, zorder=3.5)
+        return
+    value = float(aim.value[area])
+    best = value >= aim.state_value
+    axes.fill(
+        *zip(*box, strict=True),
+        facecolor=colours(np.clip(0.5 + value / 2 / _SPREAD / 2, 0, 1)),
+        edgecolor=_INK if best else _LINE,
+        linewidth=3 if best else 0.8,
+        zorder=3.6 if best else 3.5,
+    )
+    stroke = aim.stroke[area]
+    shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
+    text = f"{_percent(value)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
+    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=_INK, weight="bold" if best else None, zorder=5)

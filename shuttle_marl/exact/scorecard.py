@@ -1,0 +1,170 @@
+"""How good a policy is: against the behaviour-cloned average player, against its best response, against perfect play."""
+
+import dataclasses
+import functools
+from typing import Any, Final
+
+from shuttle_marl.exact.contraction import TOLERANCE
+from shuttle_marl.exact.losses import regret
+from shuttle_marl.exact.minimax import Solution, solve
+from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.profile import evaluate
+from shuttle_marl.exact.response import Response, best_response
+from shuttle_marl.exact.sampled import sample
+from shuttle_marl.policy.base import Policy, reads_score
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import ROOT, Game
+from shuttle_marl.stroke import SHOTS
+
+REFERENCE: Final = "bc"
+"""The opponent of the benchmark: the behaviour-cloned average player."""
+_ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scorecard:
+    """One policy's figures. Those that need a table are None where the policy reads the score and was sampled instead.
+
+    Attributes:
+        policy: name.
+        sampled: whether the figures are from matches played out; else they are exact.
+        rally_win_vs_bc: chance to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
+            whole matches).
+        rally_win_serving: the same in rallies that the policy serves.
+        rally_win_receiving: the same in rallies that ``bc`` serves.
+        match_win_vs_bc: chance to win a match against ``bc``, the first serve drawn by lot.
+        exploitability: what the best response to the policy gains, as a value from 0 to 1; it wins
+            ``(1 + exploitability) / 2`` of the rallies.
+        gap_at_serve: V* - V^pi at the serve, pi meeting its best response.
+        normalised_score: 0 for ``bc``, 1 for the best response to it:
+            ``(J(pi) - J(bc)) / (J(best response to bc) - J(bc))`` with J = ``rally_win_vs_bc``.
+        regret_per_rally: V* - V^pi against perfect play, both serving equally often.
+        rally_length_vs_bc: expected strokes of a rally against ``bc``.
+        endings_vs_bc: share of those rallies by how they end.
+        shot_mix_vs_bc: share of the shot types among the policy's strokes there.
+        error_bound: every exact figure but the chance of a match is within this of the true one.
+        match_error_bound: the chance of a match is within this.
+        matches: matches played out; None for exact figures.
+        rally_interval: 95 % interval of ``rally_win_vs_bc``; None for exact figures.
+        match_interval: 95 % interval of ``match_win_vs_bc``; None for exact figures.
+    """
+
+    policy: str
+    sampled: bool = False
+    rally_win_vs_bc: float
+    rally_win_serving: float | None = None
+    rally_win_receiving: float | None = None
+    match_win_vs_bc: float
+    exploitability: float | None = None
+    gap_at_serve: float | None = None
+    normalised_score: float | None
+    regret_per_rally: float | None = None
+    rally_length_vs_bc: float
+    endings_vs_bc: dict[str, float] | None = None
+    shot_mix_vs_bc: dict[str, float] | None = None
+    error_bound: float | None = None
+    match_error_bound: float | None = None
+    matches: int | None = None
+    rally_interval: tuple[float, float] | None = None
+    match_interval: tuple[float, float] | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields as JSON."""
+        return dataclasses.asdict(self)
+
+
+class Scorer:
+    """Scores policies on one game; solves the game and the best response to ``bc`` once, when they are first needed.
+
+    Args:
+        game: the tables.
+        tolerance: largest error bound of a value that is good enough.
+
+    Raises:
+        PolicyError: the game has no behaviour-cloned players.
+    """
+
+    def __init__(self, game: Game, *, tolerance: float = TOLERANCE) -> None:
+        self.game, self.tolerance = game, tolerance
+        self.reference = tabulate(resolve(REFERENCE, game), game, REFERENCE)
+
+    @functools.cached_property
+    def solution(self) -> Solution:
+        """The solved game."""
+        return solve(self.game, tolerance=self.tolerance)
+
+    @functools.cached_property
+    def reference_response(self) -> Response:
+        """The best response to ``bc``."""
+        return best_response(self.reference, tolerance=self.tolerance)
+
+    def normalised(self, rally_win_vs_bc: float) -> float | None:
+        """The normalised score of a chance to win a rally against ``bc``; None if nothing beats ``bc``."""
+        best = self.reference_response.value.odds()
+        # J(bc) is exactly one half: bc against itself.
+        return (rally_win_vs_bc - 0.5) / (best.rally - 0.5) if best.rally - best.error_bound > 0.5 else None
+
+    def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0) -> Scorecard:
+        """The figures of a policy.
+
+        Args:
+            policy: any; one that reads the score is sampled.
+            name: for the card and for errors.
+            matches: how many matches to play out if it is sampled.
+            seed: of their draws.
+
+        Raises:
+            PolicyError: the policy raised, or is no distribution over the legal strokes somewhere.
+            ExactError: play may go on for ever.
+        """
+        if reads_score(policy):
+            return self._sampled(policy, name, matches, seed)
+        return self.score_table(tabulate(policy, self.game, name), name)
+
+    def score_table(self, policy: TabulatedPolicy, name: str) -> Scorecard:
+        """The exact figures of a tabulated policy."""
+        odds = evaluate(policy, self.reference, tolerance=self.tolerance).odds()
+        answer = best_response(policy, tolerance=self.tolerance)
+        loss = regret(policy, solution=self.solution, tolerance=self.tolerance)
+        seen = visits(policy, self.reference, tolerance=self.tolerance)
+        endings = dict(zip(_ENDINGS, seen.endings().values(), strict=True))
+        score, best = self.normalised(odds.rally), self.reference_response.value.odds()
+        bounds = [
+            odds.error_bound,
+            answer.value.error_bound,
+            self.solution.error_bound + answer.value.error_bound,
+            loss.error_bound,
+            seen.error_bound,
+            0.0 if score is None else (odds.error_bound + abs(score) * best.error_bound) / (best.rally - best.error_bound - 0.5),
+        ]
+        return Scorecard(
+            policy=name,
+            rally_win_vs_bc=odds.rally,
+            rally_win_serving=odds.serving,
+            rally_win_receiving=odds.receiving,
+            match_win_vs_bc=odds.match(),
+            exploitability=answer.value.odds().value,
+            gap_at_serve=self.solution.value_at_serve - float(answer.value.striking[1][ROOT]),
+            normalised_score=score,
+            regret_per_rally=loss.per_rally,
+            rally_length_vs_bc=seen.rally_length,
+            endings_vs_bc=endings,
+            shot_mix_vs_bc=dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True)),
+            error_bound=max(bounds),
+            match_error_bound=odds.match_error_bound(),
+        )
+
+    def _sampled(self, policy: Policy, name: str, matches: int, seed: int) -> Scorecard:
+        played = sample(policy, self.reference, matches=matches, seed=seed, name=name)
+        return Scorecard(
+            policy=name,
+            sampled=True,
+            rally_win_vs_bc=played.rally,
+            match_win_vs_bc=played.match,
+            normalised_score=self.normalised(played.rally),
+            rally_length_vs_bc=played.strokes / played.rallies,
+            matches=played.matches,
+            rally_interval=played.rally_interval,
+            match_interval=played.match_interval,
+        )
