@@ -57,29 +57,11 @@ _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
 _LOWER: Final = (0.0, 0.14, 0.05)
 """How much lower than with the forehand an overhead stroke is met [m], by technique."""
 
-OFFSETS: Final[Floats] = np.array(
-    [
-        (0.10, 0.60),
-        (0.42, 0.58),
-        (0.26, 0.26),
-        (-0.24, 0.16),
-        (-0.42, -0.10),
-        (0.28, 0.92),
-        (-0.12, 0.92),
-        (0.26, 1.22),
-        (-0.02, 1.22),
-        (0.86, 0.40),
-        (-0.58, 0.56),
-        (0.72, 0.56),
-        (-0.36, 0.66),
-    ]
-)
-"""``[13, 2]`` where the shuttle is met, seen from the hips, in the stroke frame [m]; by motion."""
-
 STRIDES: Final = frozenset({KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND})
 """Motions whose stroke frame turns towards the shuttle."""
 _WIDEST_STRIDE: Final = np.radians(55)
-_OVERHEAD_FROM: Final = 2.1
+OVERHEAD_FROM: Final = 2.1
+"""Contacts above this height [m] are met overhead."""
 _NET_ZONE: Final = 2.7
 """Distance from the net within which a low shuttle is met with a lunge forward [m]."""
 _ABOVE_FROM: Final = 1.55
@@ -105,7 +87,7 @@ class Stance:
 def height_range(shot: int, height: int, technique: int) -> tuple[float, float]:
     """Least and greatest contact height of a kind of stroke [m]."""
     low, high = _HEIGHTS[SHOTS[shot]][height]
-    if low > _OVERHEAD_FROM:
+    if low > OVERHEAD_FROM:
         return low - _LOWER[technique], high - _LOWER[technique]
     if height and TECHNIQUES[technique] == "around-the-head":
         return 2.12, 2.3
@@ -117,7 +99,7 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
     backhand = TECHNIQUES[technique] == "backhand"
     if shot < 2:
         return SERVE_BACKHAND if backhand else SERVE_FOREHAND
-    if z > _OVERHEAD_FROM:
+    if z > OVERHEAD_FROM:
         return (OVERHEAD, OVERHEAD_BACKHAND, AROUND)[technique]
     if z > _ABOVE_FROM:
         if from_net < _NET_ZONE:
@@ -130,7 +112,7 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
     return DEFENCE_BACKHAND if backhand else DEFENCE
 
 
-def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool) -> Stance:
+def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool, natural: Floats) -> Stance:
     """Where the hips are when a player who comes from ``base`` meets the shuttle.
 
     Args:
@@ -138,21 +120,17 @@ def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool) ->
         contact: ``[3]`` where the shuttle is met, in the player's own frame [m].
         base: ``[2]`` where the player was when the opponent struck [m].
         right_handed: the other hand mirrors the stroke frame.
+        natural: ``[3]`` where this motion meets the shuttle best, in the stroke frame of a right-hander [m].
     """
-    side = 1.0 if right_handed else -1.0
     way = contact[:2] - base
     far = float(np.clip((np.hypot(*way) - 0.9) / 1.3, 0, 1))
     heading = 0.0
     if motion in STRIDES:
         heading = float(np.clip(np.arctan2(-way[0], max(way[1], 0.2)), -_WIDEST_STRIDE, _WIDEST_STRIDE))
-    offset = OFFSETS[motion].copy()
-    if motion in (SIDE, SIDE_BACKHAND, DEFENCE, DEFENCE_BACKHAND):
-        offset[0] *= 1 + 0.45 * far
-    elif motion in (LUNGE, LUNGE_BACKHAND):
-        offset[1] *= 0.82 + 0.18 * far
-    offset[0] *= side
+    x, y = natural[:2]
+    x = x if right_handed else -x
     c, s = np.cos(heading), np.sin(heading)
-    root = contact[:2] - np.array([c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]])
+    root = contact[:2] - np.array([c * x - s * y, s * x + c * y])
     # Hips stay behind the net.
     root[1] = min(root[1], -0.45)
     return Stance(motion=motion, heading=heading, root=root, reach=far)

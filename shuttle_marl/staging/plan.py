@@ -14,7 +14,7 @@ import numpy.typing as npt
 from shuttle_marl import draws
 from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, NET_HEIGHT, NET_HEIGHT_CENTRE, SHORT_SERVICE, WIDTH
 from shuttle_marl.rally import FAULT, WINNER
-from shuttle_marl.staging.contact import Stance, height_range, motion_of, stance_of
+from shuttle_marl.staging.contact import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.flight import Flights, shoot
 from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.played import PlayedRally
@@ -77,17 +77,32 @@ def net_height(x: Floats | float) -> Floats:
     return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
 
 
-def plan_rally(rally: PlayedRally, measured: Measured, *, seed: int, right_handed: tuple[bool, bool], fps: int) -> Plan:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Player:
+    """What a plan needs to know about a player.
+
+    Attributes:
+        right_handed: which hand holds the racket.
+        size: height relative to the athlete for whom the motions were written.
+        natural: ``[13, 3]`` where each motion meets the shuttle best, in the stroke frame of a right-hander [m].
+    """
+
+    right_handed: bool
+    size: float
+    natural: Floats
+
+
+def plan_rally(rally: PlayedRally, measured: Measured, players: tuple[Player, Player], *, seed: int, fps: int) -> Plan:
     """Draw points and times of a rally.
 
     Args:
         rally: what was played.
         measured: the tables to draw from.
+        players: at seats 0 and 1.
         seed: names all draws.
-        right_handed: of seats 0 and 1.
         fps: contacts fall on multiples of 1/fps seconds.
     """
-    return _Planner(rally, measured, draws.stream(seed), right_handed, fps).plan()
+    return _Planner(rally, measured, players, draws.stream(seed), fps).plan()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,10 +118,9 @@ class _Choice:
 
 class _Planner:
     def __init__(
-        self, rally: PlayedRally, measured: Measured, key: draws.UInt64s, right_handed: tuple[bool, bool], fps: int
+        self, rally: PlayedRally, measured: Measured, players: tuple[Player, Player], key: draws.UInt64s, fps: int
     ) -> None:
-        self.measured, self.key, self.fps = measured, key, fps
-        self.rally, self.right_handed = rally, right_handed
+        self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         c, s = rally.catalogue, rally.stroke
         self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
@@ -162,11 +176,11 @@ class _Planner:
             for who in (0, 1)
             for axis in (0, 1)
         )
-        low, high = height_range(shot, 0, self.technique[0])
-        z = low + (high - low) * self.uniform(0, 5)
+        z = self._height(0, self.uniform(0, 5))
         motion = motion_of(shot, self.technique[0], z, y)
         hips = np.array([sign * max(x, 0.12), -max(y, SHORT_SERVICE + 0.4)])
-        probe = stance_of(motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), self.right_handed[server])
+        player = self.players[server]
+        probe = stance_of(motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.natural[motion])
         contact = np.array([*(hips - probe.root + np.array([0.0, -3.0])), z])
         base[0, server], base[0, 1 - server] = hips, (sign * rx, -ry)
         return contact, dataclasses.replace(probe, root=hips)
@@ -241,8 +255,7 @@ class _Planner:
         if self.shot[i] < N_SERVES:
             x, y = self._into_service_court(x, y)
         if end == RETURN:
-            low, high = height_range(self.shot[i + 1], self.height[i + 1], self.technique[i + 1])
-            return np.array([x, max(y, 0.25), low + (high - low) * u[2]]), int(self.height[i + 1])
+            return np.array([x, max(y, 0.25), self._height(i + 1, u[2])]), int(self.height[i + 1])
         if end == OUT:
             x, y = self._outside(i, x, y, u[2], u[3])
         return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
@@ -274,8 +287,16 @@ class _Planner:
 
     def _stance(self, i: int, point: Floats, base: Floats) -> Stance:
         own = point * np.array([-1, -1, 1])
-        motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(own[2]), float(-own[1]))
-        return stance_of(motion, own, base, self.right_handed[self.rally.striker[i]])
+        player = self.players[self.rally.striker[i]]
+        z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
+        motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
+        return stance_of(motion, own, base, player.right_handed, player.natural[motion])
+
+    def _height(self, i: int, u: float) -> float:
+        """Height at which stroke i is struck [m]; overhead it grows with the player."""
+        low, high = height_range(self.shot[i], self.height[i], self.technique[i])
+        z = low + (high - low) * u
+        return z * self.players[self.rally.striker[i]].size if z > OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: Floats, seconds: float) -> float:
         """Metres that a player who starts from rest at ``base`` is short of a stance."""

@@ -17,7 +17,7 @@ from shuttle_marl.staging.athletes.source import Build, read_body
 
 ATHLETES: Final = {
     "male": Build(sex="male", ancestry="asian", muscle=0.75, weight=0.45, height=0.2),
-    "female": Build(sex="female", ancestry="asian", muscle=0.65, weight=0.45, height=0.1),
+    "female": Build(sex="female", ancestry="asian", muscle=0.65, weight=0.45, height=0.26),
 }
 """The athletes that are shipped."""
 _NOTE: Final = "CC0 1.0: derived from the MakeHuman / MPFB2 base mesh"

@@ -125,6 +125,7 @@ def _read(folder: Path, build: Build) -> Body:
             rows, values = zip(*entries, strict=True)
             np.add.at(weights[:, order.index(name)], np.array(rows, dtype=np.int64), values)
     skin = members("body")
+    heads, tails = (_symmetric(points, order) for points in (heads, tails))
     floor = vertices[skin, 1].min()
     for points in (vertices, heads, tails):
         points[:, 1] -= floor
@@ -187,6 +188,16 @@ def _quads(faces: list[list[int]]) -> Ints:
 def _depth_first(rig: dict[str, dict[str, Any]], name: str) -> list[str]:
     children = sorted(child for child, bone in rig.items() if bone["parent"] == name)
     return [name, *(other for child in children for other in _depth_first(rig, child))]
+
+
+def _symmetric(points: Floats, order: list[str]) -> Floats:
+    """Joints of the left and the right made mirror images: the base mesh is off by a millimetre or two."""
+    other = [order.index(_swapped(name)) for name in order]
+    return (points + points[other] * np.array([-1, 1, 1])) / 2
+
+
+def _swapped(name: str) -> str:
+    return name.replace("Left", "*").replace("Right", "Left").replace("*", "Right")
 
 
 def _filled(weights: Floats, vertices: Floats, skin: Ints) -> Floats:

@@ -1,0 +1,230 @@
+"""The racket arm: joint angles to bones and back, within the limits of the joints.
+
+Ten angles: two of the collar bone, three of the shoulder, one each of elbow and forearm, two of the wrist, and the roll of
+the handle in the fingers, which is how a player changes the grip. The shoulder is a swing (a rotation vector across the arm,
+from an arm held out to the right and forward) after a twist about the arm, so that no pose that a player takes lies near a
+singularity. All other joints are hinges. The free arm is the mirror image of the same model.
+
+Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits.
+"""
+
+import dataclasses
+import functools
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.rotation import about, apply, exponential, frame, unit
+from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
+
+Floats = npt.NDArray[np.float64]
+
+ANGLES: Final = (
+    "collar bone up",
+    "collar bone forward",
+    "shoulder swing 1",
+    "shoulder swing 2",
+    "shoulder twist",
+    "elbow bend",
+    "forearm pronation",
+    "wrist bend",
+    "wrist deviation",
+    "grip roll",
+)
+"""Names of the angles."""
+RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
+LIMITS: Final[Floats] = np.radians(
+    [(-10, 35), (-25, 30), (-125, 125), (-125, 125), (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
+)
+"""``[10, 2]`` least and greatest angle [rad]. Elbow, forearm and wrist: the normal range of motion (American Academy of
+Orthopaedic Surgeons 1965), ulnar deviation and extension as measured in racket players; wrist bend is positive towards the
+palm, deviation towards the little finger, pronation positive."""
+SWING_LIMIT: Final = np.radians(125)
+"""Greatest angle between the upper arm and its middle direction [rad]."""
+MIDDLE: Final = unit(np.array([0.80, 0.58, 0.12]))
+"""The middle direction of the upper arm, seen from the chest."""
+RELAXED: Final[Floats] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
+"""Angles that the solver prefers where the target leaves a choice."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class ArmPose:
+    """Bones of N arms, all in the frame of the chest.
+
+    Attributes:
+        rotation: ``[5, N, 3, 3]`` of collar bone, upper arm, forearm, hand, racket.
+        position: ``[5, N, 3]`` where they begin, relative to where the collar bone begins at rest.
+        axes: ``[N, 10, 3]`` axis about which each angle turns what hangs on it.
+        pivot: ``[N, 10, 3]`` a point on that axis.
+    """
+
+    rotation: Floats
+    position: Floats
+    axes: Floats
+    pivot: Floats
+
+
+class Arm:
+    """The right arm of a skeleton, in the frame of the chest (axes of the body, origin where the collar bone begins)."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        collar, shoulder, elbow, hand, grip = (
+            skeleton.at(b) for b in ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
+        )
+        self.origin = collar
+        self.offset = np.array([shoulder - collar, elbow - shoulder, hand - elbow, grip - hand])
+        upper, lower = unit(self.offset[1]), unit(self.offset[2])
+        self.hinge = unit(np.cross(upper, lower))
+        self.rest_bend = float(np.arccos(upper @ lower))
+        self.lower = lower
+        self.axis, self.normal = skeleton.grip_axis, skeleton.grip_normal
+        # The wrist bends about the line across the hand and deviates about the line through the palm.
+        self.palm = unit(self.normal - (self.normal @ lower) * lower)
+        self.across = unit(np.cross(lower, self.palm))
+        # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
+        self.to_middle = frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, self.hinge).T
+        self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
+
+    def pose(self, angles: Floats) -> ArmPose:
+        """The bones for ``[N, 10]`` angles [rad]."""
+        n = len(angles)
+        raise_axis, forward_axis = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+        collar = about(forward_axis, angles[:, FORWARD]) @ about(raise_axis, angles[:, RAISE])
+        swing = angles[:, SWING_1 : SWING_2 + 1] @ self.swing
+        swung = collar @ exponential(swing)
+        upper = swung @ about(MIDDLE, angles[:, TWIST]) @ self.to_middle
+        bent = upper @ about(self.hinge, angles[:, ELBOW] - self.rest_bend)
+        half = about(self.lower, -angles[:, PRONATION] / 2)
+        fore = bent @ half
+        turned = fore @ half
+        flexed = turned @ about(self.across, angles[:, BEND])
+        hand = flexed @ about(self.palm, angles[:, DEVIATION])
+        racket = hand @ about(self.axis, angles[:, ROLL])
+        shoulder = apply(collar, self.offset[0])
+        elbow = shoulder + apply(upper, self.offset[1])
+        wrist = elbow + apply(fore, self.offset[2])
+        grip = wrist + apply(hand, self.offset[3])
+        zero = np.zeros((n, 3))
+        axes = np.empty((n, 10, 3))
+        axes[:, FORWARD], axes[:, RAISE] = forward_axis, apply(about(forward_axis, angles[:, FORWARD]), raise_axis)
+        jacobian = collar @ _left_jacobian(swing)
+        axes[:, SWING_1], axes[:, SWING_2] = apply(jacobian, self.swing[0]), apply(jacobian, self.swing[1])
+        axes[:, TWIST] = apply(swung, MIDDLE)
+        axes[:, ELBOW], axes[:, PRONATION] = apply(upper, self.hinge), -apply(bent, self.lower)
+        axes[:, BEND], axes[:, DEVIATION] = apply(turned, self.across), apply(flexed, self.palm)
+        axes[:, ROLL] = apply(hand, self.axis)
+        pivot = np.stack([zero, zero, *([shoulder] * 3), *([elbow] * 2), *([wrist] * 2), grip], axis=1)
+        return ArmPose(
+            rotation=np.stack([collar, upper, fore, hand, racket]),
+            position=np.stack([zero, shoulder, elbow, wrist, grip]),
+            axes=axes,
+            pivot=pivot,
+        )
+
+    def clipped(self, angles: Floats) -> Floats:
+        """Angles moved into the limits."""
+        out = np.clip(angles, LIMITS[:, 0], LIMITS[:, 1])
+        swing = np.linalg.norm(out[..., SWING_1 : SWING_2 + 1], axis=-1, keepdims=True)
+        out[..., SWING_1 : SWING_2 + 1] *= np.minimum(1, SWING_LIMIT / np.maximum(swing, 1e-9))
+        return out
+
+
+def _left_jacobian(v: Floats) -> Floats:
+    """``[N, 3, 3]`` how a change of a rotation vector turns the rotated body."""
+    angle = np.linalg.norm(v, axis=-1)[:, None, None]
+    safe = np.maximum(angle, 1e-6)
+    k = np.zeros((len(v), 3, 3))
+    k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    k -= k.transpose(0, 2, 1)
+    return np.eye(3) + (1 - np.cos(safe)) / safe**2 * k + (safe - np.sin(safe)) / safe**3 * (k @ k)
+
+
+@functools.cache
+def arm_of(skeleton: Skeleton) -> Arm:
+    """The arm model of a skeleton; built once."""
+    return Arm(skeleton)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Goal:
+    """Where N arms shall be, in the frame of the chest.
+
+    Attributes:
+        point: ``[N, 3]`` where the point at ``reach`` along the shaft shall be.
+        reach: ``[N]`` 0 for the middle of the grip, SWEET_SPOT for the strings.
+        shaft: ``[N, 3]`` direction of the shaft.
+        normal: ``[N, 3]`` direction of the side of the strings that a forehand strikes with.
+        elbow: ``[N, 3]`` direction from the shoulder to the elbow.
+        weight: ``[N, 4]`` of point (1/m), shaft, normal, elbow.
+    """
+
+    point: Floats
+    reach: Floats
+    shaft: Floats
+    normal: Floats
+    elbow: Floats
+    weight: Floats
+
+
+def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0.03) -> Floats:
+    """``[N, 10]`` angles within the limits that come closest to the goals.
+
+    Args:
+        arm: the model.
+        goal: what to reach.
+        start: ``[N, 10]`` where to begin.
+        rounds: steps.
+        hold: weight of the wish to stay near :data:`RELAXED`.
+    """
+    x = arm.clipped(np.array(start, dtype=np.float64))
+    n = len(x)
+    w = goal.weight
+    identity = np.eye(10)
+    for step in range(rounds):
+        pose = arm.pose(x)
+        shaft, normal = apply(pose.rotation[4], arm.axis), apply(pose.rotation[4], arm.normal)
+        point = pose.position[4] + goal.reach[:, None] * shaft
+        upper = unit(pose.position[2] - pose.position[1])
+        residual = np.concatenate(
+            [
+                w[:, :1] * (goal.point - point),
+                w[:, 1:2] * (goal.shaft - shaft),
+                w[:, 2:3] * (goal.normal - normal),
+                w[:, 3:] * (goal.elbow - upper),
+                hold * (RELAXED - x),
+            ],
+            axis=1,
+        )
+        jacobian = np.concatenate(
+            [
+                w[:, :1, None] * _columns(pose, point),
+                w[:, 1:2, None] * _turning(pose, shaft, 10),
+                w[:, 2:3, None] * _turning(pose, normal, 10),
+                w[:, 3:, None] * _turning(pose, upper, 5),
+                np.broadcast_to(hold * identity, (n, 10, 10)),
+            ],
+            axis=1,
+        )
+        damping = 1e-2 if step < rounds // 2 else 1e-4
+        normal_matrix = jacobian.transpose(0, 2, 1) @ jacobian + damping * identity
+        move = np.linalg.solve(normal_matrix, (jacobian.transpose(0, 2, 1) @ residual[..., None]))[..., 0]
+        x = arm.clipped(x + np.clip(move, -0.5, 0.5))
+    return x
+
+
+def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
+    """``[N, 3]`` middle of the strings."""
+    return pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)
+
+
+def _columns(pose: ArmPose, point: Floats) -> Floats:
+    """``[N, 3, 10]`` how a point of the racket moves with each angle."""
+    return np.cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)
+
+
+def _turning(pose: ArmPose, direction: Floats, angles: int) -> Floats:
+    """``[N, 3, 10]`` how a direction turns with the first ``angles`` angles; the others do not move it."""
+    out = np.cross(pose.axes, direction[:, None])
+    out[:, angles:] = 0
+    return out.transpose(0, 2, 1)

@@ -1,0 +1,119 @@
+"""The skeletons of the athletes: which bones move, where they are at rest, and how far their joints go.
+
+Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
+aligned with these axes at rest, so the rotation of a bone is how far it has turned since then. The bones are those of the
+``.glb`` files (Mixamo's names) without the fingers, and one for the racket.
+"""
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.played import StagingError
+from shuttle_marl.staging.rotation import unit
+
+Floats = npt.NDArray[np.float64]
+
+BONES: Final = (
+    "Hips",
+    "Spine",
+    "Spine1",
+    "Spine2",
+    "Neck",
+    "Head",
+    *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("Shoulder", "Arm", "ForeArm", "Hand")),
+    *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")),
+    "Racket",
+)
+"""Names of the bones, parents before children; ``Racket`` begins in the middle of the grip."""
+N_BONES: Final = len(BONES)
+BONE: Final = {name: i for i, name in enumerate(BONES)}
+"""Index of each bone."""
+MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
+"""``[23]`` the bone on the other side."""
+
+SWEET_SPOT: Final = 0.45
+"""Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
+RACKET_LENGTH: Final = 0.675
+"""Length of a racket (BWF Law 4: at most 0.680 m) [m]; its butt lies 0.10 m behind the middle of the grip."""
+ATHLETES: Final = ("male", "female")
+FOLDER: Final = Path(__file__).parent / "athletes"
+"""Folder of the models and skeletons."""
+_REFERENCE: Final = 1.787
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Skeleton:
+    """One athlete.
+
+    Attributes:
+        name: of the athlete.
+        height: from the floor to the top of the head [m].
+        parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
+        rest: ``[23, 3]`` where each bone begins at rest [m].
+        grip_axis: ``[3]`` direction of the shaft at rest, from the right hand.
+        grip_normal: ``[3]`` the side of the strings that a forehand strikes with, at rest.
+    """
+
+    name: str
+    height: float
+    parent: npt.NDArray[np.int64]
+    rest: Floats
+    grip_axis: Floats
+    grip_normal: Floats
+
+    @property
+    def scale(self) -> float:
+        """Size relative to the athlete for whom the motions were written."""
+        return self.height / _REFERENCE
+
+    def at(self, bone: str) -> Floats:
+        """``[3]`` where a bone begins at rest [m]."""
+        return self.rest[BONE[bone]]
+
+    def parents(self, *, right_handed: bool) -> npt.NDArray[np.int64]:
+        """``[23]`` parents, with the racket in the hand that plays."""
+        out = self.parent.copy()
+        out[BONE["Racket"]] = BONE["RightHand" if right_handed else "LeftHand"]
+        return out
+
+    @functools.cached_property
+    def leg(self) -> tuple[float, float]:
+        """Lengths of thigh and shank [m]."""
+        hip, knee, ankle = self.at("RightUpLeg"), self.at("RightLeg"), self.at("RightFoot")
+        return float(np.linalg.norm(knee - hip)), float(np.linalg.norm(ankle - knee))
+
+
+@functools.cache
+def load_skeleton(name: str) -> Skeleton:
+    """The skeleton of a shipped athlete.
+
+    Raises:
+        StagingError: there is none of this name.
+    """
+    if name not in ATHLETES:
+        raise StagingError(f"athlete {name!r}: expected one of {', '.join(ATHLETES)}")
+    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]
+    bones = raw["bones"]
+    head = {bone: np.array(entry["head"]) for bone, entry in bones.items()}
+    hand, middle = head["RightHand"], head["RightHandMiddle1"]
+    along, across = unit(middle - hand), unit(head["RightHandIndex1"] - head["RightHandPinky1"])
+    palm = unit(np.cross(across, along))
+    # The handle lies across the fingers, the shaft leaves between thumb and index finger, well forward as in play.
+    axis = unit(0.62 * across + 0.78 * along)
+    normal = unit(palm - (palm @ axis) * axis)
+    head["Racket"] = hand + 0.72 * (middle - hand) + 0.028 * palm
+    parent = [-1 if b == "Hips" else BONE["RightHand"] if b == "Racket" else BONE[bones[b]["parent"]] for b in BONES]
+    return Skeleton(
+        name=name,
+        height=raw["height"],
+        parent=np.array(parent),
+        rest=np.array([head[b] for b in BONES]),
+        grip_axis=axis,
+        grip_normal=normal,
+    )

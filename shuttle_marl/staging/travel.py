@@ -1,0 +1,147 @@
+"""How the hips of a player travel over the court: the smoothest path that is where it must be and breaks no limit.
+
+    minimise   Σ w_a |p̈|² + Σ w_b |p − base|² + Σ w_v |ṗ|² + Σ W |p − root|²    subject to |ṗ| ≤ V, |p̈| ≤ A
+
+over the positions of all frames: at each own stroke the hips are at the root of its stance, when the opponent strikes
+they wait near their base, slow enough for a split step. Solved by the alternating direction method of multipliers (Boyd,
+Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from shuttle_marl.staging.plan import WIN, Plan, facing
+
+Floats = npt.NDArray[np.float64]
+
+TOP_SPEED: Final = 6.5
+"""Speed of the hips over the floor that is never passed [m/s]."""
+TOP_ACCELERATION: Final = 12.0
+"""Acceleration of the hips over the floor that is never passed [m/s²]."""
+_MARGIN: Final = 0.90
+"""Share of the limits that the solver aims at."""
+_ROUNDS: Final = 240
+_CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
+
+
+def travel(plan: Plan, seat: int, frames: int, fps: int) -> Floats:
+    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
+
+    Args:
+        plan: the rally.
+        seat: 0 or 1.
+        frames: length of the staging.
+        fps: frames a second.
+    """
+    q, target, still = _wishes(plan, seat, frames, fps)
+    return _solve(q, target, still, fps)
+
+
+def _wishes(plan: Plan, seat: int, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
+    """``[frames]`` weight of a place, ``[frames, 2]`` weight times place, ``[frames - 1]`` weight against speed."""
+    weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
+
+    def wish(frame: int, place: Floats, w: float, half: int = 0) -> None:
+        rows = slice(max(frame - half, 0), min(frame + half + 1, frames))
+        weight[rows] += w
+        target[rows] += w * place
+
+    def slow(frame: int, w: float, half: int) -> None:
+        still[max(frame - half, 0) : min(frame + half + 1, frames - 1)] += w
+
+    striker = plan.rally.striker
+    hits = np.rint(plan.time * fps).astype(np.int64)
+    target += 1e-3 * plan.base[0, seat]
+    if striker[0] == seat:
+        wish(0, plan.stance[0].root, 50.0)
+    else:
+        wish(0, plan.base[0, seat], 50.0)
+    still[: hits[0]] += 3.0
+    for i, frame in enumerate(hits):
+        if striker[i] == seat:
+            wish(frame, plan.stance[i].root, _CONTACT)
+            slow(frame, _BRAKE, 4)
+        else:
+            wish(frame, plan.base[i, seat], _BASE, 3)
+            slow(frame, _STILL, 5)
+    if striker[-1] != seat and plan.end[-1] == WIN:
+        # The receiver goes for a winner, but does not get there.
+        landing = facing(seat) * plan.end_point[-1, :2]
+        begun = plan.base[-1, seat]
+        place = begun + 0.55 * (landing - begun)
+        place[1] = min(place[1], -0.8)
+        wish(min(round(plan.end_time[-1] * fps), frames - 1), place, 60.0)
+    still[-round(0.3 * fps) :] += 5.0
+    return weight, target, still
+
+
+def _solve(weight: Floats, target: Floats, still: Floats, fps: int) -> Floats:
+    n = len(weight)
+    speed, bend = fps * 1.0, fps * fps * 1.0
+    wa = 2e-3
+    rho_v, rho_a = 2e-2, 3e-3
+    # Bands of weight + D1' (still) D1 + D2' wa D2 and of the two penalties, in units of m/s and m/s².
+    q = np.zeros((3, n))
+    q[2] += weight
+    _add_first(q, (still + rho_v) * speed**2)
+    _add_second(q, np.full(n - 2, (wa + rho_a) * bend**2))
+    factor = (cholesky_banded(q), False)
+    p = cho_solve_banded(factor, target)
+    limit_v, limit_a = _MARGIN * TOP_SPEED, _MARGIN * TOP_ACCELERATION
+    v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
+    zv, za = _disc(v, limit_v), _disc(a, limit_a)
+    uv, ua = v - zv, a - za
+    for step in range(_ROUNDS):
+        right = target + _first_t((rho_v * speed) * (zv - uv)) + _second_t((rho_a * bend) * (za - ua))
+        p = cho_solve_banded(factor, right)
+        v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
+        vr, ar = 1.6 * v - 0.6 * zv, 1.6 * a - 0.6 * za
+        zv, za = _disc(vr + uv, limit_v), _disc(ar + ua, limit_a)
+        uv, ua = uv + vr - zv, ua + ar - za
+        if step % 10 == 9 and _longest(v) < 1.02 * limit_v and _longest(a) < 1.02 * limit_a:
+            break
+    return p
+
+
+def _add_first(bands: Floats, w: Floats) -> None:
+    """Add D1' diag(w) D1 to upper bands."""
+    bands[2, :-1] += w
+    bands[2, 1:] += w
+    bands[1, 1:] -= w
+
+
+def _add_second(bands: Floats, w: Floats) -> None:
+    """Add D2' diag(w) D2 to upper bands."""
+    bands[2, :-2] += w
+    bands[2, 1:-1] += 4 * w
+    bands[2, 2:] += w
+    bands[1, 1:-1] -= 2 * w
+    bands[1, 2:] -= 2 * w
+    bands[0, 2:] += w
+
+
+def _first_t(x: Floats) -> Floats:
+    out = np.zeros((len(x) + 1, 2))
+    out[:-1] -= x
+    out[1:] += x
+    return out
+
+
+def _second_t(x: Floats) -> Floats:
+    out = np.zeros((len(x) + 2, 2))
+    out[:-2] += x
+    out[1:-1] -= 2 * x
+    out[2:] += x
+    return out
+
+
+def _longest(x: Floats) -> float:
+    return float(np.hypot(x[:, 0], x[:, 1]).max())
+
+
+def _disc(x: Floats, radius: float) -> Floats:
+    """The nearest points within a disc."""
+    return x * np.minimum(1, radius / np.maximum(np.hypot(x[:, 0], x[:, 1]), 1e-9))[:, None]
