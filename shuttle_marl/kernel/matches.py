@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import UInt64s
 from shuttle_marl.kernel.core import (
     KernelError,
     Players,
@@ -26,6 +25,7 @@ from shuttle_marl.kernel.core import (
     table_choice,
     tables_of,
 )
+from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 from shuttle_marl.scoring import BWF, Rules
@@ -34,62 +34,6 @@ _BLOCK: Final = 256
 """Matches that a thread plays at a time."""
 _STROKES_A_MATCH: Final = 1000
 """First guess of the room that the strokes of a match need; a block that needs more gets more."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Matches:
-    """M matches to be played.
-
-    Attributes:
-        entrant: ``[M, 2]`` int32, who plays at each seat: position in the list of policies.
-        first_server: ``[M]`` int8, the seat that serves first.
-        key: ``[M]`` uint64, names the draws of a match; matches with one key share their draws.
-    """
-
-    entrant: npt.NDArray[np.int32]
-    first_server: npt.NDArray[np.int8]
-    key: UInt64s
-
-    def __len__(self) -> int:
-        return len(self.key)
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Played:
-    """What happened in M matches: R rallies of N strokes, in the order of match, rally, stroke.
-
-    Attributes:
-        games: ``[M, 2]`` int32 games won by each seat.
-        match: ``[R]`` int32 match of each rally, from 0.
-        rally: ``[R]`` int32 number of the rally within its match, from 0.
-        server: ``[R]`` uint8 seat that served.
-        winner: ``[R]`` uint8 seat that won.
-        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.rally`.
-        score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
-        length: ``[R]`` int32 strokes of each rally.
-        stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where
-            strokes were not kept.
-    """
-
-    games: npt.NDArray[np.int32]
-    match: npt.NDArray[np.int32]
-    rally: npt.NDArray[np.int32]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    score: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
-
-
-def longest_match(rules: Rules) -> int:
-    """Most rallies that a match can have."""
-    return rules.max_games * (2 * rules.cap - 1)
-
-
-def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:
-    """The narrowest type that holds a catalogue index."""
-    return np.dtype(np.uint8 if game.n_strokes <= 256 else np.uint16)
 
 
 class _Buffers(NamedTuple):
@@ -205,7 +149,7 @@ def _play_block(
 def play_matches(
     game: Game,
     matches: Matches,
-    policies: Sequence[TabulatedPolicy],
+    policies: Sequence[TabulatedPolicy] | Players,
     *,
     rules: Rules = BWF,
     keep_strokes: bool = True,
@@ -217,7 +161,8 @@ def play_matches(
     Args:
         game: the tables.
         matches: who plays whom, who serves first, and with which draws.
-        policies: the entrants, tabulated for this game.
+        policies: the entrants, tabulated for this game; packed already by :func:`~shuttle_marl.kernel.pack` saves time where
+            the same ones play again.
         rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
         threads: threads that share the matches, never changing a result; None: as many as there are processors.
@@ -226,10 +171,11 @@ def play_matches(
     Raises:
         KernelError: a policy of another game, or a match between entrants that do not exist.
     """
-    if len(matches) and not (matches.entrant.min() >= 0 and matches.entrant.max() < len(policies)):
-        raise KernelError(f"entrants {matches.entrant.min()} to {matches.entrant.max()}: expected 0 to {len(policies) - 1}")
+    players = policies if isinstance(policies, Players) else pack(policies, game)
+    count = len(players.cumulative)
+    if len(matches) and not (matches.entrant.min() >= 0 and matches.entrant.max() < count):
+        raise KernelError(f"entrants {matches.entrant.min()} to {matches.entrant.max()}: expected 0 to {count - 1}")
     tables = tables_of(game)
-    players = pack(policies, game)
     type_ = stroke_type(game)
 
     def block(first: int) -> Played:

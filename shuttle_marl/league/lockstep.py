@@ -1,10 +1,11 @@
 """Thousands of matches in lock-step: each is at a rally and a stroke of its own, and all strike at once.
 
-The draws of a rally are named by the key of its match, its number and the seat that serves, so which matches share a batch
-never shows in the results. No slot is refilled: after t steps every match that still runs has seen exactly t strokes.
+For policies that read the score and so have to be asked; between tables :func:`shuttle_marl.kernel.play_matches` plays the
+same matches bit for bit, much faster. The draws of a rally are named by the key of its match, its number and the seat that
+serves, so which matches share a batch never shows in the results. No slot is refilled: after t steps every match that still
+runs has seen exactly t strokes.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Final
 
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import draws
+from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
 from shuttle_marl.rally import ROOT, WINNER, Game, strike
 from shuttle_marl.scoring import BWF, Rules, wins_game
 
@@ -25,52 +27,6 @@ Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]
 _MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES = 0, 1, 2, 3, 4, 5, 6, 8
 _ROWS: Final = 10
 _REPORT_EVERY: Final = 64
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Matches:
-    """M matches to be played.
-
-    Attributes:
-        entrant: ``[M, 2]`` int32, who plays at each seat, as the chooser counts them.
-        first_server: ``[M]`` int8, the seat that serves first.
-        key: ``[M]`` uint64, names the draws of a match; matches with one key share their draws.
-    """
-
-    entrant: Ints
-    first_server: npt.NDArray[np.int8]
-    key: draws.UInt64s
-
-    def __len__(self) -> int:
-        return len(self.key)
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Played:
-    """What happened in M matches: R rallies of N strokes, in the order of match, rally, stroke.
-
-    Attributes:
-        games: ``[M, 2]`` int32 games won by each seat.
-        match: ``[R]`` int32 match of each rally, from 0.
-        rally: ``[R]`` int32 number of the rally within its match, from 0.
-        server: ``[R]`` uint8 seat that served.
-        winner: ``[R]`` uint8 seat that won.
-        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.rally`.
-        score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
-        length: ``[R]`` int32 strokes of each rally.
-        stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where
-            strokes were not kept.
-    """
-
-    games: Ints
-    match: Ints
-    rally: Ints
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    score: npt.NDArray[np.uint8]
-    length: Ints
-    stroke: npt.NDArray[np.unsignedinteger]
 
 
 def play(
@@ -92,7 +48,7 @@ def play(
         keep_strokes: whether to return the strokes, or only their number.
         progress: called now and then with the number of strokes played since the last call.
     """
-    diary = _Diary(len(matches), rules, game.n_strokes)
+    diary = _Diary(len(matches), longest_match(rules), stroke_type(game))
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
@@ -162,15 +118,14 @@ def _without(gone: npt.NDArray[np.intp], slots: Ints, key: draws.UInt64s) -> tup
 class _Diary:
     """Collects rallies at (match, rally) and strokes at (step, match), and reads them out in order."""
 
-    def __init__(self, n_matches: int, rules: Rules, n_strokes: int) -> None:
-        self.longest = rules.max_games * (2 * rules.cap - 1)
-        """Most rallies that a match can have."""
-        self._shape = (n_matches, self.longest)
-        size = n_matches * self.longest
+    def __init__(self, n_matches: int, longest: int, type_: np.dtype[np.unsignedinteger]) -> None:
+        self.longest = longest
+        self._shape = (n_matches, longest)
+        size = n_matches * longest
         self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
         self._score = np.zeros((size, 4), dtype=np.uint8)
         self._length = np.zeros(size, dtype=np.int32)
-        self._stroke_type: np.dtype[np.unsignedinteger] = np.dtype(np.uint8 if n_strokes <= 256 else np.uint16)
+        self._stroke_type = type_
         self._steps: list[npt.NDArray[np.unsignedinteger]] = []
 
     def write_strokes(self, match: Ints, stroke: Ints) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from shuttle_marl import draws
-from shuttle_marl.league.lockstep import Matches
+from shuttle_marl.kernel.played import Matches
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

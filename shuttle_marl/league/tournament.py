@@ -1,15 +1,21 @@
 """Plays the pairings of a tournament, a group at a time, and hands over what each came to."""
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shuttle_marl.kernel.played import Matches, Played
+from shuttle_marl.league import lockstep
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
-from shuttle_marl.league.lockstep import play
 from shuttle_marl.league.results import PairResult, forfeited, tally
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
 from shuttle_marl.rally import Game
 from shuttle_marl.recording import Rallies
+
+if TYPE_CHECKING:
+    from shuttle_marl.kernel import Players
 
 Block = tuple[PairResult, list[Rallies]]
 """A finished pairing and all its rallies, in order."""
@@ -23,7 +29,7 @@ class Tournament:
         entrants: who plays.
         matches: matches of every pairing.
         seed: names all draws.
-        batch: matches in lock-step.
+        batch: matches that are played together.
         keep_strokes: whether the rallies come with their strokes.
     """
 
@@ -31,7 +37,6 @@ class Tournament:
         self, game: Game, entrants: Sequence[Entrant], *, matches: int, seed: int, batch: int, keep_strokes: bool
     ) -> None:
         self._game, self._entrants = game, entrants
-        self._strikers = Strikers(game, entrants)
         self._matches, self._seed, self._batch, self._keep_strokes = matches, seed, max(2, batch - batch % 2), keep_strokes
 
     def play(self, pairings: Sequence[Pairing], progress: Callable[[int], None] | None = None) -> Iterator[list[Block]]:
@@ -70,7 +75,8 @@ class Tournament:
     def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Callable[[int], None] | None) -> Rallies:
         """Matches ``first`` up to ``last`` of every pairing of a group."""
         matches = join([matches_of(pairing, self._seed, first, last) for pairing in group])
-        played = play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+        tabulated = all(self._entrants[i].table is not None for pairing in group for i in pairing.entrants)
+        played = (self._play_tables if tabulated else self._ask)(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
         return Rallies(
@@ -85,3 +91,26 @@ class Tournament:
             length=played.length,
             stroke=played.stroke,
         )
+
+    def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> Played:
+        """Play matches between entrants that all have a table."""
+        from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
+
+        place = np.cumsum([entrant.table is not None for entrant in self._entrants], dtype=np.int32) - 1
+        seated = Matches(entrant=place[matches.entrant], first_server=matches.first_server, key=matches.key)
+        return play_matches(self._game, seated, self._players, keep_strokes=self._keep_strokes, progress=progress)
+
+    def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> Played:
+        """Play matches in which an entrant has to be asked for every stroke."""
+        return lockstep.play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+
+    @functools.cached_property
+    def _players(self) -> "Players":
+        """The tables of all entrants that have one, in their order."""
+        from shuttle_marl.kernel import pack  # noqa: PLC0415  numba is slow to import
+
+        return pack([entrant.table for entrant in self._entrants if entrant.table is not None], self._game)
+
+    @functools.cached_property
+    def _strikers(self) -> Strikers:
+        return Strikers(self._game, self._entrants)

@@ -1,0 +1,66 @@
+"""Matches to be played, and what came of them; needs no compiler, so that a command can show its help without one."""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.draws import UInt64s
+from shuttle_marl.rally import Game
+from shuttle_marl.scoring import Rules
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Matches:
+    """M matches to be played.
+
+    Attributes:
+        entrant: ``[M, 2]`` int32, who plays at each seat: position in the list of policies.
+        first_server: ``[M]`` int8, the seat that serves first.
+        key: ``[M]`` uint64, names the draws of a match; matches with one key share their draws.
+    """
+
+    entrant: npt.NDArray[np.int32]
+    first_server: npt.NDArray[np.int8]
+    key: UInt64s
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Played:
+    """What happened in M matches: R rallies of N strokes, in the order of match, rally, stroke.
+
+    Attributes:
+        games: ``[M, 2]`` int32 games won by each seat.
+        match: ``[R]`` int32 match of each rally, from 0.
+        rally: ``[R]`` int32 number of the rally within its match, from 0.
+        server: ``[R]`` uint8 seat that served.
+        winner: ``[R]`` uint8 seat that won.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.rally`.
+        score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
+        length: ``[R]`` int32 strokes of each rally.
+        stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where
+            strokes were not kept.
+    """
+
+    games: npt.NDArray[np.int32]
+    match: npt.NDArray[np.int32]
+    rally: npt.NDArray[np.int32]
+    server: npt.NDArray[np.uint8]
+    winner: npt.NDArray[np.uint8]
+    reason: npt.NDArray[np.uint8]
+    score: npt.NDArray[np.uint8]
+    length: npt.NDArray[np.int32]
+    stroke: npt.NDArray[np.unsignedinteger]
+
+
+def longest_match(rules: Rules) -> int:
+    """Most rallies that a match can have."""
+    return rules.max_games * (2 * rules.cap - 1)
+
+
+def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:
+    """The narrowest type that holds a catalogue index."""
+    return np.dtype(np.uint8 if game.n_strokes <= 256 else np.uint16)
