@@ -1,0 +1,89 @@
+"""Strokes to learn from: TorchRL's collectors on the batched environments, named by a seed that can be given again."""
+
+import functools
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.collectors import Collector, MultiSyncCollector
+from torchrl.envs import EnvBase
+from torchrl.modules import ProbabilisticActor
+
+from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import Game
+from shuttle_marl.training.config import TrainingConfig
+
+_SEEDS = 1 << 31
+"""TorchRL hands seeds to numpy and torch, which take 32 bits."""
+
+
+class Strokes:
+    """Collects the strokes of one iteration after another.
+
+    Args:
+        config: rows, steps, processes, device.
+        game: the tables.
+        opponents: whom the learner meets; none in self-play.
+        actor: the policy that collects.
+    """
+
+    def __init__(
+        self, config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy], actor: ProbabilisticActor
+    ) -> None:
+        self._config, self._actor = config, actor
+        rows = config.rows // config.processes
+        self._make: Callable[[], EnvBase] = functools.partial(_environment, game, tuple(opponents), rows)
+        self._collector: Collector | MultiSyncCollector | None = None
+
+    def begin(self, seed: int) -> None:
+        """Begin anew: from here on, what is collected depends on this seed and on the weights alone."""
+        seed %= _SEEDS
+        torch.manual_seed(seed)
+        if self._config.processes == 1 and self._config.collector == "local":
+            self.close()
+            env = self._make()
+            env.set_seed(seed)
+            self._collector = Collector(env, self._actor, **self._options())
+        elif self._collector is None:
+            self._collector = self._several()
+            self._collector.set_seed(seed)
+        else:
+            self._collector.set_seed(seed)
+            self._collector.reset()
+
+    def collect(self) -> TensorDictBase:
+        """``[rows, steps]`` strokes by the present weights."""
+        assert self._collector is not None, "begin() comes first"
+        self._collector.update_policy_weights_()
+        data: TensorDictBase = self._collector.next()
+        return data.reshape(self._config.rows, self._config.steps)
+
+    def close(self) -> None:
+        """End the processes."""
+        if self._collector is not None:
+            self._collector.shutdown()
+            self._collector = None
+
+    def _options(self) -> dict[str, object]:
+        device = torch.device(self._config.device)
+        devices = {} if device.type == "cpu" else {"policy_device": device, "storing_device": device, "env_device": "cpu"}
+        return {
+            "frames_per_batch": self._config.frames,
+            "total_frames": -1,
+            "track_traj_ids": False,
+            "auto_register_policy_transforms": False,
+            **devices,
+        }
+
+    def _several(self) -> MultiSyncCollector:
+        makers = [self._make] * self._config.processes
+        if self._config.collector == "ray":
+            from torchrl.collectors.distributed import RayCollector  # noqa: PLC0415  an extra
+
+            return RayCollector(makers, self._actor, **self._options())
+        return MultiSyncCollector(makers, self._actor, cat_results=0, **self._options())
+
+
+def _environment(game: Game, opponents: Sequence[TabulatedPolicy], rows: int) -> EnvBase:
+    return VersusEnv(rows, opponents=opponents, game=game) if opponents else RallyEnv(rows, game=game)

@@ -1,0 +1,143 @@
+"""The networks that learn: attribute embeddings of the two last strokes and the contact, a masked head, and values.
+
+A state is two strokes and a contact, and a stroke is its shot type, area, contact height and technique. The first layer is
+the sum of an embedding of each attribute, one of the stroke as a whole, and one of the contact, separately for the
+striker's own last stroke and for the incoming one: so what is learned about a smash is shared by all smashes.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+import torch
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torch.distributions import Categorical, Distribution
+from torch.nn import functional
+from torchrl.modules import ProbabilisticActor, ValueOperator
+
+from shuttle_marl.rally import Game
+
+IMPOSSIBLE: Final = -1e9
+"""Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its chance 0."""
+
+
+class LegalStrokes(Categorical):
+    """A distribution over the legal strokes, for TorchRL's actors and losses.
+
+    Built on the softmax kernels throughout: on a CPU, `exp` and `logsumexp` of a masked row cost ten times as much. Sampled
+    by the inverse of the cumulative chances, because `torch.multinomial` costs more than the network.
+
+    Args:
+        logits: ``[..., n]`` of all strokes.
+        mask: ``[..., n]`` bool, which strokes are legal.
+    """
+
+    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor) -> None:
+        masked = torch.where(mask, logits, IMPOSSIBLE)
+        self.logits = functional.log_softmax(masked, dim=-1)
+        self.probs = functional.softmax(masked, dim=-1)
+        self._param = self.logits
+        self._num_events = logits.shape[-1]
+        Distribution.__init__(self, logits.shape[:-1], validate_args=False)
+
+    @torch.no_grad()
+    def sample(self, sample_shape: torch.Size | list[int] | tuple[int, ...] = ()) -> torch.Tensor:
+        """``[*sample_shape, *batch]`` strokes, none of them illegal."""
+        total = self.probs.expand(*sample_shape, *self.probs.shape).cumsum(-1)
+        # A draw in (0, total]: the first entry that reaches it belongs to a stroke whose chance is not zero.
+        draw = (1 - torch.rand(*total.shape[:-1], 1, device=total.device)) * total[..., -1:]
+        return torch.searchsorted(total, draw).squeeze(-1).clamp_max_(total.shape[-1] - 1)
+
+    @property
+    def deterministic_sample(self) -> torch.Tensor:
+        """The most likely stroke."""
+        return self.probs.argmax(-1)
+
+    def log_prob(self, value: torch.Tensor) -> torch.Tensor:
+        """Log-chance of strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
+        return self.logits.gather(-1, value.unsqueeze(-1)).squeeze(-1)
+
+    def entropy(self) -> torch.Tensor:
+        """In nats, over the legal strokes."""
+        return -(self.probs * self.logits).sum(-1)
+
+
+class StateEncoder(nn.Module):
+    """Turns ``[..., 3]`` observations into ``[..., width]`` numbers, then through hidden layers of the same width.
+
+    Args:
+        game: whose strokes they are.
+        width: numbers in a layer.
+        hidden: layers behind the embedding.
+    """
+
+    attributes: torch.Tensor
+
+    def __init__(self, game: Game, width: int, hidden: int) -> None:
+        super().__init__()
+        catalogue = game.catalogue
+        parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
+        sizes = [int(part.max()) + 1 for part in parts]
+        offsets = np.cumsum([0, *sizes])
+        n = game.n_strokes
+        # Rows of the embedding that describe a stroke: its four attributes and itself. "None yet" is a row of its own.
+        columns = [part.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=False)]
+        rows = np.stack([*columns, offsets[-1] + np.arange(n)], axis=1)
+        none = np.full((1, rows.shape[1]), offsets[-1] + n)
+        self.register_buffer("attributes", torch.from_numpy(np.concatenate([rows, none])), persistent=False)
+        total = int(offsets[-1]) + n + 1
+        self.own = nn.Embedding(total, width)
+        self.incoming = nn.Embedding(total, width)
+        self.contact = nn.Embedding(2, width)
+        for table in (self.own, self.incoming, self.contact):
+            nn.init.normal_(table.weight, std=0.4)
+        layers: list[nn.Module] = [nn.ReLU()]
+        for _ in range(hidden):
+            layers += [nn.Linear(width, width), nn.ReLU()]
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """``[..., width]`` from ``[..., 3]``: own last stroke, incoming stroke, contact."""
+        # The strokes are few, so their vectors are made once and looked up.
+        own = functional.embedding(self.attributes, self.own.weight).sum(-2)
+        incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
+        first = (
+            functional.embedding(observation[..., 0], own)
+            + functional.embedding(observation[..., 1], incoming)
+            + self.contact(observation[..., 2])
+        )
+        encoded: torch.Tensor = self.layers(first)
+        return encoded
+
+
+def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float) -> nn.Sequential:
+    """A network from observations to ``outputs`` numbers; ``scale`` shrinks the last layer at the start."""
+    last = nn.Linear(width, outputs)
+    with torch.no_grad():
+        last.weight.mul_(scale)
+        last.bias.zero_()
+    return nn.Sequential(StateEncoder(game, width, hidden), last)
+
+
+def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True) -> ProbabilisticActor:
+    """A stochastic policy: observation and action mask to action (and its log-chance)."""
+    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01)
+    keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
+    return ProbabilisticActor(
+        TensorDictModule(network, in_keys=["observation"], out_keys=["logits"]),
+        in_keys={"logits": "logits", "mask": "action_mask"},
+        out_keys=["action"],
+        distribution_class=LegalStrokes,
+        **keywords,
+    )
+
+
+def make_critic(game: Game, *, width: int, hidden: int) -> ValueOperator:
+    """The value of a state to its striker, in [-1, 1] when it has learned."""
+    return ValueOperator(head(game, 1, width=width, hidden=hidden, scale=0.1), in_keys=["observation"])
+
+
+def make_quality(game: Game, *, width: int, hidden: int) -> TensorDictModule:
+    """The value of every stroke in a state."""
+    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1)
+    return TensorDictModule(network, in_keys=["observation"], out_keys=["action_value"])
