@@ -1,14 +1,35 @@
-"""The rally log: every rally played, in one compact file that survives a crash.
+"""The rally log: every rally played, in compact files that survive a crash.
 
-``RallyLogWriter`` writes, ``RallyLog`` reads, ``recover`` makes a file whole that a crash cut off, and ``replay`` plays
-every stroke again from the recorded seed. ``docs/rally_log.md`` describes the file byte for byte.
+``RallyRecorder`` records what a program plays, from a thread of its own, and ``RallyAssembler`` puts rallies together from
+strokes; ``RallyLogWriter`` is what writes below them. ``RallyLog`` reads a file or a folder, ``recover`` makes a file whole
+that a crash cut off, and ``replay`` plays every stroke again from the recorded seed. ``docs/rally_log.md`` describes the
+file byte for byte.
 """
 
-from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.recording.assembler import RallyAssembler
+from shuttle_marl.recording.derived import Derived
+from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
+from shuttle_marl.recording.sampling import Sampling
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
-__all__ = ["LogHeader", "Player", "Rallies", "RallyLog", "RallyLogWriter", "RecordingError", "Replay", "recover", "replay"]
+__all__ = [
+    "SINGLE_RALLY",
+    "Derived",
+    "LogHeader",
+    "Player",
+    "Rallies",
+    "RallyAssembler",
+    "RallyLog",
+    "RallyLogWriter",
+    "RallyRecorder",
+    "RecordingError",
+    "Replay",
+    "Sampling",
+    "recover",
+    "replay",
+]

@@ -31,7 +31,10 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
     """
     batch = _read(message.data)
     metadata = batch.schema.metadata or {}
-    if not batch.schema.equals(arrow_schema(len(header.strokes))) or metadata.get(b"version") != str(VERSION).encode():
+    if (
+        not batch.schema.equals(arrow_schema(len(header.strokes), header.columns))
+        or metadata.get(b"version") != str(VERSION).encode()
+    ):
         raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
     first = int(metadata.get(b"first_rally", b"-1"))
     if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
@@ -65,5 +68,5 @@ def _check(rallies: Rallies, header: LogHeader) -> None:
         most = int(np.max(numbers))
         if most >= limit:
             raise DamagedLogError(f"{what} {most} in a batch, expected less than {limit}")
-    if int(rallies.length.min()) < 1:
+    if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
         raise DamagedLogError("a rally without strokes")

@@ -1,7 +1,9 @@
 """Checks everything in a rally log that can be checked: bytes, numbers, scores, and with the game every stroke."""
 
 import dataclasses
+import itertools
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,8 +14,10 @@ from mcap.records import DataEnd, Footer
 
 from shuttle_marl.rally import Game
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
+from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import replay
+from shuttle_marl.recording.sampling import Sampling
 from shuttle_marl.recording.schema import DamagedLogError, Rallies
 from shuttle_marl.scoring import Rules, wins_game
 
@@ -41,15 +45,22 @@ def check(path: Path, game: Game | None = None) -> Checked:
     """Check a log.
 
     Args:
-        path: the log.
+        path: the log, a file or a folder.
         game: the game it was played on, to play every stroke again; None leaves that out.
 
     Raises:
         RecordingError: this is no rally log, or a damaged one, or it was played on another game.
     """
-    _check_data(path)
     with RallyLog(path) as log:
-        problems = _check_scores(log)
+        problems: list[str] = []
+        for offset, files in log.logs:
+            for file in files:
+                _check_data(file.path)
+            for file, after in itertools.pairwise(files):
+                if after.header.first_rally != file.end:
+                    missing = f"{offset + file.end} to {offset + after.header.first_rally - 1}"
+                    problems.append(f"rallies {missing}, between {file.path.name} and {after.path.name}, are missing")
+            problems += _check_matches(files, offset)
         if game is not None:
             wrong = replay(log, game).wrong
             if wrong:
@@ -78,38 +89,83 @@ def _check_data(path: Path) -> None:
             raise DamagedLogError("the checksum of its data does not fit")
 
 
-def _check_scores(log: RallyLog) -> list[str]:
-    """Compare the score and server of every rally with what the rally before it led to."""
+def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
+    """Compare every rally with what the rally before it in its match led to, and with the sample that was asked for."""
+    header = files[0].header
+    sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
     problems: list[str] = []
-    before: tuple[int, Rallies] | None = None
-    for first, batch in log.batches():
-        rallies = batch
-        if before is not None and before[0] == first:
-            rallies = Rallies.join([before[1], batch])
-        bad = np.flatnonzero(_breaks(rallies, log.header.rules))
-        if len(bad):
-            number = first + len(batch) - len(rallies) + 1 + int(bad[0])
-            problems.append(f"rally {number} does not follow from the score of the rally before it")
-        before = first + len(batch), batch.part(len(batch) - 1, len(batch))
+    number = 0
+    for file in files:
+        for i in range(len(file.rallies)):
+            first, rallies = file.batch(i)
+            if first != number:
+                matches.forget()
+            number = first + len(rallies)
+            bad = np.flatnonzero(matches.breaks(rallies))
+            if len(bad):
+                problems.append(f"rally {offset + first + int(bad[0])} does not follow from the score of the rally before it")
+            strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
+            if len(strange):
+                problems.append(f"rally {offset + first + int(strange[0])} does not belong into {header.record}")
+    if matches.in_order and len(matches.open_) > 1:
+        pairing, match = matches.open_[0, :2]
+        problems.append(f"match {match} of pairing {pairing} breaks off")
     return problems
 
 
-def _breaks(rallies: Rallies, rules: Rules) -> npt.NDArray[np.bool_]:
-    """``[R - 1]`` whether a rally cannot follow the one before it."""
-    row = np.arange(len(rallies))
-    after = rallies.score.astype(np.int8)
-    after[row, rallies.winner] += 1
-    own, other = after[row, rallies.winner], after[row, rallies.winner ^ 1]
-    game_won = wins_game(own, other, rules)
-    after[row, 2 + rallies.winner] += game_won
-    after[game_won, :2] = 0
-    over = (after[:, 2:].max(axis=1) >= rules.games)[:-1]
-    same = (rallies.pairing[1:] == rallies.pairing[:-1]) & (rallies.match[1:] == rallies.match[:-1])
-    goes_on = (
-        (rallies.rally[1:] == rallies.rally[:-1].astype(np.int32) + 1)
-        & (rallies.server[1:] == rallies.winner[:-1])
-        & (rallies.score[1:] == after[:-1]).all(axis=1)
-    )
-    begins = (rallies.rally[1:] == 0) & (rallies.score[1:] == 0).all(axis=1)
-    breaks: npt.NDArray[np.bool_] = np.where(same, over | ~goes_on, ~over | ~begins)
-    return breaks
+class _Matches:
+    """Follows matches through a log; those of training may be played side by side.
+
+    Attributes:
+        open_: ``[M, 9]`` last rally so far of every match that is not over, as :func:`_rows` has it.
+        in_order: whether each match came to its end before the next one began.
+    """
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        self._all_known = True
+        self._last = np.full(2, -1, dtype=np.int64)
+        self.open_ = np.empty((0, 9), dtype=np.int64)
+        self.in_order = True
+
+    def forget(self) -> None:
+        """Some rallies are missing from here on, so a match may go on that was never seen to begin."""
+        self.open_, self._all_known = self.open_[:0], False
+
+    def breaks(self, rallies: Rallies) -> npt.NDArray[np.bool_]:
+        """``[R]`` whether a rally cannot follow what was seen."""
+        new = _rows(rallies)
+        rows = np.concatenate([self.open_, new])
+        order = np.lexsort((rows[:, 1], rows[:, 0]))  # stable, so the rallies of a match stay in their order
+        rows, is_new = rows[order], (order >= len(self.open_))
+        over, after, server = self._after(rows)
+        same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1)
+        goes_on = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
+        begins = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
+        good = begins | (not self._all_known)
+        good[1:] = np.where(same, goes_on & ~over[:-1], good[1:])
+        in_order = np.r_[[self._last], new[:, :2]]
+        step = np.diff(in_order, axis=0)
+        self.in_order &= bool(((step[:, 0] > 0) | ((step[:, 0] == 0) & (step[:, 1] >= 0))).all())
+        self._last = in_order[-1]
+        self.open_ = rows[np.r_[~same, True] & ~over]
+        breaks = np.zeros(len(order), dtype=np.bool_)
+        breaks[order] = ~good & is_new
+        return breaks[len(breaks) - len(new) :]
+
+    def _after(self, rows: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Whether the match is over after each rally, the score, and who serves next."""
+        row, winner = np.arange(len(rows)), rows[:, 4]
+        after = rows[:, 5:].copy()
+        after[row, winner] += 1
+        own, other = (after[row, seat].astype(np.int8) for seat in (winner, winner ^ 1))
+        game_won = wins_game(own, other, self._rules)
+        after[row, 2 + winner] += game_won
+        after[game_won, :2] = 0
+        return after[:, 2:].max(axis=1) >= self._rules.games, after, winner
+
+
+def _rows(rallies: Rallies) -> npt.NDArray[np.int64]:
+    """``[R, 9]`` pairing, match, rally, server, winner, score before the rally."""
+    columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, rallies.winner)
+    return np.concatenate([np.stack(columns, axis=1, dtype=np.int64), rallies.score.astype(np.int64)], axis=1)

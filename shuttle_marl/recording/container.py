@@ -19,14 +19,23 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Message
 
-from shuttle_marl.recording.schema import DamagedLogError, RecordingError
+from shuttle_marl.recording.schema import DamagedLogError, OtherFileError, RecordingError
 
+PROFILE: Final = "shuttle_marl"
 MAGIC: Final = b"\x89MCAP0\r\n"
 FRAME: Final = struct.Struct("<BQ")
 """Head of every record: opcode and length of the body."""
 FOOTER_LENGTH: Final = 20
 TOPIC: Final = "/rallies"
 INDEX_NAME: Final = "rally_index"
+INDEX_SCHEMA: Final = pa.schema(
+    [
+        pa.field(name, pa.uint64(), nullable=False)
+        for name in ("first_rally", "rallies", "strokes", "offset", "first_match", "last_match")
+    ]
+)
+"""Columns of the attachment ``rally_index``, a row a batch: number of its first rally, how many rallies and strokes it holds,
+the byte at which its chunk begins, and the least and greatest 2^32 x pairing + match in it."""
 MAX_CHUNK: Final = 1 << 28
 """No batch of rallies is as large as this, unpacked [bytes]; a file that says so is damaged."""
 
@@ -51,6 +60,8 @@ def damage(path: Path) -> Iterator[None]:
         yield
     except DamagedLogError as error:
         raise DamagedLogError(f"{path}: damaged: {error}; {advice(path)}") from error
+    except OtherFileError as error:
+        raise OtherFileError(f"{path}: {error}") from error
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:

@@ -3,16 +3,31 @@
 import dataclasses
 import hashlib
 import json
-from typing import Any, Final
+from typing import Any, BinaryIO, Final, Literal, get_args
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Header, Metadata
 
-from shuttle_marl import __version__, draws
-from shuttle_marl.recording.schema import VERSION, DamagedLogError, Rallies, RecordingError
+from shuttle_marl import __version__
+from shuttle_marl.draws import UInt64s
+from shuttle_marl.draws import stream as draw_stream
+from shuttle_marl.recording.container import FRAME, MAGIC, PROFILE, read_record, stream
+from shuttle_marl.recording.sampling import Sampling
+from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError
 from shuttle_marl.scoring import BWF, Rules
 
 METADATA: Final = "shuttle_marl.rally_log"
 """Name of the MCAP metadata record that holds the header."""
+SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
+"""Rules of logs in which every rally stands for itself: a match of one point."""
+
+Draws = Literal["league", "rally_v0", "match_v0", "unknown"]
+"""What names the draws of a rally, beside the seed.
+
+``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
+``unknown``: the draws cannot be made again.
+"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -41,23 +56,55 @@ class LogHeader:
         matches_per_draw: this many matches of a pairing, one after the other, share the draws of rallies that have the same
             number and the same seat serving.
         rules: when games and matches were won.
+        draws: what names the draws of a rally, see :data:`Draws`.
+        record: which rallies were recorded, see :class:`shuttle_marl.recording.sampling.Sampling`.
+        columns: those of :data:`shuttle_marl.recording.schema.EXTRA_COLUMNS` that the log has, in that order.
         software: what wrote the log.
+        part: number of this file among those of the log, from 0; logs that differ in this and the next field alone are equal.
+        first_rally: number of the first rally of this file.
+
+    Raises:
+        RecordingError: a field with a value that it cannot have.
     """
 
     seed: int
     game: str
     strokes: tuple[str, ...]
     policies: tuple[Player, ...]
-    pairings: tuple[int, ...]
+    pairings: tuple[int, ...] = (0,)
     matches_per_draw: int = 2
     rules: Rules = BWF
+    draws: Draws = "league"
+    record: str = "all"
+    columns: tuple[str, ...] = ()
     software: str = f"shuttle_marl {__version__}"
+    part: int = dataclasses.field(default=0, compare=False)
+    first_rally: int = dataclasses.field(default=0, compare=False)
 
-    def rally_key(self, rallies: Rallies) -> draws.UInt64s:
-        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.draws`; the counter is the stroke, from 0."""
-        keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
+    def __post_init__(self) -> None:
+        if self.draws not in get_args(Draws):
+            raise RecordingError(f"draws {self.draws!r}: expected {', '.join(get_args(Draws))}")
+        if self.columns != tuple(name for name in EXTRA_COLUMNS if name in self.columns):
+            raise RecordingError(f"columns {self.columns}: expected some of {EXTRA_COLUMNS}, in that order")
+        if self.matches_per_draw < 1 or self.part < 0 or self.first_rally < 0:
+            raise RecordingError("matches_per_draw, part or first_rally: expected numbers from 1, 0 and 0 on")
+        Sampling.parse(self.record)
+
+    def rally_key(self, rallies: Rallies) -> UInt64s:
+        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.draws`; the counter is the stroke, from 0.
+
+        Raises:
+            RecordingError: the draws are unknown.
+        """
         match, rally = rallies.match.astype(np.int64), rallies.rally.astype(np.int64)
-        return draws.stream(self.seed, keys, match // self.matches_per_draw, 2 * rally + rallies.server)
+        if self.draws == "league":
+            keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
+            return draw_stream(self.seed, keys, match // self.matches_per_draw, 2 * rally + rallies.server)
+        if self.draws == "rally_v0":
+            return draw_stream(self.seed, match)
+        if self.draws == "match_v0":
+            return draw_stream(self.seed, match, rally)
+        raise RecordingError("the draws of this log are unknown")
 
     def to_metadata(self) -> dict[str, str]:
         """The MCAP metadata record: the header as canonical JSON, its SHA-256 and the version of the schema."""
@@ -82,7 +129,43 @@ class LogHeader:
             fields: dict[str, Any] = json.loads(text)
             fields["policies"] = tuple(Player(**player) for player in fields["policies"])
             fields["rules"] = Rules(**fields["rules"])
-            fields["strokes"], fields["pairings"] = tuple(fields["strokes"]), tuple(fields["pairings"])
-            return cls(**fields)
+            fields |= {name: tuple(fields[name]) for name in ("strokes", "pairings", "columns")}
+            header = cls(**fields)
+            _check_types(header)
+            return header
         except (TypeError, ValueError, KeyError, AttributeError) as error:
             raise RecordingError(f"its header is none of version {VERSION} ({error})") from error
+
+
+def _check_types(header: LogHeader) -> None:
+    """Raise TypeError for what JSON can hold and a header cannot."""
+    names = (header.game, header.record, header.software, *header.strokes, *(p.name for p in header.policies))
+    numbers = (header.seed, header.matches_per_draw, header.part, header.first_rally, *header.pairings)
+    numbers += dataclasses.astuple(header.rules)
+    if not all(isinstance(name, str) for name in names) or not all(type(number) is int for number in numbers):
+        raise TypeError("a number where a text is expected, or the other way round")
+    if not all(0 <= key < 1 << 64 for key in header.pairings):
+        raise ValueError("the key of a pairing is not below 2^64")
+
+
+def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
+    """The header of a rally log, finished or not, and the byte behind it.
+
+    Raises:
+        OtherFileError: this is no rally log.
+        RecordingError: it is one of another version.
+        DamagedLogError: the header is cut off or damaged.
+    """
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        raise OtherFileError("no rally log: it does not begin as an MCAP file does")
+    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
+    profile = Header.read(stream(start)).profile
+    if profile != PROFILE:
+        raise OtherFileError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
+    at = len(MAGIC) + FRAME.size + len(start)
+    body = read_record(file, at, size, Opcode.METADATA)
+    metadata = Metadata.read(stream(body))
+    if metadata.name != METADATA:
+        raise DamagedLogError("the header is missing")
+    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)

@@ -1,66 +1,39 @@
-"""Reads rally logs: by batch, by rally number, or as tables of rallies and strokes."""
+"""Reads rally logs: a file with its further parts, or all logs of a folder, as one."""
 
-import os
-import zlib
-from collections.abc import Iterator
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Header, Metadata
 
-from shuttle_marl.recording.batch import decode
-from shuttle_marl.recording.container import (
-    FRAME,
-    INDEX_NAME,
-    MAGIC,
-    damage,
-    message_of_chunk,
-    read_record,
-    read_summary,
-    stream,
-)
-from shuttle_marl.recording.header import METADATA, LogHeader
-from shuttle_marl.recording.schema import DamagedLogError, Rallies, RecordingError, arrow_schema
-from shuttle_marl.recording.tables import rally_rows, stroke_rows
-from shuttle_marl.recording.writer import INDEX_SCHEMA, PROFILE
+from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.recording.log_file import LogFile
+from shuttle_marl.recording.parts import SUFFIX, existing_parts, is_further_part, part_path
+from shuttle_marl.recording.schema import OtherFileError, Rallies, RecordingError, arrow_schema
+from shuttle_marl.recording.tables import Derive, rally_rows, stroke_rows
 from shuttle_marl.stroke import Catalogue, UnknownStrokeError
 
 
-def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
-    """The header of a rally log, finished or not, and the byte behind it.
-
-    Raises:
-        RecordingError: this is no rally log, or one of another version.
-        DamagedLogError: the header is cut off or damaged.
-    """
-    file.seek(0)
-    if file.read(len(MAGIC)) != MAGIC:
-        raise RecordingError("no rally log: it does not begin as an MCAP file does")
-    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
-    profile = Header.read(stream(start)).profile
-    if profile != PROFILE:
-        raise RecordingError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
-    at = len(MAGIC) + FRAME.size + len(start)
-    body = read_record(file, at, size, Opcode.METADATA)
-    metadata = Metadata.read(stream(body))
-    if metadata.name != METADATA:
-        raise DamagedLogError("the header is missing")
-    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)
-
-
 class RallyLog:
-    """A finished rally log; a context manager that closes the file.
+    """Everything that was recorded in a file or a folder; a context manager that closes the files.
+
+    A file brings the parts that follow it: ``rallies.mcap`` brings ``rallies.1.mcap``, and so on. A folder brings every
+    rally log directly in it, in the order of their names, as one table: rallies are numbered through, and policies and
+    pairings are those of all logs together. Files that are still being written (``.part``) are left out.
 
     Attributes:
-        path: the file.
-        header: what all its rallies share.
+        path: the file or folder.
+        logs: the logs in it: what is added to the numbers of the rallies of each, and its files.
+        files: all files, in order.
+        policies: who played, by number.
+        pairings: keys of the pairings, by number.
         catalogue: the strokes, by number.
-        size: length of the file [bytes].
+        size: length of all files [bytes].
         first_rally: ``[B]`` number of the first rally of each batch.
         rallies: ``[B]`` number of rallies in each batch.
         strokes: ``[B]`` number of strokes in each batch.
@@ -70,21 +43,33 @@ class RallyLog:
         """Open a log.
 
         Raises:
-            RecordingError: the file cannot be read or is no rally log of this version.
-            DamagedLogError: it was cut off or changed; says how to save what is whole.
+            RecordingError: a file cannot be read or is no rally log of this version, or a folder holds none, or logs of
+                different games.
+            DamagedLogError: a file was cut off or changed; says how to save what is whole.
         """
         self.path = path
-        with damage(path):
-            self._file = path.open("rb")
+        logs = _open_folder(path) if path.is_dir() else [_open_parts(path)]
+        # Parts of one log count on; logs follow each other.
+        ends = [max(file.end for file in log) for log in logs]
+        self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))
+        self.files = tuple(file for log in logs for file in log)
         try:
-            with damage(path):
-                self.size = os.fstat(self._file.fileno()).st_size
-                self.header, _ = read_header(self._file, self.size)
-                self.catalogue = self._read_catalogue()
-                self._read_index()
+            self._merge()
         except RecordingError:
-            self._file.close()
+            self.close()
             raise
+
+    @property
+    def header(self) -> LogHeader:
+        """What all rallies share, with the policies and pairings of all files.
+
+        Raises:
+            RecordingError: the files come from several runs; see the headers of :attr:`files`.
+        """
+        first, *others = (dataclasses.replace(file.header, policies=(), pairings=()) for file in self.files)
+        if any(header != first for header in others):
+            raise RecordingError(f"{self.path}: logs of several runs, which share no header; read them one by one")
+        return dataclasses.replace(first, policies=self.policies, pairings=self.pairings)
 
     @property
     def n_rallies(self) -> int:
@@ -111,12 +96,9 @@ class RallyLog:
         Raises:
             DamagedLogError: the batch does not fit its checksum or the index.
         """
-        with damage(self.path):
-            body = read_record(self._file, int(self._offset[i]), self.size, Opcode.CHUNK)
-            first, rallies = decode(message_of_chunk(body), self.header)
-            if (first, len(rallies), len(rallies.stroke)) != (self.first_rally[i], self.rallies[i], self.strokes[i]):
-                raise DamagedLogError(f"batch {i} is not what the index says")
-            return first, rallies
+        at = int(np.searchsorted(self._first_batch, i, side="right")) - 1
+        first, rallies = self.files[at].batch(i - int(self._first_batch[at]))
+        return first + self._offsets[at], self._renumbered(at, rallies)
 
     def rally(self, number: int) -> Rallies:
         """One rally by its number, as a single row.
@@ -132,40 +114,53 @@ class RallyLog:
         first, rallies = self.batch(i)
         return rallies.part(number - first, number - first + 1)
 
+    def file_of(self, number: int) -> LogFile:
+        """The file in which a rally stands."""
+        i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
+        return self.files[int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1]
+
     def numbers_of_match(self, pairing: int, match: int) -> npt.NDArray[np.int64]:
         """Numbers of the rallies of one match, in order; empty if the log has none.
 
         Raises:
             DamagedLogError: a batch does not fit its checksum or the index.
         """
-        # Batches are in the order of pairing and match, so a match begins at the latest in the last batch not after it.
-        place = self._pairing.astype(np.int64) << 32 | self._match
-        wanted = pairing << 32 | match
         found = [np.empty(0, dtype=np.int64)]
-        for i in range(max(0, int(np.searchsorted(place, wanted)) - 1), int(np.searchsorted(place, wanted, side="right"))):
-            first, rallies = self.batch(i)
-            found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
+        for at, file in enumerate(self.files):
+            known = 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32
+            if not known or self.pairings[pairing] not in file.header.pairings:
+                continue
+            place = np.uint64(file.header.pairings.index(self.pairings[pairing]) << 32 | match)
+            for i in np.flatnonzero((file.first_match <= place) & (place <= file.last_match)):
+                first, rallies = self.batch(int(self._first_batch[at] + i))
+                found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
     def rally_table(self) -> pa.Table:
         """All rallies as one table, see :func:`shuttle_marl.recording.tables.rally_rows`."""
-        return pa.concat_tables(
-            [rally_rows(self, *batch) for batch in self.batches()] or [rally_rows(self, 0, self.no_rallies())]
-        )
+        return pa.concat_tables([rally_rows(self, *batch) for batch in self.batches_or_none()])
 
-    def stroke_table(self) -> pa.Table:
-        """All strokes as one table, see :func:`shuttle_marl.recording.tables.stroke_rows`."""
-        return pa.concat_tables(
-            [stroke_rows(self, *batch) for batch in self.batches()] or [stroke_rows(self, 0, self.no_rallies())]
-        )
+    def stroke_table(self, derive: Derive | None = None) -> pa.Table:
+        """All strokes as one table, see :func:`shuttle_marl.recording.tables.stroke_rows`.
+
+        Args:
+            derive: adds what follows from the game, such as :class:`shuttle_marl.recording.derived.Derived`.
+        """
+        return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self.batches_or_none()])
+
+    def batches_or_none(self) -> Iterator[tuple[int, Rallies]]:
+        """The batches, or a batch without rows if there are none, so that tables have their columns all the same."""
+        yield from self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
 
     def no_rallies(self) -> Rallies:
         """No rows, with the columns of this log."""
-        return Rallies.from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(self.header.strokes))))
+        header = self.files[0].header
+        return Rallies.from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(header.strokes), header.columns)))
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the files."""
+        for file in self.files:
+            file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -173,26 +168,88 @@ class RallyLog:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def _read_catalogue(self) -> Catalogue:
+    def _merge(self) -> None:
+        """Number rallies, policies and pairings through."""
+        first = self.files[0].header
+        for file in self.files[1:]:
+            for what in ("game", "strokes", "columns"):
+                if getattr(file.header, what) != getattr(first, what):
+                    raise RecordingError(f"{file.path}: other {what} than {self.files[0].path} has; read them one by one")
         try:
-            return Catalogue.from_names(self.header.strokes)
+            self.catalogue = Catalogue.from_names(first.strokes)
         except UnknownStrokeError as error:
-            raise RecordingError(f"strokes that this program does not know: {error}") from error
+            raise RecordingError(f"{self.files[0].path}: strokes that this program does not know: {error}") from error
+        self.policies: tuple[Player, ...] = tuple(dict.fromkeys(p for file in self.files for p in file.header.policies))
+        self.pairings: tuple[int, ...] = tuple(dict.fromkeys(k for file in self.files for k in file.header.pairings))
+        self._offsets = [offset for offset, files in self.logs for _ in files]
+        self.size = sum(file.size for file in self.files)
+        self.first_rally = np.concatenate([file.first_rally + at for file, at in zip(self.files, self._offsets, strict=True)])
+        self.rallies = np.concatenate([file.rallies for file in self.files])
+        self.strokes = np.concatenate([file.strokes for file in self.files])
+        self._first_batch = np.cumsum([0, *(len(file.rallies) for file in self.files)])[:-1]
+        self._policy = [_numbers(file.header.policies, self.policies, np.uint16) for file in self.files]
+        self._pairing = [_numbers(file.header.pairings, self.pairings, np.uint32) for file in self.files]
 
-    def _read_index(self) -> None:
-        summary = read_summary(self._file, self.size)
-        attachments = [AttachmentIndex.read(stream(body)) for opcode, body in summary if opcode == Opcode.ATTACHMENT_INDEX]
-        places = [attachment.offset for attachment in attachments if attachment.name == INDEX_NAME]
-        if len(places) != 1:
-            raise DamagedLogError("the index of its rallies is missing")
-        body = read_record(self._file, places[0], self.size, Opcode.ATTACHMENT)
-        if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
-            raise DamagedLogError("the checksum of its index does not fit")
-        with pa.ipc.open_stream(Attachment.read(stream(body)).data) as reader:
-            if reader.schema != INDEX_SCHEMA:
-                raise DamagedLogError("its index has other columns than this version has")
-            index = reader.read_all()
-        columns = [index.column(field.name).to_numpy() for field in INDEX_SCHEMA]
-        self.first_rally, self.rallies, self.strokes, self._offset, self._pairing, self._match = columns
-        if (self.first_rally[1:] < self.first_rally[:-1] + self.rallies[:-1]).any():
-            raise DamagedLogError("its index is out of order")
+    def _renumbered(self, file: int, rallies: Rallies) -> Rallies:
+        policy, pairing = self._policy[file], self._pairing[file]
+        if policy is not None:
+            rallies = dataclasses.replace(rallies, policy=policy[rallies.policy])
+        if pairing is not None:
+            rallies = dataclasses.replace(rallies, pairing=pairing[rallies.pairing])
+        return rallies
+
+
+Numbers = npt.NDArray[np.unsignedinteger]
+
+
+def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> Numbers | None:
+    """Where the entries of a file stand in the merged list; None: at the same place."""
+    if own == merged[: len(own)]:
+        return None
+    place = {entry: i for i, entry in enumerate(merged)}
+    return np.array([place[entry] for entry in own], dtype=kind)
+
+
+def _open_parts(path: Path) -> list[LogFile]:
+    """A file and the parts of the same log that follow it."""
+    files = [LogFile(path)]
+    try:
+        for number in existing_parts(path) if not files[0].header.part else ():
+            part = part_path(path, number)
+            if number and part.exists():
+                file = LogFile(part)
+                if file.header.part == number and file.header == files[0].header:
+                    files.append(file)
+                else:
+                    file.close()
+    except RecordingError:
+        _close(files)
+        raise
+    return files
+
+
+def _open_folder(folder: Path) -> list[list[LogFile]]:
+    """The rally logs of a folder, each with its parts."""
+    logs: list[list[LogFile]] = []
+    paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (is_further_part(path), path.name))
+    try:
+        for path in paths:
+            # Further parts come behind all others, so those that belong to a log were opened with it.
+            if any(path == file.path for log in logs for file in log):
+                continue
+            try:
+                logs.append(_open_parts(path))
+            except OtherFileError:  # such as a scene
+                continue
+    except RecordingError:
+        for log in logs:
+            _close(log)
+        raise
+    if not logs:
+        raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
+    return logs
+
+
+def _close(files: Sequence[LogFile]) -> None:
+    for file in files:
+        file.close()

@@ -9,8 +9,10 @@ import numpy.typing as npt
 from shuttle_marl import draws
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import WINNER, Game, strike
+from shuttle_marl.recording.derived import require_game, states
+from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.schema import Rallies, RecordingError
+from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.recording.tables import outcomes, rows_of_strokes
 
 
@@ -32,6 +34,8 @@ class Replay:
 def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
     """Play every rally of a log again.
 
+    Where a log says that its draws are unknown, only the legality of strokes and the winners are checked.
+
     Args:
         log: the log.
         game: the game it was played on.
@@ -40,56 +44,36 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
     Raises:
         RecordingError: the log was played on another game; or it is damaged.
     """
-    if log.header.game != game.hash:
-        raise RecordingError(
-            f"{log.path}: played on game {log.header.game[:12]}, not on {game.hash[:12]}; name its model with --game"
-        )
-    names = [player.name for player in log.header.policies]
-    tables = {names.index(name): policy.padded() for name, policy in (policies or {}).items() if name in names}
+    require_game(log, game)
+    tables = {name: policy.padded() for name, policy in (policies or {}).items()}
     rallies = strokes = 0
     wrong: list[int] = []
-    for first, batch in log.batches():
-        rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
-        bad = _wrong_strokes(log, game, batch, tables)
-        row = rows_of_strokes(batch)[0]
-        wrong.extend((first + np.unique(np.r_[row[bad], np.flatnonzero(_wrong_winner(batch))])).tolist())
+    for file, offset in ((file, offset) for offset, files in log.logs for file in files):
+        names = [player.name for player in file.header.policies]
+        chosen = {i: tables[name] for i, name in enumerate(names) if name in tables}
+        for i in range(len(file.rallies)):
+            first, batch = file.batch(i)
+            rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
+            bad = _wrong_strokes(file.header, game, batch, chosen)
+            row = rows_of_strokes(batch)[0]
+            wrong.extend((offset + first + np.unique(np.r_[row[bad], np.flatnonzero(_wrong_winner(batch))])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
-def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """``[N]`` each: the state in which every stroke was struck, and which of its legal strokes it is.
-
-    Both are -1 where the stroke, or the one it answers, is not legal.
-    """
-    n = game.n_strokes
-    _, position, _ = rows_of_strokes(rallies)
-    stroke = rallies.stroke.astype(np.int64)
-    own = np.where(position >= 2, np.r_[n, n, stroke[:-2]][: len(stroke)], n)
-    incoming = np.where(position >= 1, np.r_[n, stroke[:-1]], n)
-    height = game.catalogue.height.astype(np.int64)
-    contact = height[stroke]
-    k = game.reply_rank[incoming, contact, stroke].astype(np.int64)
-    # The edge own -> incoming: the start of a rally is edge 0; the serve is a reply to no stroke.
-    serve = position == 0
-    struck = np.where(serve, 0, incoming)
-    before = np.where(serve, 0, game.reply_rank[own, height[struck], struck])
-    edge = np.where(serve, 0, game.reply_start[own, height[struck]] + before)
-    legal = (k >= 0) & (before >= 0)
-    return np.where(legal, 2 * edge + contact, -1), np.where(legal, k, -1)
-
-
 def _wrong_strokes(
-    log: RallyLog, game: Game, rallies: Rallies, tables: Mapping[int, npt.NDArray[np.uint16]]
+    header: LogHeader, game: Game, rallies: Rallies, tables: Mapping[int, npt.NDArray[np.uint16]]
 ) -> npt.NDArray[np.bool_]:
     """``[N]`` strokes that are illegal, have another outcome than the draw gives, or are not what their policy chooses."""
     row, position, seat = rows_of_strokes(rallies)
     state, k = states(game, rallies)
     wrong = state < 0
+    if header.draws == "unknown":
+        return wrong
     legal = np.flatnonzero(~wrong)
-    key = log.header.rally_key(rallies)
+    key = header.rally_key(rallies)
     bits = draws.draw(key[row[legal]], position[legal])
     outcome, _ = strike(game, state[legal], k[legal], draws.outcome_draw(bits))
-    wrong[legal] = outcome != outcomes(rallies, log.catalogue)[legal]
+    wrong[legal] = outcome != outcomes(rallies, game.catalogue)[legal]
     policy = rallies.policy[row[legal], seat[legal]]
     for i, table in tables.items():
         mine = np.flatnonzero(policy == i)

@@ -17,7 +17,7 @@ def describe(log: RallyLog, number: int) -> str:
         RecordingError: the log has no such rally, or is damaged.
     """
     rally = log.rally(number)
-    names = [log.header.policies[i].name for i in rally.policy[0]]
+    names = [log.policies[i].name for i in rally.policy[0]]
     server, winner = int(rally.server[0]), int(rally.winner[0])
     points, games = rally.score[0, :2], rally.score[0, 2:]
     width = max(map(len, names))

@@ -1,6 +1,7 @@
 """Files that were cut off or changed, processes that were killed, disks that are full."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +18,9 @@ from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter,
 from shuttle_marl.recording.batch import decode, encode
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.container import UNDECODABLE
-from shuttle_marl.recording.recover import salvage
+from shuttle_marl.recording.parts import unfinished
+from shuttle_marl.recording.salvage import salvage
 from shuttle_marl.recording.schema import DamagedLogError
-from shuttle_marl.recording.writer import part_of
 
 LENGTHS = (0, 2**31, 2**32, 2**63 - 1, 2**64 - 1)
 
@@ -118,13 +119,13 @@ def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -
     """Cut anywhere, the log says what to do, and that brings back every batch that is whole."""
     content = log_file.read_bytes()
     with RallyLog(log_file) as log:
-        ends = [*log._offset[1:].astype(int), len(content)]
+        ends = [*log.files[0]._offset[1:].astype(int), len(content)]
     path, saved = tmp_path / "a.mcap.part", tmp_path / "a.mcap"
     for length in range(0, len(content), 211):
         path.write_bytes(content[:length])
         with pytest.raises(RecordingError) as refused:
             RallyLog(path)
-        if length <= log._offset[0]:
+        if length <= log.files[0]._offset[0]:
             with pytest.raises(RecordingError):
                 recover(path)
             continue
@@ -140,7 +141,7 @@ def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -
 
 def test_batches_behind_a_damaged_one_are_saved(log_file: Path, tmp_path: Path) -> None:
     with RallyLog(log_file) as log:
-        at = int(log._offset[2]) + 100
+        at = int(log.files[0]._offset[2]) + 100
         expected = [batch.stroke.tobytes() for _, batch in log.batches()]
     content = bytearray(log_file.read_bytes())
     content[at] ^= 0xFF
@@ -176,19 +177,21 @@ def test_files_that_are_no_rally_logs(tmp_path: Path, header: Callable[..., LogH
     for path, says in (
         (text, "does not begin as an MCAP file"),
         (other, "profile 'ros2'"),
-        (folder, "cannot be read"),
         (tmp_path / "nothing.mcap", "cannot be read"),
     ):
         for read in (RallyLog, recover, check):
-            with pytest.raises(RecordingError, match=says if read is not check else str(path)):
+            with pytest.raises(RecordingError, match=says):
                 read(path)
+    for read, says in ((RallyLog, "holds no rally log"), (check, "holds no rally log"), (recover, "cannot be read")):
+        with pytest.raises(RecordingError, match=says):
+            read(folder)
 
 
 def test_logs_of_another_version(tmp_path: Path, header: Callable[..., LogHeader], monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr("shuttle_marl.recording.header.VERSION", 2)
+        patch.setattr("shuttle_marl.recording.header.VERSION", 1)
         RallyLogWriter(tmp_path / "a.mcap", header()).close()
-    with pytest.raises(RecordingError, match="schema version 2, this program reads version 1"):
+    with pytest.raises(RecordingError, match="schema version 1, this program reads version 2"):
         RallyLog(tmp_path / "a.mcap")
 
 
@@ -240,49 +243,101 @@ def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> N
         lines = (acknowledged + process.stdout.read()).split("\n")[:-1]
         process.wait()
         assert not path.exists()
-        found = recover(part_of(path))
+        found = recover(unfinished(path))
         assert found.rallies >= int(lines[-1]) >= 64
         assert found.lost == 0
         assert read_all(path) == found.rallies
 
 
 FULL = """
-import resource, sys
+import os, resource, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from conftest import a_header, some_rallies
 from shuttle_marl.recording import RallyLogWriter, RecordingError
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
-log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=64)
+if sys.argv[4] == "0":
+    del os.posix_fallocate
+log = None
 try:
-    for i in range(int(sys.argv[4])):
+    log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=64)
+    for i in range(10_000):
         log.append(some_rallies(64, seed=i))
-    log.close()
 except RecordingError as error:
-    sys.stdout.write(f"{log.rallies}\\n{error}")
+    sys.stdout.write(f"{log.rallies if log else 0}\\n{error}")
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
-@pytest.mark.parametrize("batches", [1000, 12], ids=["in a batch", "in the index"])
-def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, batches: int) -> None:
-    """A limit on the size of files stands for a disk without room."""
+def fill(path: Path, limit: int, *, reserve: bool) -> str:
+    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent), str(limit), str(int(reserve))]
+    return subprocess.run(script, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs limits on file sizes, and to set room aside")
+@pytest.mark.parametrize("limit", [30_000, 50_000, 2_000_000])
+def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int) -> None:
+    """A limit on the size of files stands for a disk without room: room for the index was set aside before."""
     path = tmp_path / "a.mcap"
-    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent)]
-    limit = 50_000
-    if batches == 12:
-        subprocess.run([*script, str(10**9), "12"], check=True)
-        limit = path.stat().st_size - 100
-        path.unlink()
-    done = subprocess.run([*script, str(limit), str(batches)], capture_output=True, text=True, check=True)
-    rallies, _, message = done.stdout.partition("\n")
-    assert f"holds the {rallies} rallies before that, whole" in message
-    assert "recover" in message
+    rallies, _, message = fill(path, limit, reserve=True).partition("\n")
+    assert message == (
+        f"{path}: cannot be written any further (File too large); the {rallies} rallies before that are there, whole: "
+        "make room and resume"
+    )
+    assert limit / 2 < path.stat().st_size <= limit
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
+    assert read_all(path) == int(rallies) > 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
+def test_a_full_disk_without_reserves_leaves_whole_batches(tmp_path: Path) -> None:
+    """Where the system cannot set room aside, what was torn is cut off."""
+    path = tmp_path / "a.mcap"
+    rallies, _, message = fill(path, 50_000, reserve=False).partition("\n")
+    assert f"the {rallies} rallies before that are there, whole" in message
+    assert f"recover {unfinished(path)}" in message
     assert not path.exists()
-    assert recover(part_of(path)).rallies == int(rallies) > 0
-    if batches == 12:
-        assert int(rallies) == 12 * 64
+    assert recover(unfinished(path)).rallies == int(rallies) > 0
     assert read_all(path) == int(rallies)
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs limits on file sizes, and to set room aside")
+def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
+    assert "nothing was recorded" in fill(tmp_path / "a.mcap", 5_000, reserve=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def small_disk(folder: Path) -> bool:
+    """Mount a file system of 256 kB, if this process may."""
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
+    return shutil.which("mount") is not None and subprocess.run(mount, capture_output=True, check=False).returncode == 0
+
+
+def test_a_disk_that_fills_up(tmp_path: Path, header, rallies) -> None:
+    """A file system of its own: whoever fills it, the log is closed in whole."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not small_disk(disk):
+        pytest.skip("may not mount a file system")
+    try:
+        path = disk / "a.mcap"
+        log = RallyLogWriter(path, header(), batch_rallies=64)
+        log.append(rallies(64))
+        (disk / "others").write_bytes(bytes(disk_free(disk)))
+        with pytest.raises(RecordingError, match=r"a.mcap: cannot be written any further \(No space left on device\)"):  # noqa: PT012
+            for seed in range(1000):
+                log.append(rallies(64, seed))
+        assert read_all(path) == log.rallies >= 64
+        with pytest.raises(RecordingError, match="is closed"):
+            log.append(rallies(64))
+        with pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\); nothing was recorded"):
+            RallyLogWriter(disk / "b.mcap", header())
+        assert sorted(file.name for file in disk.iterdir()) == ["a.mcap", "others"]
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def disk_free(folder: Path) -> int:
+    return shutil.disk_usage(folder).free
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path, header: Callable[..., LogHeader]) -> None:

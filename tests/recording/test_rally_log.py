@@ -18,10 +18,10 @@ from mcap.reader import make_reader
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
+from shuttle_marl.recording.parts import unfinished
 from shuttle_marl.recording.resume import resume
 from shuttle_marl.recording.schema import arrow_schema
 from shuttle_marl.recording.tables import outcomes, rows_of_strokes
-from shuttle_marl.recording.writer import part_of
 
 RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
 
@@ -40,7 +40,7 @@ def test_what_was_appended_is_read(tmp_path_factory, rallies, header, sizes, bat
     with RallyLogWriter(path, dataclasses.replace(header(), strokes=strokes), batch_rallies=batch) as log:
         for part in parts:
             log.append(part)
-    assert not part_of(path).exists()
+    assert not unfinished(path).exists()
     if n_strokes > len(names):
         with pytest.raises(RecordingError, match="strokes that this program does not know"):
             RallyLog(path)
@@ -180,7 +180,7 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
             assert pa.ipc.read_schema(pa.BufferReader(schema.data)).equals(arrow_schema(len(default_game().catalogue)))
             with pa.ipc.open_stream(message.data) as stream:
                 batches.append(stream.read_all())
-                assert stream.schema.metadata[b"version"] == b"1"
+                assert stream.schema.metadata[b"version"] == b"2"
             sequences.append((message.sequence, message.log_time))
         assert sequences == [(i, 16 * i * 1_000_000) for i in range(7)]
         assert pa.concat_tables(batches)["strokes"].combine_chunks().flatten().to_pylist() == whole.stroke.tolist()
@@ -211,7 +211,7 @@ def test_the_same_rallies_give_the_same_bytes(tmp_path: Path, rallies: Callable[
 def test_nothing_is_overwritten(log_file: Path, header: Callable[..., LogHeader]) -> None:
     with pytest.raises(RecordingError, match="there is a rally log already"):
         RallyLogWriter(log_file, header())
-    log_file.rename(part_of(log_file))
+    log_file.rename(unfinished(log_file))
     with pytest.raises(RecordingError, match=r"unfinished log stands there; .*recover .*rallies.mcap.part"):
         RallyLogWriter(log_file, header())
 
@@ -251,8 +251,8 @@ class TestResume:
     @pytest.mark.parametrize("torn", [0, 1, 500])
     def test_bytes_are_the_same(self, write, rallies, header, keep: int, torn: int) -> None:
         whole, path = write("whole.mcap"), write("cut.mcap", stop_after=3)
-        content = part_of(path).read_bytes()
-        part_of(path).write_bytes(content[: len(content) - torn])
+        content = unfinished(path).read_bytes()
+        unfinished(path).write_bytes(content[: len(content) - torn])
         with resume(path, header(), 20 * keep, batch_rallies=8) as log:
             for i in range(keep, 5):
                 log.append(rallies(20, seed=i))
@@ -263,8 +263,8 @@ class TestResume:
     def test_a_resumed_copy_that_was_killed(self, write, rallies, header) -> None:
         whole, path = write("whole.mcap"), write("cut.mcap", stop_after=3)
         old = path.with_name("cut.mcap.part.old")
-        old.write_bytes(part_of(path).read_bytes())
-        part_of(path).write_bytes(old.read_bytes()[:900])
+        old.write_bytes(unfinished(path).read_bytes())
+        unfinished(path).write_bytes(old.read_bytes()[:900])
         with resume(path, header(), 60, batch_rallies=8) as log:
             for i in (3, 4):
                 log.append(rallies(20, seed=i))
@@ -275,7 +275,7 @@ class TestResume:
         path = write("cut.mcap", stop_after=3)
         with pytest.raises(RecordingError, match="another game, other policies or another seed"):
             resume(path, header(seed=1), 60)
-        part = part_of(path)
+        part = unfinished(path)
         for rallies in (100, 61):
             with pytest.raises(RecordingError, match=f"{rallies} rallies were played"):
                 resume(path, header(), rallies)

@@ -1,0 +1,188 @@
+"""Writes one file of a rally log: a batch of rallies is one message is one chunk, and is with the system before a call returns.
+
+The file is ``FILE.part`` until it is closed. Room for what closes it is set aside with every batch, so that a disk that
+fills up still leaves a whole file.
+"""
+
+import os
+import time
+from pathlib import Path
+from typing import IO, Any, Final, cast
+
+import numpy as np
+import pyarrow as pa
+from mcap.writer import CompressionType, Writer
+
+from shuttle_marl.recording.batch import RALLY_TIME
+from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, PROFILE, TOPIC, advice
+from shuttle_marl.recording.header import METADATA, LogHeader
+from shuttle_marl.recording.parts import unfinished
+from shuttle_marl.recording.schema import Rallies, RecordingError, arrow_schema
+from shuttle_marl.recording.sink import NoRoomError, Sink
+
+_END: Final = 4096
+_END_OF_BATCH: Final = 256
+"""More bytes than the end of a file takes, and than it grows by with a batch."""
+
+
+class LogFileWriter:
+    """Writes one file of a log.
+
+    Attributes:
+        path: where the file will stand when it is closed.
+        header: what all its rallies share.
+        rallies: number of the rally that comes next.
+        closed: whether the file is finished or given up.
+    """
+
+    def __init__(self, path: Path, header: LogHeader, *, fsync_seconds: float) -> None:
+        """Start a file.
+
+        Args:
+            path: where the finished file goes; must not exist yet, nor ``path.part``.
+            header: what all rallies share.
+            fsync_seconds: at most this long what was written may wait in the operating system.
+
+        Raises:
+            RecordingError: a file is there already, or none can be made.
+        """
+        self.path, self.header = path, header
+        self.rallies = header.first_rally
+        self.closed = False
+        self._fsync_seconds = fsync_seconds
+        self._index: list[tuple[int, ...]] = []
+        part = unfinished(path)
+        if path.exists():
+            raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
+        if part.exists():
+            raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._sink = Sink(part)
+        except OSError as error:
+            raise RecordingError(f"{part}: cannot be written ({error.strerror})") from error
+        try:
+            self._start()
+        except OSError as error:
+            self.abort()
+            part.unlink(missing_ok=True)
+            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._sink.length
+
+    def write(self, first: int, data: bytes, rallies: Rallies) -> None:
+        """Write one batch.
+
+        Args:
+            first: number of its first rally, not below :attr:`rallies`.
+            data: what :func:`shuttle_marl.recording.batch.encode` made of it.
+            rallies: the same, not encoded.
+
+        Raises:
+            RecordingError: no space or the like; the file holds every batch before this one.
+        """
+        if self.closed:
+            raise RecordingError(f"{self.path}: is closed; nothing more can be recorded in it")
+        offset = self._sink.length
+        try:
+            self._sink.take_room(len(data) + _END + self._end_of_file(len(self._index) + 1))
+            # One message is one chunk, so what a kill can take is never more than the batch being written.
+            self._mcap.add_message(self._channel, first * RALLY_TIME, data, first * RALLY_TIME, len(self._index))
+            self._sink.commit()
+            if time.monotonic() - self._synced > self._fsync_seconds:
+                self._sync()
+        except NoRoomError as error:
+            self._give_up(error, finish=True)
+        except OSError as error:
+            self._give_up(error, finish=False)
+        match = rallies.pairing.astype(np.uint64) << np.uint64(32) | rallies.match
+        row = (first, len(rallies), len(rallies.stroke), offset, int(match.min()), int(match.max()))
+        self._index.append(row)
+        self.rallies = first + len(rallies)
+
+    def sync(self) -> None:
+        """Return when all is on the disk itself, so that it also outlives a power cut.
+
+        Raises:
+            RecordingError: the disk failed.
+        """
+        try:
+            if not self.closed:
+                self._sync()
+        except OSError as error:
+            self._give_up(error, finish=False)
+
+    def close(self) -> None:
+        """Write the index and move the file into place.
+
+        Raises:
+            RecordingError: no space or the like; ``FILE.part`` holds every batch.
+        """
+        try:
+            if not self.closed:
+                self._finish()
+        except OSError as error:
+            self._give_up(error, finish=False)
+
+    def abort(self) -> None:
+        """Leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
+        if not self.closed:
+            self._sink.close()
+            self.closed = True
+
+    def _start(self) -> None:
+        self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._mcap.start(profile=PROFILE, library=self.header.software)
+        self._mcap.add_metadata(METADATA, self.header.to_metadata())
+        self._start_length = self._sink.tell()
+        self._columns = arrow_schema(len(self.header.strokes), self.header.columns).serialize().to_pybytes()
+        schema = self._mcap.register_schema("shuttle_marl.Rallies", "arrow", self._columns)
+        self._channel = self._mcap.register_channel(TOPIC, "arrow_stream", schema)
+        self._sink.take_room(self._sink.tell() + self._end_of_file(0))
+        self._sink.commit()
+        self._synced = time.monotonic()
+
+    def _end_of_file(self, batches: int) -> int:
+        return _END + len(self._columns) + _END_OF_BATCH * batches
+
+    def _sync(self) -> None:
+        self._sink.sync()
+        self._synced = time.monotonic()
+
+    def _finish(self) -> None:
+        columns = list(zip(*self._index, strict=True)) or [()] * len(INDEX_SCHEMA)
+        index = pa.RecordBatch.from_arrays(
+            [pa.array(column, field.type) for column, field in zip(columns, INDEX_SCHEMA, strict=True)], schema=INDEX_SCHEMA
+        )
+        buffer = pa.BufferOutputStream()
+        with pa.ipc.new_stream(buffer, INDEX_SCHEMA) as writer:
+            writer.write_batch(index)
+        end = self.rallies * RALLY_TIME
+        self._mcap.add_attachment(0, end, INDEX_NAME, "application/vnd.apache.arrow.stream", buffer.getvalue().to_pybytes())
+        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._sink.commit()
+        self._sink.sync()
+        self._sink.close()
+        self.closed = True
+        os.replace(unfinished(self.path), self.path)
+
+    def _give_up(self, error: OSError, *, finish: bool) -> None:
+        """Close the file with what it holds, or leave its whole batches behind, and say which."""
+        held = f"the {self.rallies} rallies before that are there, whole"
+        if finish:
+            try:
+                self._finish()
+            except OSError:
+                pass
+            else:
+                raise RecordingError(
+                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: make room and resume"
+                ) from error
+        self.abort()
+        part = unfinished(self.path)
+        raise RecordingError(
+            f"{part}: cannot be written ({error.strerror}); {held}: make room and resume, or {advice(part)}"
+        ) from error

@@ -1,0 +1,172 @@
+"""Records what a program plays while it goes on playing: a thread encodes, compresses and writes."""
+
+import dataclasses
+import queue
+import threading
+from concurrent.futures import Future
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from shuttle_marl.recording.header import LogHeader
+from shuttle_marl.recording.sampling import Sampling
+from shuttle_marl.recording.schema import Rallies, RecordingError
+from shuttle_marl.recording.writer import RallyLogWriter
+
+WAITING_STROKES: Final = 1 << 24
+"""So many strokes may wait to be written before :meth:`RallyRecorder.add` waits too."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Flush:
+    """A request to write what waits, and who wants to know when that is done."""
+
+    sync: bool
+    done: "Future[int]"
+
+
+class RallyRecorder:
+    """Takes finished rallies in batches of any size.
+
+    A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
+    interpreter's lock, so with a second core recording costs the caller next to nothing. What goes wrong in the thread is
+    raised by the next call.
+
+    Attributes:
+        path: where the log will stand when it is closed.
+        sampling: which rallies are recorded.
+    """
+
+    def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = WAITING_STROKES) -> None:
+        """Record into a log, as its header says.
+
+        Args:
+            log: a new log, or one that :func:`shuttle_marl.recording.resume.resume` goes on with. It is the recorder's now.
+            waiting_strokes: so many strokes may wait to be written before :meth:`add` waits too.
+        """
+        self.path = log.path
+        self.sampling = Sampling.parse(log.header.record)
+        self._log, self._limit = log, waiting_strokes
+        self._queue: queue.SimpleQueue[Rallies | _Flush | None] = queue.SimpleQueue()
+        self._waiting = 0
+        self._changed = threading.Condition()
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._work, name=f"recording {log.path.name}", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def create(cls, path: Path, header: LogHeader, record: str = "all", **options: Any) -> Self:
+        """Start a log and record into it.
+
+        Args:
+            path: where the finished log goes.
+            header: what all rallies share.
+            record: ``all`` or ``sample:N``; with ``none`` there is nothing to create.
+            **options: of :class:`RallyLogWriter`.
+
+        Raises:
+            RecordingError: a file is there already, or none can be made, or ``record`` is something else.
+        """
+        if not Sampling.parse(record).every:
+            raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
+        return cls(RallyLogWriter(path, dataclasses.replace(header, record=record), **options))
+
+    def add(self, rallies: Rallies) -> None:
+        """Record finished rallies, or those of them that are in the sample; waits only while too much waits to be written.
+
+        Args:
+            rallies: the rallies; their arrays must not be changed any more.
+
+        Raises:
+            RecordingError: the log cannot be written any further; every batch before is there.
+        """
+        chosen = self.sampling.of(self._log.header, rallies)
+        if not len(chosen):
+            return
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
+            self._waiting += len(chosen.stroke)
+        self._raise()
+        self._queue.put(chosen)
+
+    def request_flush(self, *, sync: bool = True) -> "Future[int]":
+        """Have everything added so far written, the last batch shorter than others if need be, and go on meanwhile.
+
+        Args:
+            sync: whether it has to be on the disk itself, so that it also outlives a power cut.
+
+        Returns:
+            A future of the number of rallies in the log that no end of this process can take away any more.
+        """
+        done: Future[int] = Future()
+        with self._changed:
+            if self._error is None:
+                self._queue.put(_Flush(sync=sync, done=done))
+            else:
+                done.set_exception(self._error)
+        return done
+
+    def flush(self, *, sync: bool = True) -> int:
+        """Do the same and wait until it is done.
+
+        Raises:
+            RecordingError: the log cannot be written any further.
+        """
+        return self.request_flush(sync=sync).result()
+
+    def close(self) -> None:
+        """Write everything, and move the log into place.
+
+        Raises:
+            RecordingError: the log cannot be written any further.
+        """
+        self._join()
+        if self._error is not None:
+            self._log.abort()
+        self._raise()
+        self._log.close()
+
+    def abort(self) -> None:
+        """Write everything, and leave ``FILE.part`` behind."""
+        self._join()
+        self._log.abort()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+    def _join(self) -> None:
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def _work(self) -> None:
+        while (item := self._queue.get()) is not None:
+            try:
+                if self._error is None:
+                    self._do(item)
+            except BaseException as error:
+                with self._changed:
+                    self._error = error
+                    self._changed.notify_all()
+            if isinstance(item, _Flush) and not item.done.done():
+                assert self._error is not None
+                item.done.set_exception(self._error)
+
+    def _do(self, item: Rallies | _Flush) -> None:
+        if isinstance(item, _Flush):
+            item.done.set_result(self._log.flush(sync=item.sync))
+            return
+        self._log.append(item)
+        with self._changed:
+            self._waiting -= len(item.stroke)
+            self._changed.notify_all()
