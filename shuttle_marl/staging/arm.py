@@ -206,9 +206,15 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
             ],
             axis=1,
         )
-        damping = 1e-2 if step < rounds // 2 else 1e-4
-        normal_matrix = jacobian.transpose(0, 2, 1) @ jacobian + damping * identity
-        move = np.linalg.solve(normal_matrix, (jacobian.transpose(0, 2, 1) @ residual[..., None]))[..., 0]
+        damping = (1e-2 if step < rounds // 2 else 1e-4) * identity
+        square = jacobian.transpose(0, 2, 1) @ jacobian + damping
+        slope = jacobian.transpose(0, 2, 1) @ residual[..., None]
+        wanted = np.linalg.solve(square, slope)[..., 0]
+        # Angles that are pushed against their limits stay there, and the others do their work.
+        held = ((x <= LIMITS[:, 0] + 1e-9) & (wanted < 0)) | ((x >= LIMITS[:, 1] - 1e-9) & (wanted > 0))
+        free = ~held
+        square = square * (free[:, :, None] & free[:, None, :]) + held[:, :, None] * identity
+        move = np.linalg.solve(square, slope * free[..., None])[..., 0]
         x = arm.clipped(x + np.clip(move, -0.5, 0.5))
     return x
 

@@ -1,0 +1,182 @@
+"""One player over the whole rally: feet, hips, racket on the shuttle, and all bones."""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from shuttle_marl.staging.arm import Goal, arm_of, solve
+from shuttle_marl.staging.contact import KILL_BACKHAND, LUNGE_BACKHAND, OVERHEAD_BACKHAND, SERVE_BACKHAND, SIDE_BACKHAND
+from shuttle_marl.staging.contact import DEFENCE_BACKHAND as _DEFENCE_BACKHAND
+from shuttle_marl.staging.feet import Feet, move, steps
+from shuttle_marl.staging.legs import legs, settle
+from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, in_chest
+from shuttle_marl.staging.motions import CONTACT, KEYS
+from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
+from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton
+from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_PITCH, HIPS_ROLL, HIPS_YAW, SPINE_LIMITS, SPINE_YAW, collar_of, trunk
+from shuttle_marl.staging.timeline import Timeline
+
+Floats = npt.NDArray[np.float64]
+
+BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, _DEFENCE_BACKHAND})
+"""Motions that strike with the back of the hand ahead."""
+NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
+"""``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
+_MOST_LEAN: Final = np.radians(18)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Performance:
+    """Bones of one player over F frames, in the player's own frame, as a right-hander.
+
+    Attributes:
+        rotation: ``[F, 23, 3, 3]`` how far each bone has turned since its rest.
+        position: ``[F, 23, 3]`` where each bone begins [m].
+        feet: the feet.
+    """
+
+    rotation: Floats
+    position: Floats
+    feet: Feet
+
+
+def perform(skeleton: Skeleton, timeline: Timeline, hips: Floats, shuttle: Floats, fps: int) -> Performance:
+    """Play a timeline.
+
+    Args:
+        skeleton: the athlete.
+        timeline: what to do.
+        hips: ``[F, 2]`` the hips over the floor [m].
+        shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
+        fps: frames a second.
+    """
+    frames = np.arange(len(hips), dtype=np.float64)
+    body = PchipInterpolator(timeline.frame, timeline.pose[:, :7], axis=0, extrapolate=True)(
+        np.clip(frames, timeline.frame[0], timeline.frame[-1])
+    )
+    place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
+    root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
+    thigh, shank = skeleton.leg
+    standing = body[:, HIPS_HEIGHT] - 0.05
+    reach = np.sqrt(np.maximum((thigh + shank) ** 2 - (standing - 0.20) ** 2, 0.04)) + 0.12
+    plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
+    feet = move(plants, timeline.lift, len(hips), fps)
+    place, feet = settle(skeleton, place, root, feet)
+    poses = _meet(skeleton, timeline, place)
+    pose = PchipInterpolator(timeline.frame, poses, axis=0)(np.clip(frames, timeline.frame[0], timeline.frame[-1]))
+    rotation, position = np.empty((len(hips), N_BONES, 3, 3)), np.empty((len(hips), N_BONES, 3))
+    spine_rotation, spine_position = trunk(skeleton, place, pose[:, :7])
+    _put(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
+    chest, middle = spine_rotation[-1], spine_position[-1]
+    arm = arm_of(skeleton)
+    racket = arm.pose(arm.clipped(pose[:, RACKET_ARM]))
+    collar = collar_of(skeleton, chest, middle)
+    names = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
+    _put(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
+    free = arm.pose(arm.clipped(pose[:, FREE_ARM]))
+    flip = np.diag(FLIP)
+    collar = collar_of(skeleton, chest, middle, "Left")
+    names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
+    _put(
+        rotation, position, names, (chest @ (flip @ free.rotation @ flip))[:4], (collar + apply(chest, free.position * FLIP))[:4]
+    )
+    both = legs(skeleton, place, root, feet)
+    for k, side in enumerate(("Left", "Right")):
+        _put(
+            rotation,
+            position,
+            tuple(f"{side}{b}" for b in ("UpLeg", "Leg", "Foot", "ToeBase")),
+            both.rotation[k],
+            both.position[k],
+        )
+    _head(skeleton, rotation, position, shuttle)
+    return Performance(rotation=rotation, position=position, feet=feet)
+
+
+def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Floats, place: Floats) -> None:
+    rows = [BONE[name] for name in names]
+    rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
+
+
+def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> Floats:
+    """The key poses, those at contacts bent so that the strings are where the shuttle is."""
+    poses = timeline.pose.copy()
+    if not timeline.hits:
+        return poses
+    arm = arm_of(skeleton)
+    rows = np.array([hit.key for hit in timeline.hits])
+    frames = np.array([hit.frame for hit in timeline.hits])
+    hips = place[frames]
+    point = np.array([hit.point for hit in timeline.hits])
+    back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
+    normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
+    keys = [KEYS[hit.stance.motion][CONTACT] for hit in timeline.hits]
+    facing = turned(poses[rows, HIPS_YAW])
+    shaft, elbow = (apply(facing, unit(np.array([getattr(key, name) for key in keys]))) for name in ("shaft", "elbow"))
+    shaft = unit(shaft - (shaft * normal).sum(axis=1, keepdims=True) * normal)
+    n = len(rows)
+    reach = np.full(n, SWEET_SPOT)
+    angles = poses[rows, RACKET_ARM]
+    lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
+    for step in range(7):
+        chest, collar = _chest(skeleton, hips, poses[rows])
+        last = step == 6
+        weight = np.tile((60.0, 0.15, 0.15, 0.1) if last else (8.0, 0.4, 0.4, 0.3), (n, 1))
+        goal = Goal(point=point, reach=reach, shaft=shaft, normal=normal, elbow=elbow, weight=weight)
+        angles = solve(arm, in_chest(chest, collar, goal), angles, rounds=24 if last or not step else 8, hold=0.03)
+        if last:
+            break
+        pose = arm.pose(angles)
+        seen = pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)
+        poses[rows] = _leant(skeleton, hips, poses[rows], lean0, seen, point)
+    poses[rows, RACKET_ARM] = angles
+    return poses
+
+
+def _chest(skeleton: Skeleton, hips: Floats, poses: Floats) -> tuple[Floats, Floats]:
+    rotation, position = trunk(skeleton, hips, poses[:, :7])
+    return rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
+
+
+def _leant(skeleton: Skeleton, hips: Floats, poses: Floats, lean0: Floats, seen: Floats, point: Floats) -> Floats:
+    """Poses whose spine takes up part of what the arm misses; ``seen``: the strings in the frame of the chest."""
+    chest, collar = _chest(skeleton, hips, poses)
+    here = collar + apply(chest, seen)
+    jacobian = np.empty((len(poses), 3, 3))
+    for k in range(3):
+        moved = poses.copy()
+        moved[:, SPINE_YAW + k] += 1e-4
+        chest, collar = _chest(skeleton, hips, moved)
+        jacobian[:, :, k] = (collar + apply(chest, seen) - here) / 1e-4
+    square = jacobian.transpose(0, 2, 1) @ jacobian + 0.02 * np.eye(3)
+    change = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ (point - here)[..., None])[..., 0]
+    out = poses.copy()
+    spine = out[:, SPINE_YAW : SPINE_YAW + 3] + change
+    spine = np.clip(spine, lean0 - _MOST_LEAN, lean0 + _MOST_LEAN)
+    out[:, SPINE_YAW : SPINE_YAW + 3] = np.clip(spine, SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
+    return out
+
+
+def _head(skeleton: Skeleton, rotation: Floats, position: Floats, shuttle: Floats) -> None:
+    """Neck and head follow the shuttle, as far and as fast as they can."""
+    chest = rotation[:, BONE["Spine2"]]
+    neck = position[:, BONE["Spine2"]] + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
+    eyes = neck + np.array([0.0, 0.0, 0.15])
+    way = apply(chest.transpose(0, 2, 1), unit(shuttle - eyes))
+    yaw = np.arctan2(-way[:, 0], np.maximum(way[:, 1], 0.05))
+    pitch = -np.arcsin(np.clip(way[:, 2], -1, 1))
+    aim = np.stack([np.clip(yaw, *(0.95 * NECK_LIMITS[0])), np.clip(pitch, *(0.95 * NECK_LIMITS[1]))], axis=1)
+    # Eyes lead, the head follows: a moving mean over a fifth of a second, which stays within the limits.
+    kernel = np.hanning(13)[1:-1]
+    kernel /= kernel.sum()
+    padded = np.pad(aim, ((5, 5), (0, 0)), mode="edge")
+    aim = np.stack([np.convolve(padded[:, k], kernel, mode="valid") for k in range(2)], axis=1)
+    zero = np.zeros(len(aim))
+    half = yaw_pitch_roll(0.45 * aim[:, 0], 0.4 * aim[:, 1], zero)
+    rest = yaw_pitch_roll(0.55 * aim[:, 0], 0.6 * aim[:, 1], zero)
+    turn = chest @ half
+    head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
+    _put(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))

@@ -1,0 +1,183 @@
+"""Footwork: where each foot stands and when it moves, so that planted feet never slide.
+
+A foot is described by the point under its ball, its heading, and how far the heel is raised about the ball. While a foot is
+planted that point does not move at all; in between it swings from one place to the next. The places come from the stances
+at the strokes (a lunge, a wide defence, the landing of a jump), from the split step when the opponent strikes, and from
+steps in between, alternately left and right, under the hips as they travel.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+LEFT, RIGHT = 0, 1
+_STRIDE: Final = 0.85
+"""Distance that a pair of steps is meant to cover at most, per step [m]."""
+_STEP_TIME: Final = 0.15
+"""Least time of a step [s]."""
+_WIDTH: Final = 0.15
+"""Half the width between the feet in steps [m]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Stand:
+    """Both feet on the floor.
+
+    Attributes:
+        begin: frame from which both are planted.
+        end: last frame at which both are.
+        place: ``[2, 2]`` left and right, the ball of each foot [m].
+        yaw: ``[2]`` headings [rad].
+        last: the foot that lands last.
+        hop: whether the feet come here together, through the air.
+    """
+
+    begin: int
+    end: int
+    place: Floats
+    yaw: Floats
+    last: int = RIGHT
+    hop: bool = False
+
+
+@dataclasses.dataclass(eq=False)
+class Plant:
+    """One foot on the floor, from frame ``begin`` to frame ``end``."""
+
+    begin: int
+    end: int
+    place: Floats
+    yaw: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Feet:
+    """Both feet over F frames; axis 0 is left, right.
+
+    Attributes:
+        ball: ``[2, F, 3]`` the point under the ball of the foot [m].
+        yaw: ``[2, F]`` heading [rad].
+        pitch: ``[2, F]`` heel raised about the ball [rad].
+        planted: ``[2, F]`` whether the foot is planted.
+    """
+
+    ball: Floats
+    yaw: Floats
+    pitch: Floats
+    planted: npt.NDArray[np.bool_]
+
+
+def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: int) -> tuple[list[Plant], list[Plant]]:
+    """When and where each foot is planted.
+
+    Args:
+        stands: in order of time.
+        hips: ``[F, 2]`` the hips over the floor [m].
+        yaw: ``[F]`` heading of the hips [rad].
+        reach: ``[F]`` how far from the hips a foot can stand at most [m].
+        fps: frames a second.
+
+    Returns:
+        Plants of the left and of the right foot, in order of time.
+    """
+    feet: tuple[list[Plant], list[Plant]] = ([], [])
+    for k, stand in enumerate(stands):
+        for foot in (LEFT, RIGHT):
+            feet[foot].append(Plant(stand.begin, stand.end, stand.place[foot], float(stand.yaw[foot])))
+        if k + 1 < len(stands):
+            _between(stand, stands[k + 1], feet, hips, yaw, fps)
+    return tuple(_reachable(sorted(plants, key=lambda p: p.begin), hips, reach) for plants in feet)  # type: ignore[return-value]
+
+
+def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> None:
+    """Add the steps from one stand to the next; the feet stay where they are already close."""
+    gap = there.begin - here.end
+    way = np.linalg.norm(there.place - here.place, axis=1)
+    if there.hop or gap < 2:
+        return
+    if way.max() < 0.10:
+        return
+    most = max(2, int(gap / (_STEP_TIME * fps)))
+    n = int(np.clip(np.ceil(way.max() / _STRIDE) + 1, 2, most))
+    slot = gap / n
+    order = [(there.last + n - 1 - k) % 2 for k in range(n)]
+    for k in range(n):
+        foot = order[k]
+        begin, end = here.end + k * slot - (0.2 * slot if k else 0.0), here.end + (k + 1) * slot
+        plants = feet[foot]
+        plants[-1].end = max(plants[-1].end, int(np.ceil(begin)))
+        if foot in order[k + 1 :]:
+            # The foot stands for about one step, while the other swings; it is put where the hips are in the middle of it.
+            lift = here.end + (k + 2) * slot - 0.2 * slot
+            middle = round((end + lift) / 2)
+            side = _WIDTH if foot == RIGHT else -_WIDTH
+            c, s = np.cos(yaw[middle]), np.sin(yaw[middle])
+            place = hips[middle] + np.array([c * side, s * side])
+            plants.append(Plant(round(end), round(lift), place, float(yaw[middle]) + (-0.2 if foot == RIGHT else 0.2)))
+    return
+
+
+def _reachable(plants: list[Plant], hips: Floats, reach: Floats) -> list[Plant]:
+    """Plants cut down to the frames in which the leg can reach them."""
+    out: list[Plant] = []
+    for plant in plants:
+        frames = np.arange(plant.begin, plant.end + 1)
+        ok = np.hypot(*(hips[frames] - plant.place).T) <= reach[frames]
+        if not ok.any():
+            continue
+        # The longest run of frames within reach.
+        edges = np.flatnonzero(np.diff(np.r_[0, ok.astype(np.int8), 0]))
+        runs = edges.reshape(-1, 2)
+        first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+        plant.begin, plant.end = int(frames[first]), int(frames[last - 1])
+        if out and plant.begin <= out[-1].end:
+            plant.begin = out[-1].end + 1
+        if plant.begin <= plant.end:
+            out.append(plant)
+    return out
+
+
+def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps: int) -> Feet:
+    """Both feet in every frame.
+
+    Args:
+        plants: of the left and of the right foot.
+        lift: ``[F]`` how high the whole body is off the floor in jumps [m].
+        frames: F.
+        fps: frames a second.
+    """
+    ball, yaw = np.zeros((2, frames, 3)), np.zeros((2, frames))
+    pitch, planted = np.zeros((2, frames)), np.zeros((2, frames), dtype=bool)
+    for foot in (LEFT, RIGHT):
+        own = plants[foot]
+        for k, plant in enumerate(own):
+            begin = 0 if k == 0 else plant.begin
+            end = frames - 1 if k == len(own) - 1 else plant.end
+            rows = slice(begin, end + 1)
+            ball[foot, rows, :2], yaw[foot, rows], planted[foot, rows] = plant.place, plant.yaw, True
+            if k + 1 < len(own):
+                _swing(plant, own[k + 1], ball[foot], yaw[foot], pitch[foot], lift, fps)
+    return Feet(ball=ball, yaw=yaw, pitch=pitch, planted=planted)
+
+
+def _swing(here: Plant, there: Plant, ball: Floats, yaw: Floats, pitch: Floats, lift: Floats, fps: int) -> None:
+    rows = np.arange(here.end + 1, there.begin)
+    if not len(rows):
+        return
+    u = (rows - here.end) / (there.begin - here.end)
+    ease = u * u * (3 - 2 * u)
+    way = there.place - here.place
+    ball[rows, :2] = here.place + ease[:, None] * way
+    far = float(np.hypot(*way))
+    clear = min(0.03 + 0.10 * far, 0.14) * min(1.0, len(rows) / (0.12 * fps))
+    ball[rows, 2] = clear * np.sin(np.pi * u) ** 1.2 + lift[rows]
+    turn = (there.yaw - here.yaw + np.pi) % (2 * np.pi) - np.pi
+    yaw[rows] = here.yaw + ease * turn
+    there.yaw = here.yaw + turn
+    # The heel leaves first and lands last; a long stride lands on the heel, with the toes up.
+    up, down = np.sin(np.pi * np.clip(u / 0.7, 0, 1)), np.sin(np.pi * np.clip((u - 0.55) / 0.45, 0, 1))
+    pitch[rows] = min(1.0, far / 0.6) * (0.60 * up - 0.22 * down) + np.where(lift[rows] > 0.02, 0.45, 0.0)

@@ -1,0 +1,156 @@
+"""From a played rally to motion: the path of the shuttle and the bones of both players."""
+
+import dataclasses
+import functools
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.body import Performance, perform
+from shuttle_marl.staging.library import library_of
+from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.staging.plan import Plan, Player, plan_rally
+from shuttle_marl.staging.played import PlayedRally, StagingError
+from shuttle_marl.staging.rotation import apply, matrix, quaternion
+from shuttle_marl.staging.shuttle import shuttle_path
+from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
+from shuttle_marl.staging.timeline import Score, own_frame
+from shuttle_marl.staging.travel import travel
+
+Floats = npt.NDArray[np.float64]
+Floats32 = npt.NDArray[np.float32]
+
+HANDS: Final = ("right", "left")
+_TAIL: Final = 1.4
+"""Time after the end of the last flight [s]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """A rally as motion: F frames, two players, 23 bones. Metres, seconds; the frame of the court.
+
+    The origin lies on the floor under the middle of the net, x along the net, y along the court, z up. Seat 0 plays from
+    y < 0 and looks towards +y, seat 1 from y > 0. A bone's rotation is how far it has turned since the rest pose of its
+    skeleton, in which all bones are aligned with the axes and the athlete looks towards +y; so a vertex ``v`` of the rest
+    pose that hangs on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
+
+    Attributes:
+        fps: frames a second.
+        time: ``[F]`` since the start [s].
+        shuttle: ``[F, 3]`` position of the shuttle.
+        shuttle_velocity: ``[F, 3]`` [m/s].
+        rotation: ``[F, 2, 23, 4]`` quaternions (x, y, z, w).
+        position: ``[F, 2, 23, 3]`` where each bone begins.
+        planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
+        contact_frame: ``[n]`` frame in which each stroke is struck.
+        skeletons: of seats 0 and 1.
+        handedness: ``right`` or ``left``, of seats 0 and 1.
+        plan: points, times and flights.
+    """
+
+    fps: int
+    time: Floats
+    shuttle: Floats32
+    shuttle_velocity: Floats32
+    rotation: Floats32
+    position: Floats32
+    planted: npt.NDArray[np.bool_]
+    contact_frame: npt.NDArray[np.int64]
+    skeletons: tuple[Skeleton, Skeleton]
+    handedness: tuple[str, str]
+    plan: Plan
+
+    @functools.cached_property
+    def sweet_spot(self) -> Floats:
+        """``[F, 2, 3]`` the middle of the strings of both rackets."""
+        racket = BONE["Racket"]
+        axis = np.stack([_shaft(s, h == "right") for s, h in zip(self.skeletons, self.handedness, strict=True)])
+        turn = matrix(self.rotation[:, :, racket])
+        return self.position[:, :, racket] + SWEET_SPOT * apply(turn, np.broadcast_to(axis, (*turn.shape[:2], 3)))
+
+    def parents(self, seat: int) -> npt.NDArray[np.int64]:
+        """``[23]`` parent of every bone of a player, -1 for the hips."""
+        return self.skeletons[seat].parents(right_handed=self.handedness[seat] == "right")
+
+
+def stage(
+    rally: PlayedRally,
+    *,
+    seed: int,
+    handedness: tuple[str, str] = ("right", "right"),
+    athletes: tuple[str, str] = ("male", "male"),
+    fps: int = 50,
+) -> Motion:
+    """Stage a rally. The same arguments give the same motion.
+
+    Args:
+        rally: what was played.
+        seed: names all draws: where and when the shuttle is met.
+        handedness: ``right`` or ``left``, of seats 0 and 1.
+        athletes: ``male`` or ``female``, of seats 0 and 1.
+        fps: frames a second, from 25; every contact falls on a frame.
+
+    Raises:
+        StagingError: a rally or an option that cannot be staged.
+    """
+    rally = rally.checked()
+    if any(hand not in HANDS for hand in handedness):
+        raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
+    if not 25 <= fps <= 1000:
+        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
+    skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
+    right = (handedness[0] == "right", handedness[1] == "right")
+    players = (_player(skeletons[0], right[0]), _player(skeletons[1], right[1]))
+    plan = plan_rally(rally, load_measured(), players, seed=seed, fps=fps)
+    frames = round((plan.end_time[-1] + _TAIL) * fps) + 1
+    shuttle, velocity = shuttle_path(plan, frames, fps)
+    rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
+    planted = np.empty((frames, 2, 2), dtype=bool)
+    for seat in (0, 1):
+        sign = own_frame(plan, seat, right[seat])
+        hips = travel(plan, seat, frames, fps)
+        if not right[seat]:
+            hips = hips * np.array([-1.0, 1.0])
+        timeline = Score(plan, seat, right[seat], library_of(skeletons[seat]), hips, fps).timeline()
+        played = perform(skeletons[seat], timeline, hips, shuttle * sign, fps)
+        rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
+    return Motion(
+        fps=fps,
+        time=np.arange(frames) / fps,
+        shuttle=shuttle.astype(np.float32),
+        shuttle_velocity=velocity.astype(np.float32),
+        rotation=rotation.astype(np.float32),
+        position=position.astype(np.float32),
+        planted=planted,
+        contact_frame=np.rint(plan.time * fps).astype(np.int64),
+        skeletons=skeletons,
+        handedness=handedness,
+        plan=plan,
+    )
+
+
+def _player(skeleton: Skeleton, right_handed: bool) -> Player:
+    return Player(right_handed=right_handed, size=skeleton.scale, natural=library_of(skeleton).contact)
+
+
+def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """Rotations, positions and plants of a player in the frame of the court.
+
+    ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. Under a mirror the bones of
+    the left and the right change places.
+    """
+    rotation, position = played.rotation, played.position * sign
+    planted = played.feet.planted.T
+    mirror = sign[0] * sign[1] < 0
+    flip = np.diag([-1.0, 1.0, 1.0])
+    if mirror:
+        rotation, position, planted = flip @ rotation[:, MIRROR] @ flip, position[:, MIRROR], planted[:, ::-1]
+    # What is left of the signs after the mirror is a turn of the whole player.
+    turn = np.diag([sign[1], sign[1], 1.0])
+    return quaternion(turn @ rotation), position, planted
+
+
+def _shaft(skeleton: Skeleton, right_handed: bool) -> Floats:
+    axis = skeleton.grip_axis
+    return axis if right_handed else axis * np.array([-1.0, 1.0, 1.0])

@@ -1,0 +1,50 @@
+"""The shuttle in every frame: in the server's hand, in flight, off the net, on the floor."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.flight import GRAVITY, fall
+from shuttle_marl.staging.plan import NET, Plan
+
+Floats = npt.NDArray[np.float64]
+
+_REST: Final = 0.014
+"""Height of a shuttle that lies on the floor [m]."""
+
+
+def shuttle_path(plan: Plan, frames: int, fps: int) -> tuple[Floats, Floats]:
+    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
+    time = np.arange(frames) / fps
+    position, velocity = np.tile(plan.contact[0], (frames, 1)), np.zeros((frames, 3))
+    for i in range(len(plan.time)):
+        rows = np.flatnonzero((time >= plan.time[i] - 1e-6) & (time <= plan.end_time[i] + 1e-6))
+        position[rows], velocity[rows] = plan.flight.at(i, time[rows] - plan.time[i])
+    rows = np.flatnonzero(time > plan.end_time[-1] + 1e-6)
+    _, hit = plan.flight.at(len(plan.time) - 1, plan.flight.time[-1, -1:])
+    since = time[rows] - plan.end_time[-1]
+    if plan.end[-1] == NET:
+        start = plan.end_point[-1]
+        back = np.array([-0.04 * hit[0, 0], -0.05 * hit[0, 1], min(0.0, 0.3 * hit[0, 2])])
+        drop = fall(start[None], back[None], np.array([2.5]))
+        position[rows], velocity[rows] = drop.at(0, since)
+        landed = np.flatnonzero(position[rows, 2] <= _REST)
+        if len(landed):
+            first = rows[landed[0]]
+            _roll(position, velocity, first, position[first], velocity[first], time)
+    elif len(rows):
+        _roll(position, velocity, int(rows[0]), plan.end_point[-1], hit[0], time)
+    return position, velocity
+
+
+def _roll(position: Floats, velocity: Floats, first: int, start: Floats, into: Floats, time: Floats) -> None:
+    """From frame ``first`` on: one small bounce, then a short slide to rest."""
+    rows = slice(first, None)
+    since = time[rows] - time[first] + 0.5 * (time[1] - time[0])
+    up = min(0.18 * abs(float(into[2])), 1.0)
+    stop = 0.25
+    slide = 0.12 * into[:2] * stop * (1 - np.exp(-since / stop))[:, None]
+    position[rows, :2] = start[:2] + slide
+    position[rows, 2] = np.maximum(_REST, _REST + up * since - GRAVITY / 2 * since**2)
+    velocity[rows] = np.gradient(position[rows], time[1] - time[0], axis=0) if len(since) > 1 else 0.0

@@ -1,0 +1,289 @@
+"""The score that a player performs: key poses, jumps and stands of the feet, on the clock of a planned rally.
+
+All is in the player's own frame, mirrored for a left-hander, so that everybody plays right-handed here.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.contact import (
+    DEFENCE,
+    DEFENCE_BACKHAND,
+    KILL,
+    LUNGE,
+    LUNGE_BACKHAND,
+    SERVE_FOREHAND,
+    SIDE,
+    Stance,
+)
+from shuttle_marl.staging.feet import Stand
+from shuttle_marl.staging.flight import GRAVITY
+from shuttle_marl.staging.library import Library
+from shuttle_marl.staging.motions import CONTACT
+from shuttle_marl.staging.plan import RETURN, Plan, facing
+from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_YAW
+from shuttle_marl.staging.stances import OVERHEADS, feet_at, landing, split, waiting
+
+Floats = npt.NDArray[np.float64]
+
+_BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
+"""Seconds before the contact, and share of the shuttle's flight, at which a stroke is prepared, taken back, loaded."""
+_AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
+_SPLIT_HOP: Final = 0.035
+_HIGHEST_JUMP: Final = 0.48
+_SCISSOR: Final = 0.06
+_FULL_SWING: Final = 38.0
+"""Speed of the shuttle from which on a stroke is swung in full [m/s]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Hit:
+    """One contact of this player.
+
+    Attributes:
+        key: which key pose it is.
+        frame: when.
+        stroke: which stroke of the rally.
+        stance: how it is met, mirrored for a left-hander.
+        point: ``[3]`` where the shuttle is [m].
+        normal: ``[3]`` where the strings face.
+    """
+
+    key: int
+    frame: int
+    stroke: int
+    stance: Stance
+    point: Floats
+    normal: Floats
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Timeline:
+    """What a player does over F frames.
+
+    Attributes:
+        frame: ``[K]`` when each key pose is taken, ascending.
+        pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
+        hits: the contacts.
+        lift: ``[F]`` height of the jumps [m].
+        stands: stands of the feet.
+    """
+
+    frame: npt.NDArray[np.int64]
+    pose: Floats
+    hits: tuple[Hit, ...]
+    lift: Floats
+    stands: list[Stand]
+
+
+def own_frame(plan: Plan, seat: int, right_handed: bool) -> Floats:
+    """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
+    sign = facing(seat)
+    return np.array([sign if right_handed else -sign, sign, 1.0])
+
+
+class Score:
+    """Writes the timeline of one player."""
+
+    def __init__(self, plan: Plan, seat: int, right_handed: bool, library: Library, hips: Floats, fps: int) -> None:
+        self.plan, self.seat, self.library, self.hips, self.fps = plan, seat, library, hips, fps
+        self.right_handed = right_handed
+        self.sign = own_frame(plan, seat, right_handed)
+        self.frames = len(hips)
+        self.keys: dict[int, Floats] = {}
+        self.fixed: set[int] = set()
+        self.stands: list[Stand] = []
+        self.lift = np.zeros(self.frames)
+        self.clock = np.rint(plan.time * fps).astype(np.int64)
+
+    def timeline(self) -> Timeline:
+        """All of it."""
+        plan, hits = self.plan, []
+        striker = plan.rally.striker
+        over = round(plan.end_time[-1] * self.fps)
+        self._begin(striker[0] == self.seat)
+        for i, frame in enumerate(self.clock):
+            following = self.clock[i + 1] if i + 1 < len(self.clock) else over
+            if striker[i] == self.seat:
+                before = self.clock[i - 1] if i else 0
+                hits.append(self._strike(i, int(frame), int(before), int(following)))
+            else:
+                self._split(i, int(frame), int(following))
+        self._finish(over)
+        order = sorted(self.keys)
+        where = {frame: k for k, frame in enumerate(order)}
+        return Timeline(
+            frame=np.array(order),
+            pose=np.array([self.keys[f] for f in order]),
+            hits=tuple(dataclasses.replace(hit, key=where[hit.frame]) for hit in hits),
+            lift=self.lift,
+            stands=self.stands,
+        )
+
+    def _key(self, frame: int, pose: Floats, *, fixed: bool = False) -> None:
+        """Add a key pose; one that stands closer than two frames to a fixed one gives way."""
+        frame = min(max(frame, 0), self.frames - 1)
+        near = [f for f in range(frame - 2, frame + 3) if f in self.keys]
+        if not fixed and near:
+            return
+        for f in near:
+            if f not in self.fixed:
+                del self.keys[f]
+        self.keys[frame] = pose
+        if fixed:
+            self.fixed.add(frame)
+
+    def _stand(self, begin: int, end: int, feet: tuple[Floats, Floats], last: int = 1, hop: bool = False) -> None:
+        """Add a stand, moved behind the one before."""
+        if self.stands:
+            begin = max(begin, self.stands[-1].end + 2)
+        end = min(max(end, begin), self.frames - 1)
+        if begin < self.frames - 1:
+            self.stands.append(Stand(begin=begin, end=end, place=feet[0], yaw=feet[1], last=last, hop=hop))
+
+    def _jump(self, peak: float, height: float) -> tuple[int, int]:
+        """Add a jump; returns the frames of take-off and landing."""
+        half = np.sqrt(2 * height / GRAVITY) * self.fps
+        t = (np.arange(self.frames) - peak) / self.fps
+        self.lift = np.maximum(self.lift, height - GRAVITY / 2 * t**2)
+        return int(np.floor(peak - half)), int(np.ceil(peak + half))
+
+    def _facing(self, frame: int) -> float:
+        """How far left the player looks to face where the shuttle is struck next [rad]."""
+        i = int(np.clip(np.searchsorted(self.clock, frame), 0, len(self.clock) - 1))
+        way = (self.plan.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
+        return float(0.7 * np.arctan2(-way[0], max(way[1], 1.5)))
+
+    def _ready(self, frame: int, low: float = 0.0) -> Floats:
+        pose = self.library.ready.copy()
+        pose[HIPS_YAW] += self._facing(frame)
+        pose[HIPS_HEIGHT] -= low
+        return pose
+
+    def _begin(self, serves: bool) -> None:
+        first = int(self.clock[0])
+        if serves:
+            stance = self._stance(0)
+            place, yaw, _ = feet_at(stance.motion, self.hips[0], stance.heading, 0.0)
+            self._stand(0, first + round(0.12 * self.fps), (place, yaw))
+            return
+        pose = self.library.wait.copy()
+        self._key(0, pose, fixed=True)
+        self._key(first - round(0.25 * self.fps), pose)
+        self._stand(0, first - round(0.08 * self.fps), waiting(self.hips[0], 0.0))
+
+    def _split(self, i: int, frame: int, following: int) -> None:
+        """The opponent strikes: a small hop, landing wide, ready to go either way."""
+        fps = self.fps
+        self._key(frame - round(0.12 * fps), self._ready(frame, 0.01))
+        self._key(frame + round(0.08 * fps), self._ready(frame, 0.05))
+        room = frame - self.stands[-1].end
+        heading = self._facing(frame)
+        if room > 0.16 * fps:
+            up, down = self._jump(frame - 0.01 * fps, _SPLIT_HOP)
+            if i and room > 0.34 * fps:
+                self._stand(up - 1, up, split(self.hips[up], heading), last=i % 2)
+            elif self.stands[-1].end < up:
+                # No time for a step: the hop begins from where the feet are.
+                self.stands[-1] = dataclasses.replace(self.stands[-1], end=max(self.stands[-1].end, up))
+            self._stand(down, down + 2, split(self.hips[min(down + 1, self.frames - 1)], heading), hop=True)
+        elif following - frame > 0.5 * fps:
+            self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
+
+    def _stance(self, i: int) -> Stance:
+        """The planned stance, mirrored for a left-hander."""
+        stance = self.plan.stance[i]
+        if self.right_handed:
+            return stance
+        return dataclasses.replace(stance, heading=-stance.heading, root=stance.root * np.array([-1.0, 1.0]))
+
+    def _strike(self, i: int, frame: int, before: int, following: int) -> Hit:
+        stance, fps = self._stance(i), self.fps
+        motion, heading = stance.motion, stance.heading
+        point, normal = self.plan.contact[i] * self.sign, self._normal(i)
+        ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps
+        keys = self.library.stroke[motion].copy()
+        keys[:, HIPS_YAW] += heading
+        power = float(np.clip(self.plan.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
+        keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in OVERHEADS else keys[1:CONTACT]
+        keys[CONTACT + 1 :] = keys[CONTACT] + max(power, 0.5) * (keys[CONTACT + 1 :] - keys[CONTACT])
+        lift = self._rise(keys, stance, point, frame, ahead)
+        self._key(frame, keys[CONTACT], fixed=True)
+        for k, (seconds, share) in enumerate(_BEFORE):
+            lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead)
+            self._key(frame - max(2, round(lead * fps)), keys[k], fixed=k != 1)
+        for k, (seconds, share) in enumerate(_AFTER):
+            self._key(frame + max(3, round(min(seconds, share * behind) * fps)), keys[CONTACT + 1 + k], fixed=k == 0)
+        if i == 0:
+            self._key(0, keys[0], fixed=True)
+        if behind > 0.8:
+            self._key(frame + round(0.75 * behind * fps), self._ready(frame + round(0.75 * behind * fps)))
+        self._feet(i, stance, frame, lift)
+        return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal)
+
+    def _rise(self, keys: Floats, stance: Stance, point: Floats, frame: int, ahead: float) -> tuple[int, int] | None:
+        """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
+        natural = self.library.contact[stance.motion, 2]
+        need = point[2] - natural
+        motion = stance.motion
+        if motion in OVERHEADS:
+            jump = need + 0.03 if need > 0 else 0.0
+            if ahead > 0.6:
+                jump = max(jump, _SCISSOR)
+            if jump > 0.02:
+                jump = min(jump, _HIGHEST_JUMP)
+                keys[CONTACT, HIPS_HEIGHT] += min(0.0, need - jump) * 0.5
+                keys[1, HIPS_HEIGHT] -= 0.3 * jump
+                return self._jump(frame - 0.02 * self.fps, jump)
+            keys[CONTACT, HIPS_HEIGHT] += max(-0.12, 0.6 * need)
+            return None
+        share, low, high = 0.35, -0.10, 0.14
+        if motion in (LUNGE, LUNGE_BACKHAND):
+            share, low, high = 0.45, -0.09, 0.16
+        elif motion in (DEFENCE, DEFENCE_BACKHAND, SIDE):
+            share, low, high = 0.40, -0.13, 0.12
+        change = float(np.clip(share * need, low, high)) - (0.05 * stance.reach if motion in (DEFENCE, DEFENCE_BACKHAND) else 0.0)
+        keys[CONTACT - 1 : CONTACT + 2, HIPS_HEIGHT] += change * np.array([0.6, 1.0, 0.8])
+        return None
+
+    def _feet(self, i: int, stance: Stance, frame: int, air: tuple[int, int] | None) -> None:
+        fps = self.fps
+        root = self.hips[frame]
+        place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach)
+        if i == 0:
+            if stance.motion == SERVE_FOREHAND:
+                return
+            return
+        if air is None:
+            hold = 0.16 if stance.motion in (LUNGE, LUNGE_BACKHAND, KILL) else 0.10
+            self._stand(frame - round(0.05 * fps), frame + round(hold * fps), (place, yaw), last=last)
+            return
+        up, down = air
+        before = self.hips[max(up - 1, 0)]
+        self._stand(up - round(0.08 * fps), up, (place - root + before, yaw), last=last)
+        after = self.hips[min(down + 1, self.frames - 1)]
+        self._stand(down, down + round(0.08 * fps), landing(after, 0.5 * stance.heading), hop=True)
+
+    def _normal(self, i: int) -> Floats:
+        """Where the strings face: between where the shuttle comes from and where it goes."""
+        _, out = self.plan.flight.at(i, np.array([0.0]))
+        n = out[0] / np.linalg.norm(out[0])
+        if i:
+            _, into = self.plan.flight.at(i - 1, self.plan.flight.time[i - 1, -1:])
+            n = n - 0.4 * into[0] / np.linalg.norm(into[0])
+        return n / np.linalg.norm(n) * self.sign
+
+    def _finish(self, over: int) -> None:
+        """After the rally both let the racket sink."""
+        fps = self.fps
+        last = max(over, int(self.clock[-1]) + round(0.5 * fps))
+        rest = self.library.rest.copy()
+        rest[HIPS_YAW] += self._facing(last)
+        if self.plan.rally.striker[-1] != self.seat and self.plan.end[-1] != RETURN:
+            self._key(over - round(0.05 * fps), self._ready(over, 0.02))
+        self._key(min(last + round(0.75 * fps), self.frames - 1), rest, fixed=True)
+        self._key(self.frames - 1, rest)
+        self._stand(self.frames - 2, self.frames - 1, split(self.hips[-1], self._facing(self.frames - 1)))
