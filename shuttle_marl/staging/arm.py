@@ -219,6 +219,20 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
     return x
 
 
+def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats:
+    """The best of what :func:`solve` finds from several starts ``[S, N, 10]``, judged by point, shaft and elbow."""
+    s, n = starts.shape[:2]
+    many = Goal(**{f.name: np.concatenate([getattr(goal, f.name)] * s) for f in dataclasses.fields(Goal)})
+    found = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
+    pose = arm.pose(found)
+    shaft, upper = apply(pose.rotation[4], arm.axis), unit(pose.position[2] - pose.position[1])
+    errors = (pose.position[4] + many.reach[:, None] * shaft - many.point, shaft - many.shaft, upper - many.elbow)
+    weights = many.weight[:, (0, 1, 3)]
+    cost = (np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1) * weights) ** 2
+    best = cost.sum(axis=1).reshape(s, n).argmin(axis=0)
+    return found.reshape(s, n, -1)[best, np.arange(n)]
+
+
 def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
     """``[N, 3]`` middle of the strings."""
     return pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)

@@ -7,12 +7,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from shuttle_marl.staging.arm import Goal, arm_of, solve
-from shuttle_marl.staging.contact import KILL_BACKHAND, LUNGE_BACKHAND, OVERHEAD_BACKHAND, SERVE_BACKHAND, SIDE_BACKHAND
-from shuttle_marl.staging.contact import DEFENCE_BACKHAND as _DEFENCE_BACKHAND
+from shuttle_marl.staging.arm import Arm, Goal, arm_of, solve, solve_best, sweet_spot
+from shuttle_marl.staging.contact import (
+    DEFENCE_BACKHAND,
+    KILL_BACKHAND,
+    LUNGE_BACKHAND,
+    OVERHEAD_BACKHAND,
+    SERVE_BACKHAND,
+    SIDE_BACKHAND,
+)
 from shuttle_marl.staging.feet import Feet, move, steps
 from shuttle_marl.staging.legs import legs, settle
-from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, in_chest
+from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import CONTACT, KEYS
 from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
 from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton
@@ -21,11 +27,12 @@ from shuttle_marl.staging.timeline import Timeline
 
 Floats = npt.NDArray[np.float64]
 
-BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, _DEFENCE_BACKHAND})
+BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, DEFENCE_BACKHAND})
 """Motions that strike with the back of the hand ahead."""
 NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
 _MOST_LEAN: Final = np.radians(18)
+_TOLERANCE: Final = 2e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,20 +50,35 @@ class Performance:
     feet: Feet
 
 
-def perform(skeleton: Skeleton, timeline: Timeline, hips: Floats, shuttle: Floats, fps: int) -> Performance:
-    """Play a timeline.
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Prepared:
+    """What is known before the bones are: F frames, K key poses, H hits.
+
+    Attributes:
+        hips: ``[F, 3]`` where the hips are [m].
+        root: ``[F, 3, 3]`` how they are turned.
+        feet: the feet.
+        poses: ``[K, 27]`` key poses, those at contacts bent towards the shuttle.
+        miss: ``[H, 3]`` from the strings to the shuttle at each hit [m].
+    """
+
+    hips: Floats
+    root: Floats
+    feet: Feet
+    poses: Floats
+    miss: Floats
+
+
+def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> Prepared:
+    """Put feet and hips in place and solve the contacts.
 
     Args:
         skeleton: the athlete.
         timeline: what to do.
         hips: ``[F, 2]`` the hips over the floor [m].
-        shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
         fps: frames a second.
     """
-    frames = np.arange(len(hips), dtype=np.float64)
-    body = PchipInterpolator(timeline.frame, timeline.pose[:, :7], axis=0, extrapolate=True)(
-        np.clip(frames, timeline.frame[0], timeline.frame[-1])
-    )
+    body = _between_keys(timeline, timeline.pose[:, TRUNK], len(hips))
     place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
     root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
     thigh, shank = skeleton.leg
@@ -65,9 +87,22 @@ def perform(skeleton: Skeleton, timeline: Timeline, hips: Floats, shuttle: Float
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
     feet = move(plants, timeline.lift, len(hips), fps)
     place, feet = settle(skeleton, place, root, feet)
-    poses = _meet(skeleton, timeline, place)
-    pose = PchipInterpolator(timeline.frame, poses, axis=0)(np.clip(frames, timeline.frame[0], timeline.frame[-1]))
-    rotation, position = np.empty((len(hips), N_BONES, 3, 3)), np.empty((len(hips), N_BONES, 3))
+    poses, miss = _meet(skeleton, timeline, place)
+    return Prepared(hips=place, root=root, feet=feet, poses=poses, miss=miss)
+
+
+def perform(skeleton: Skeleton, timeline: Timeline, prepared: Prepared, shuttle: Floats) -> Performance:
+    """All bones in all frames.
+
+    Args:
+        skeleton: the athlete.
+        timeline: what to do.
+        prepared: feet, hips and key poses.
+        shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
+    """
+    place, root, feet = prepared.hips, prepared.root, prepared.feet
+    pose = _between_keys(timeline, prepared.poses, len(place))
+    rotation, position = np.empty((len(place), N_BONES, 3, 3)), np.empty((len(place), N_BONES, 3))
     spine_rotation, spine_position = trunk(skeleton, place, pose[:, :7])
     _put(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
     chest, middle = spine_rotation[-1], spine_position[-1]
@@ -96,16 +131,23 @@ def perform(skeleton: Skeleton, timeline: Timeline, hips: Floats, shuttle: Float
     return Performance(rotation=rotation, position=position, feet=feet)
 
 
+def _between_keys(timeline: Timeline, poses: Floats, frames: int) -> Floats:
+    """``[F, ...]`` key poses joined by cubics that pass each of them and never overshoot (Fritsch & Carlson 1980)."""
+    when = np.clip(np.arange(frames, dtype=np.float64), timeline.frame[0], timeline.frame[-1])
+    out: Floats = PchipInterpolator(timeline.frame, poses, axis=0)(when)
+    return out
+
+
 def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Floats, place: Floats) -> None:
     rows = [BONE[name] for name in names]
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
-def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> Floats:
-    """The key poses, those at contacts bent so that the strings are where the shuttle is."""
+def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> tuple[Floats, Floats]:
+    """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
     poses = timeline.pose.copy()
     if not timeline.hits:
-        return poses
+        return poses, np.zeros((0, 3))
     arm = arm_of(skeleton)
     rows = np.array([hit.key for hit in timeline.hits])
     frames = np.array([hit.frame for hit in timeline.hits])
@@ -121,19 +163,42 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> Floats:
     reach = np.full(n, SWEET_SPOT)
     angles = poses[rows, RACKET_ARM]
     lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
-    for step in range(7):
-        chest, collar = _chest(skeleton, hips, poses[rows])
-        last = step == 6
-        weight = np.tile((60.0, 0.15, 0.15, 0.1) if last else (8.0, 0.4, 0.4, 0.3), (n, 1))
-        goal = Goal(point=point, reach=reach, shaft=shaft, normal=normal, elbow=elbow, weight=weight)
-        angles = solve(arm, in_chest(chest, collar, goal), angles, rounds=24 if last or not step else 8, hold=0.03)
-        if last:
-            break
-        pose = arm.pose(angles)
-        seen = pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)
-        poses[rows] = _leant(skeleton, hips, poses[rows], lean0, seen, point)
+
+    def goal(weight: tuple[float, float, float, float], some: npt.NDArray[np.intp]) -> Goal:
+        """The goals of some hits, in the frame of the chest."""
+        chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
+        found = Goal(
+            point=point[some],
+            reach=reach[some],
+            shaft=shaft[some],
+            normal=normal[some],
+            elbow=elbow[some],
+            weight=np.tile(weight, (len(some), 1)),
+        )
+        return in_chest(chest, collar, found)
+
+    everyone = np.arange(n)
+    for step in range(6):
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=24 if not step else 6)
+        poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
+    exact = goal((60.0, 0.15, 0.15, 0.1), everyone)
+    angles = solve(arm, exact, angles, rounds=20)
+    short = _strings(arm, angles) - exact.point
+    far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
+    if len(far):
+        # Caught between limits: begin again from other poses of the same stroke.
+        starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
+        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), np.concatenate([angles[far][None], starts]))
+        better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
+        angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles
-    return poses
+    chest, _ = _chest(skeleton, hips, poses[rows])
+    return poses, apply(chest, exact.point - _strings(arm, angles))
+
+
+def _strings(arm: Arm, angles: Floats) -> Floats:
+    """``[N, 3]`` the middle of the strings, in the frame of the chest."""
+    return sweet_spot(arm, arm.pose(angles))
 
 
 def _chest(skeleton: Skeleton, hips: Floats, poses: Floats) -> tuple[Floats, Floats]:

@@ -7,12 +7,23 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.arm import Arm, Goal, arm_of, solve
-from shuttle_marl.staging.contact import MOTIONS
+from shuttle_marl.staging.arm import Arm, Goal, arm_of, solve, solve_best
+from shuttle_marl.staging.contact import (
+    AROUND,
+    DEFENCE,
+    DEFENCE_BACKHAND,
+    LUNGE,
+    LUNGE_BACKHAND,
+    MOTIONS,
+    OVERHEAD,
+    OVERHEAD_BACKHAND,
+    SIDE,
+    SIDE_BACKHAND,
+)
 from shuttle_marl.staging.motions import AIM, CONTACT, KEYS, READY, REST, WAIT, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
-from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_YAW, N_TRUNK, collar_of, trunk
+from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, N_TRUNK, SPINE_PITCH, collar_of, trunk
 
 Floats = npt.NDArray[np.float64]
 
@@ -25,6 +36,36 @@ N_POSE: Final = N_TRUNK + 2 * N_ARM
 FLIP: Final = np.array([-1.0, 1.0, 1.0])
 
 
+NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
+"""Heights above the natural one for which each motion is solved [m]."""
+_CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
+    "overhead": (0.55, -0.16, 0.0, 0.0),
+    "lunge": (0.40, -0.10, 0.18, 40.0),
+    "defence": (0.40, -0.14, 0.14, 36.0),
+    "other": (0.35, -0.10, 0.12, 20.0),
+}
+"""How a motion gets lower or higher than is natural: share that the hips take up, least and greatest change of their height
+[m], and how much further the body bows for each metre [degrees]."""
+
+
+def bent(trunk_pose: Floats, motion: int, need: Floats) -> Floats:
+    """``[N, 7]`` trunks for contacts that are ``need`` metres higher than is natural for a motion."""
+    kind = "other"
+    if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND):
+        kind = "overhead"
+    elif motion in (LUNGE, LUNGE_BACKHAND):
+        kind = "lunge"
+    elif motion in (DEFENCE, DEFENCE_BACKHAND, SIDE, SIDE_BACKHAND):
+        kind = "defence"
+    share, low, high, bow = _CROUCH[kind]
+    out = np.broadcast_to(trunk_pose, (len(need), N_TRUNK)).copy()
+    out[:, HIPS_HEIGHT] += np.clip(share * need, low, high)
+    more = np.radians(np.clip(-bow * need, -0.4 * bow, 22.0))
+    out[:, HIPS_PITCH] += 0.45 * more
+    out[:, SPINE_PITCH] += 0.55 * more
+    return out
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Library:
     """Poses of one athlete.
@@ -34,7 +75,8 @@ class Library:
         ready: ``[27]`` between strokes.
         wait: ``[27]`` before the serve, the receiver.
         rest: ``[27]`` after the rally.
-        contact: ``[13, 3]`` where each motion meets the shuttle best, in the stroke frame [m].
+        contact: ``[13, 7, 3]`` where each motion meets the shuttle best, in the stroke frame [m]: at its own height, and
+            at the heights of :data:`NEEDS` above it.
         miss: ``[13, 6]`` how far the racket is from where the motions want it [m].
     """
 
@@ -44,6 +86,13 @@ class Library:
     rest: Floats
     contact: Floats
     miss: Floats
+
+    def natural(self, motion: int, z: float) -> Floats:
+        """``[3]`` where a motion meets a shuttle of height ``z`` best: in the stroke frame, at its own height [m]."""
+        own = self.contact[motion, 0]
+        need = np.clip(z - own[2], NEEDS[0], NEEDS[-1])
+        x, y = (float(np.interp(need, NEEDS, self.contact[motion, 1:, k])) for k in (0, 1))
+        return np.array([x, y, own[2]])
 
 
 @functools.cache
@@ -63,9 +112,42 @@ def library_of(skeleton: Skeleton) -> Library:
         ready=poses[n],
         wait=poses[n + 1],
         rest=poses[n + 2],
-        contact=apply(back.transpose(0, 2, 1), reached[hit]),
+        contact=_contacts(skeleton, poses[:n].reshape(-1, 6, N_POSE)[:, CONTACT], reached[hit], back),
         miss=miss[:n].reshape(-1, 6),
     )
+
+
+def _contacts(skeleton: Skeleton, pose: Floats, own: Floats, back: Floats) -> Floats:
+    """``[13, 7, 3]`` of :class:`Library`, from the contact poses and what they reach in the facing frame."""
+    arm, m, k = arm_of(skeleton), len(MOTIONS), len(NEEDS)
+    need = np.array(NEEDS)
+    needs = [np.minimum(need, 0.0) if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND) else need for motion in range(m)]
+    body = np.concatenate([bent(pose[motion, TRUNK], motion, needs[motion]) for motion in range(m)])
+    body[:, HIPS_YAW] = 0
+    hips = np.zeros((m * k, 3))
+    hips[:, 2] = body[:, HIPS_HEIGHT]
+    rotation, position = trunk(skeleton, hips, body)
+    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
+    angles = np.repeat(pose[:, RACKET_ARM], k, axis=0)
+    point = np.repeat(own, k, axis=0)
+    height = point[:, 2] + np.concatenate(needs)
+    keys = [KEYS[motion][CONTACT] for motion in range(m)]
+    shaft, elbow = (np.repeat(unit(np.array([getattr(key, name) for key in keys])), k, axis=0) for name in ("shaft", "elbow"))
+    for weight in (3.0, 5.0, 8.0):
+        # The height is wanted; along the floor the arm goes where it likes, and the goal follows it.
+        point[:, 2] = height
+        goal = Goal(
+            point=point,
+            reach=np.full(m * k, SWEET_SPOT),
+            shaft=shaft,
+            normal=np.zeros_like(shaft),
+            elbow=elbow,
+            weight=np.tile((weight, 0.7, 0.0, 0.45), (m * k, 1)),
+        )
+        angles = solve(arm, in_chest(chest, collar, goal), angles, rounds=20)
+        point = apply(chest, _reached(arm, angles, goal.reach)) + collar
+    out = np.concatenate([own[:, None], point.reshape(m, k, 3)], axis=1)
+    return apply(back.transpose(0, 2, 1)[:, None], out)
 
 
 def _solve(skeleton: Skeleton, keys: list[Key], aim: Floats, hit: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
@@ -140,16 +222,7 @@ def solve_from_anywhere(arm: Arm, goal: Goal) -> Floats:
             (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
         ]
     )
-    found, cost = np.empty((len(starts), n, N_ARM)), np.empty((len(starts), n))
-    for k, start in enumerate(starts):
-        found[k] = solve(arm, goal, np.tile(start, (n, 1)), rounds=60)
-        pose = arm.pose(found[k])
-        shaft = apply(pose.rotation[4], arm.axis)
-        error = np.linalg.norm(pose.position[4] + goal.reach[:, None] * shaft - goal.point, axis=1) * goal.weight[:, 0]
-        turn = np.linalg.norm(shaft - goal.shaft, axis=1) * goal.weight[:, 1]
-        upper = unit(pose.position[2] - pose.position[1])
-        cost[k] = error**2 + turn**2 + (np.linalg.norm(upper - goal.elbow, axis=1) * goal.weight[:, 3]) ** 2
-    return np.take_along_axis(found, cost.argmin(axis=0)[None, :, None], axis=0)[0]
+    return solve_best(arm, goal, np.repeat(starts[:, None], n, axis=1), rounds=60)
 
 
 def _reached(arm: Arm, angles: Floats, reach: Floats) -> Floats:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.body import Performance, perform
+from shuttle_marl.staging.body import Performance, Prepared, perform, prepare
 from shuttle_marl.staging.library import library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.plan import Plan, Player, plan_rally
@@ -15,13 +15,15 @@ from shuttle_marl.staging.played import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.staging.shuttle import shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
-from shuttle_marl.staging.timeline import Score, own_frame
+from shuttle_marl.staging.timeline import Score, Timeline, own_frame
 from shuttle_marl.staging.travel import travel
 
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
 
 HANDS: Final = ("right", "left")
+_ATTEMPTS: Final = 5
+_TOLERANCE: Final = 3e-3
 _TAIL: Final = 1.4
 """Time after the end of the last flight [s]."""
 
@@ -108,12 +110,9 @@ def stage(
     rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
     planted = np.empty((frames, 2, 2), dtype=bool)
     for seat in (0, 1):
-        sign = own_frame(plan, seat, right[seat])
-        hips = travel(plan, seat, frames, fps)
-        if not right[seat]:
-            hips = hips * np.array([-1.0, 1.0])
-        timeline = Score(plan, seat, right[seat], library_of(skeletons[seat]), hips, fps).timeline()
-        played = perform(skeletons[seat], timeline, hips, shuttle * sign, fps)
+        sign = own_frame(seat, right[seat])
+        timeline, prepared = _prepared(plan, seat, skeletons[seat], right[seat], frames, fps)
+        played = perform(skeletons[seat], timeline, prepared, shuttle * sign)
         rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
     return Motion(
         fps=fps,
@@ -130,8 +129,25 @@ def stage(
     )
 
 
+def _prepared(plan: Plan, seat: int, skeleton: Skeleton, right_handed: bool, frames: int, fps: int) -> tuple[Timeline, Prepared]:
+    """Timeline and feet of one player. Where the racket does not get to the shuttle, the hips are moved and it tries again."""
+    shift, library = np.zeros((len(plan.time), 3)), library_of(skeleton)
+    mirror = np.array([1.0 if right_handed else -1.0, 1.0])
+    for _ in range(_ATTEMPTS):
+        hips = travel(plan, seat, shift[:, :2] * mirror, frames, fps) * mirror
+        timeline = Score(plan, seat, right_handed, library, hips, shift[:, 2], fps).timeline()
+        prepared = prepare(skeleton, timeline, hips, fps)
+        missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
+        if not missed.any():
+            break
+        strokes = np.array([hit.stroke for hit in timeline.hits])
+        # A little further than the miss, or the last millimetres would take many attempts.
+        shift[strokes[missed]] += 1.15 * prepared.miss[missed]
+    return timeline, prepared
+
+
 def _player(skeleton: Skeleton, right_handed: bool) -> Player:
-    return Player(right_handed=right_handed, size=skeleton.scale, natural=library_of(skeleton).contact)
+    return Player(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
 
 
 def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:

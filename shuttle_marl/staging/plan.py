@@ -16,6 +16,7 @@ from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, NET_HEIGHT, NET_HEIGHT_C
 from shuttle_marl.rally import FAULT, WINNER
 from shuttle_marl.staging.contact import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.flight import Flights, shoot
+from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.played import PlayedRally
 from shuttle_marl.stroke import N_SERVES, SHOTS
@@ -84,12 +85,12 @@ class Player:
     Attributes:
         right_handed: which hand holds the racket.
         size: height relative to the athlete for whom the motions were written.
-        natural: ``[13, 3]`` where each motion meets the shuttle best, in the stroke frame of a right-hander [m].
+        library: the poses of their athlete.
     """
 
     right_handed: bool
     size: float
-    natural: Floats
+    library: Library
 
 
 def plan_rally(rally: PlayedRally, measured: Measured, players: tuple[Player, Player], *, seed: int, fps: int) -> Plan:
@@ -180,7 +181,9 @@ class _Planner:
         motion = motion_of(shot, self.technique[0], z, y)
         hips = np.array([sign * max(x, 0.12), -max(y, SHORT_SERVICE + 0.4)])
         player = self.players[server]
-        probe = stance_of(motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.natural[motion])
+        probe = stance_of(
+            motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.library.natural(motion, z)
+        )
         contact = np.array([*(hips - probe.root + np.array([0.0, -3.0])), z])
         base[0, server], base[0, 1 - server] = hips, (sign * rx, -ry)
         return contact, dataclasses.replace(probe, root=hips)
@@ -290,7 +293,7 @@ class _Planner:
         player = self.players[self.rally.striker[i]]
         z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
         motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
-        return stance_of(motion, own, base, player.right_handed, player.natural[motion])
+        return stance_of(motion, own, base, player.right_handed, player.library.natural(motion, float(own[2])))
 
     def _height(self, i: int, u: float) -> float:
         """Height at which stroke i is struck [m]; overhead it grows with the player."""

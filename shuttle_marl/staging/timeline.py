@@ -15,13 +15,11 @@ from shuttle_marl.staging.contact import (
     KILL,
     LUNGE,
     LUNGE_BACKHAND,
-    SERVE_FOREHAND,
-    SIDE,
     Stance,
 )
 from shuttle_marl.staging.feet import Stand
 from shuttle_marl.staging.flight import GRAVITY
-from shuttle_marl.staging.library import Library
+from shuttle_marl.staging.library import TRUNK, Library, bent
 from shuttle_marl.staging.motions import CONTACT
 from shuttle_marl.staging.plan import RETURN, Plan, facing
 from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_YAW
@@ -79,19 +77,31 @@ class Timeline:
     stands: list[Stand]
 
 
-def own_frame(plan: Plan, seat: int, right_handed: bool) -> Floats:
+def own_frame(seat: int, right_handed: bool) -> Floats:
     """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
     sign = facing(seat)
     return np.array([sign if right_handed else -sign, sign, 1.0])
 
 
 class Score:
-    """Writes the timeline of one player."""
+    """Writes the timeline of one player.
 
-    def __init__(self, plan: Plan, seat: int, right_handed: bool, library: Library, hips: Floats, fps: int) -> None:
+    Args:
+        plan: the rally.
+        seat: 0 or 1.
+        right_handed: whether they are.
+        library: the poses of their athlete.
+        hips: ``[F, 2]`` the hips over the floor, mirrored for a left-hander [m].
+        higher: ``[n]`` how much higher the hips shall be at each stroke than the pose has them [m].
+        fps: frames a second.
+    """
+
+    def __init__(
+        self, plan: Plan, seat: int, right_handed: bool, library: Library, hips: Floats, higher: Floats, fps: int
+    ) -> None:
         self.plan, self.seat, self.library, self.hips, self.fps = plan, seat, library, hips, fps
-        self.right_handed = right_handed
-        self.sign = own_frame(plan, seat, right_handed)
+        self.right_handed, self.higher = right_handed, higher
+        self.sign = own_frame(seat, right_handed)
         self.frames = len(hips)
         self.keys: dict[int, Floats] = {}
         self.fixed: set[int] = set()
@@ -210,7 +220,7 @@ class Score:
         power = float(np.clip(self.plan.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
         keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in OVERHEADS else keys[1:CONTACT]
         keys[CONTACT + 1 :] = keys[CONTACT] + max(power, 0.5) * (keys[CONTACT + 1 :] - keys[CONTACT])
-        lift = self._rise(keys, stance, point, frame, ahead)
+        lift = self._rise(keys, stance, float(point[2]), frame, ahead, float(self.higher[i]))
         self._key(frame, keys[CONTACT], fixed=True)
         for k, (seconds, share) in enumerate(_BEFORE):
             lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead)
@@ -224,38 +234,33 @@ class Score:
         self._feet(i, stance, frame, lift)
         return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal)
 
-    def _rise(self, keys: Floats, stance: Stance, point: Floats, frame: int, ahead: float) -> tuple[int, int] | None:
+    def _rise(self, keys: Floats, stance: Stance, z: float, frame: int, ahead: float, higher: float) -> tuple[int, int] | None:
         """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
-        natural = self.library.contact[stance.motion, 2]
-        need = point[2] - natural
         motion = stance.motion
+        need = float(z - self.library.contact[motion, 0, 2])
+        air = None
         if motion in OVERHEADS:
-            jump = need + 0.03 if need > 0 else 0.0
+            jump = max(0.0, need + 0.03 + higher) if need + higher > 0 else 0.0
             if ahead > 0.6:
                 jump = max(jump, _SCISSOR)
             if jump > 0.02:
                 jump = min(jump, _HIGHEST_JUMP)
-                keys[CONTACT, HIPS_HEIGHT] += min(0.0, need - jump) * 0.5
                 keys[1, HIPS_HEIGHT] -= 0.3 * jump
-                return self._jump(frame - 0.02 * self.fps, jump)
-            keys[CONTACT, HIPS_HEIGHT] += max(-0.12, 0.6 * need)
-            return None
-        share, low, high = 0.35, -0.10, 0.14
-        if motion in (LUNGE, LUNGE_BACKHAND):
-            share, low, high = 0.45, -0.09, 0.16
-        elif motion in (DEFENCE, DEFENCE_BACKHAND, SIDE):
-            share, low, high = 0.40, -0.13, 0.12
-        change = float(np.clip(share * need, low, high)) - (0.05 * stance.reach if motion in (DEFENCE, DEFENCE_BACKHAND) else 0.0)
-        keys[CONTACT - 1 : CONTACT + 2, HIPS_HEIGHT] += change * np.array([0.6, 1.0, 0.8])
-        return None
+                air = self._jump(frame - 0.02 * self.fps, jump)
+            need, higher = min(need - jump, 0.0), 0.0 if jump else higher
+        change = bent(keys[CONTACT, TRUNK], motion, np.array([need]))[0] - keys[CONTACT, TRUNK]
+        change[HIPS_HEIGHT] += higher
+        if motion in (DEFENCE, DEFENCE_BACKHAND):
+            change[HIPS_HEIGHT] -= 0.04 * stance.reach
+        for k, share in ((CONTACT - 1, 0.6), (CONTACT, 1.0), (CONTACT + 1, 0.8)):
+            keys[k, TRUNK] += share * change
+        return air
 
     def _feet(self, i: int, stance: Stance, frame: int, air: tuple[int, int] | None) -> None:
         fps = self.fps
         root = self.hips[frame]
         place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach)
         if i == 0:
-            if stance.motion == SERVE_FOREHAND:
-                return
             return
         if air is None:
             hold = 0.16 if stance.motion in (LUNGE, LUNGE_BACKHAND, KILL) else 0.10

@@ -1,6 +1,6 @@
 """How the hips of a player travel over the court: the smoothest path that is where it must be and breaks no limit.
 
-    minimise   Σ w_a |p̈|² + Σ w_b |p − base|² + Σ w_v |ṗ|² + Σ W |p − root|²    subject to |ṗ| ≤ V, |p̈| ≤ A
+    minimise   Σ w_a |p̈|² + Σ w_b |base - p|² + Σ w_v |ṗ|² + Σ W |root - p|²    subject to |ṗ| ≤ V, |p̈| ≤ A
 
 over the positions of all frames: at each own stroke the hips are at the root of its stance, when the opponent strikes
 they wait near their base, slow enough for a split step. Solved by the alternating direction method of multipliers (Boyd,
@@ -27,20 +27,21 @@ _ROUNDS: Final = 240
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
 
-def travel(plan: Plan, seat: int, frames: int, fps: int) -> Floats:
+def travel(plan: Plan, seat: int, shift: Floats, frames: int, fps: int) -> Floats:
     """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
 
     Args:
         plan: the rally.
         seat: 0 or 1.
+        shift: ``[n, 2]`` added to the root of each stance [m].
         frames: length of the staging.
         fps: frames a second.
     """
-    q, target, still = _wishes(plan, seat, frames, fps)
+    q, target, still = _wishes(plan, seat, shift, frames, fps)
     return _solve(q, target, still, fps)
 
 
-def _wishes(plan: Plan, seat: int, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
+def _wishes(plan: Plan, seat: int, shift: Floats, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
     """``[frames]`` weight of a place, ``[frames, 2]`` weight times place, ``[frames - 1]`` weight against speed."""
     weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
 
@@ -56,13 +57,13 @@ def _wishes(plan: Plan, seat: int, frames: int, fps: int) -> tuple[Floats, Float
     hits = np.rint(plan.time * fps).astype(np.int64)
     target += 1e-3 * plan.base[0, seat]
     if striker[0] == seat:
-        wish(0, plan.stance[0].root, 50.0)
+        wish(0, plan.stance[0].root + shift[0], 50.0)
     else:
         wish(0, plan.base[0, seat], 50.0)
     still[: hits[0]] += 3.0
     for i, frame in enumerate(hits):
         if striker[i] == seat:
-            wish(frame, plan.stance[i].root, _CONTACT)
+            wish(frame, plan.stance[i].root + shift[i], _CONTACT)
             slow(frame, _BRAKE, 4)
         else:
             wish(frame, plan.base[i, seat], _BASE, 3)
