@@ -16,7 +16,7 @@ from torchrl.envs import EnvBase
 
 from shuttle_marl.env.base import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
-from shuttle_marl.kernel.rows import Server
+from shuttle_marl.kernel.rows import Seen, Server
 from shuttle_marl.policy.base import Policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
@@ -92,34 +92,35 @@ class _BatchedEnv(EnvBase):
         else:
             self._batch.reset(rows=which.view(-1).numpy())
         none = torch.zeros(len(self._batch), 1, dtype=torch.bool)
-        return TensorDict({**self._observation(), "done": none, "terminated": none.clone()}, self.batch_size)
+        seen = self._batch.new_seen()
+        self._batch.observe(seen)
+        return TensorDict({**_tensors(seen), "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        reward, done = self._play(tensordict, reset=False)
-        return TensorDict({**self._observation(), "reward": reward, "done": done, "terminated": done.clone()}, self.batch_size)
+        entries, done = self._play(tensordict, reset=False)
+        return TensorDict({**entries, "terminated": done.clone()}, self.batch_size)
 
     def _step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
         """Step and reset in one call of the kernel; TorchRL's own way takes three to five times as long.
 
         This overrides a private method of TorchRL, which is why its version is pinned.
         """
-        reward, done = self._play(tensordict, reset=True)
-        seen = self._observation()
-        following = {**seen, "reward": reward, "done": done, "terminated": done.clone()}
-        tensordict.set("next", _unchecked(following, self.batch_size))
+        entries, done = self._play(tensordict, reset=True)
+        tensordict.set("next", _unchecked({**entries, "terminated": done.clone()}, self.batch_size))
         none = torch.zeros_like(done)
-        return tensordict, _unchecked({**seen, "done": none, "terminated": none.clone()}, self.batch_size)
+        begun = {name: entries[name] for name in ("observation", "action_mask")}
+        return tensordict, _unchecked({**begun, "done": none, "terminated": none.clone()}, self.batch_size)
 
-    def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        reward, done = self._batch.step(tensordict.get("action").numpy(), reset=reset)
-        return torch.from_numpy(reward).unsqueeze(-1), torch.from_numpy(done).unsqueeze(-1)
+    def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        """Observation, reward and done after a stroke in every row, and done once more."""
+        seen = self._batch.new_seen()
+        reward, over = self._batch.step(tensordict.get("action").numpy(), reset=reset, seen=seen)
+        done = torch.from_numpy(over).unsqueeze(-1)
+        return {**_tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
 
-    def _observation(self) -> dict[str, torch.Tensor]:
-        size = len(self._batch)
-        tokens = np.empty((size, TOKENS), np.int32)
-        mask = np.empty((size, self.game.n_strokes), np.bool_)
-        self._batch.write_observation(tokens, mask)
-        return {"observation": torch.from_numpy(tokens), "action_mask": torch.from_numpy(mask)}
+
+def _tensors(seen: Seen) -> dict[str, torch.Tensor]:
+    return {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)}
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:

@@ -1,36 +1,18 @@
 """Thousands of rallies at once, both players' strokes given from outside: the striker's view."""
 
 import dataclasses
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import draws
-from shuttle_marl.kernel.core import Players, Tables, compiled, draw, inlined, outcome_of, pack, table_choice, uniform_choice
-from shuttle_marl.kernel.rows import Batch, Rows, Server, begin, in_slices
+from shuttle_marl.kernel.core import Players, Tables, compiled, draw, outcome_of, pack, table_choice, uniform_choice
+from shuttle_marl.kernel.rows import BLOCK, UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 
-_BLOCK: Final = 256
-"""Rows that play together while a batch plays by itself."""
 _NOBODY: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
-
-
-@inlined
-def play(tables: Any, rows: Any, i: Any, k: Any, bits: Any) -> Any:
-    """Play the k-th legal stroke in row i; returns +1 or -1 where the striker won or lost with it, 0 where it came back."""
-    s = rows.state[i]
-    outcome = outcome_of(tables.limits[tables.head[s, 0] + k], bits)
-    edge = tables.head[s, 2] + k
-    rows.stroke[i] += 1
-    rows.striker[i] = 1 - rows.striker[i]
-    if outcome >= 2:
-        rows.state[i] = 2 * edge + outcome - 2
-        return 0
-    rows.state[i] = 2 * edge
-    rows.live[i] = False
-    return 2 * outcome - 1
 
 
 @compiled
@@ -47,18 +29,38 @@ def _step(
     rank: npt.NDArray[np.int16],
     reward: npt.NDArray[np.float32],
     done: npt.NDArray[np.bool_],
+    seen: Seen,
     seed_key: np.uint64,
     server: int,
     reset: bool,
     first: int,
     last: int,
 ) -> None:
-    for i in range(first, last):
-        result = play(tables, rows, i, rank[i], draw(rows.key[i], rows.stroke[i]))
-        reward[i] = result
-        done[i] = result != 0
-        if reset and result != 0:
-            begin(rows, i, seed_key, server)
+    # Reading and deciding are passes of their own without branches, so that the reads of many rows are under way at once.
+    limits, edges, ended = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int64)
+    for begin_block in range(first, last, BLOCK):
+        end_block = min(begin_block + BLOCK, last)
+        for i in range(begin_block, end_block):
+            j, s = i - begin_block, rows.state[i]
+            limits[j], edges[j] = tables.limits[tables.head[s, 0] + rank[i]], tables.head[s, 2] + rank[i]
+        over = 0
+        for i in range(begin_block, end_block):
+            j = i - begin_block
+            outcome = outcome_of(limits[j], draw(rows.key[i], rows.stroke[i]))
+            rows.state[i] = 2 * edges[j] + max(outcome - 2, 0)
+            rows.stroke[i] += 1
+            rows.striker[i] ^= 1
+            ends = outcome < 2
+            rows.live[i] = not ends
+            done[i] = ends
+            reward[i] = (2 * outcome - 1) * ends
+            ended[over] = i
+            over += ends
+        if reset:
+            for j in range(over):
+                begin(rows, ended[j], seed_key, server)
+        if seen.mask.shape[0] > 0:
+            show(tables, rows, seen, begin_block, end_block)
 
 
 @compiled
@@ -75,14 +77,13 @@ def _run(
 ) -> None:
     """Let rows play by themselves; ``tally`` counts rallies won by the striker, lost by the striker, won by seat 0.
 
-    A block of rows stays in the first cache while it plays all its strokes. Choosing and deciding are passes of their own
-    without branches, so that the reads of many rows are under way at once.
+    A block of rows stays in the first cache while it plays all its strokes.
     """
     tabulated = players.cumulative.shape[1] > 0
-    limits, edges = np.empty(_BLOCK, np.uint64), np.empty(_BLOCK, np.int32)
-    bits, ended = np.empty(_BLOCK, np.uint64), np.empty(_BLOCK, np.int64)
-    for begin_block in range(first, last, _BLOCK):
-        end_block = min(begin_block + _BLOCK, last)
+    limits, edges = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32)
+    bits, ended = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int64)
+    for begin_block in range(first, last, BLOCK):
+        end_block = min(begin_block + BLOCK, last)
         for _ in range(strokes):
             for i in range(begin_block, end_block):
                 j = i - begin_block
@@ -154,23 +155,27 @@ class RallyBatch(Batch):
         _reset(self.rows, np.ones(len(self), np.bool_) if rows is None else rows, self._seed_key, self._server)
 
     def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, seen: Seen | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Play one stroke in every row.
 
         Args:
             stroke: ``[B]`` catalogue index of each striker's stroke.
             reset: whether rows whose rally is over begin their next one at once.
+            seen: room for what each striker then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
 
         Returns:
             ``[B]`` float32 reward of the striker (+1 winner, -1 fault, 0 returned) and ``[B]`` whether the rally is over.
 
         Raises:
             IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
+            KernelError: a wrong number of strokes, or room of another shape; nothing has changed.
         """
+        if seen is not None:
+            self._check(seen)
         rank = self._ranks(stroke)
         reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        args = (self._tables, self.rows, rank, reward, done, self._seed_key, self._server, reset)
+        args = (self._tables, self.rows, rank, reward, done, seen or UNSEEN, self._seed_key, self._server, reset)
         in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
         return reward, done
 

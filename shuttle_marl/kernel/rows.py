@@ -13,6 +13,8 @@ import numpy.typing as npt
 from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
 from shuttle_marl.rally import Game
 
+BLOCK: Final = 256
+"""Rows that go through the passes of a step together, so that what one pass leaves is in the first cache for the next."""
 BY_LOT: Final = -1
 """Who serves: drawn by lot."""
 _LEAST_ROWS: Final = 1024
@@ -100,25 +102,39 @@ def find_ranks(
     return -1
 
 
-@compiled
-def write_observation(
-    tables: Tables,
-    state: npt.NDArray[np.int32],
-    tokens: npt.NDArray[np.int32],
-    mask: npt.NDArray[np.bool_],
-    first: int,
-    last: int,
-) -> None:
-    """Observation and action mask of rows ``first`` up to ``last``: own last stroke, incoming stroke, contact."""
+class Seen(NamedTuple):
+    """What the strikers of B rows see; without rows where nobody looks.
+
+    Attributes:
+        tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
+        mask: ``[B, n]`` bool legal strokes.
+    """
+
+    tokens: npt.NDArray[np.int32]
+    mask: npt.NDArray[np.bool_]
+
+
+UNSEEN: Final = Seen(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
+"""Where nobody looks."""
+
+
+@inlined
+def show(tables: Any, rows: Any, seen: Any, first: Any, last: Any) -> None:
+    """Write what the strikers of rows ``first`` up to ``last`` see."""
     for i in range(first, last):
-        s = state[i]
-        tokens[i, 0] = tables.own[s >> 1]
-        tokens[i, 1] = tables.incoming[s >> 1]
-        tokens[i, 2] = s & 1
+        s = rows.state[i]
+        seen.tokens[i, 0] = tables.own[s >> 1]
+        seen.tokens[i, 1] = tables.incoming[s >> 1]
+        seen.tokens[i, 2] = s & 1
         # Column by column: assigning a slice costs six times as much.
         row = tables.head[s, 3]
-        for j in range(mask.shape[1]):
-            mask[i, j] = tables.mask[row, j]
+        for j in range(seen.mask.shape[1]):
+            seen.mask[i, j] = tables.mask[row, j]
+
+
+@compiled
+def _show(tables: Tables, rows: Rows, seen: Seen, first: int, last: int) -> None:
+    show(tables, rows, seen, first, last)
 
 
 @compiled
@@ -166,15 +182,24 @@ class Batch:
     def __len__(self) -> int:
         return len(self.rows.state)
 
-    def write_observation(self, tokens: npt.NDArray[np.int32], mask: npt.NDArray[np.bool_]) -> None:
-        """Write what each striker sees.
+    def new_seen(self) -> Seen:
+        """Room for what the strikers see."""
+        return Seen(np.empty((len(self), 3), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
 
-        Args:
-            tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
-            mask: ``[B, n]`` bool legal strokes.
+    def observe(self, seen: Seen) -> None:
+        """Write what each striker sees now.
+
+        Raises:
+            KernelError: room of another shape or type.
         """
-        state = self.rows.state
-        in_slices(lambda a, b: write_observation(self._tables, state, tokens, mask, a, b), len(self), self.threads)
+        self._check(seen)
+        in_slices(lambda a, b: _show(self._tables, self.rows, seen, a, b), len(self), self.threads)
+
+    def _check(self, seen: Seen) -> None:
+        wanted = ((len(self), 3), np.int32, (len(self), self.game.n_strokes), np.bool_)
+        given = (seen.tokens.shape, seen.tokens.dtype, seen.mask.shape, seen.mask.dtype)
+        if given != wanted or not (seen.tokens.flags.c_contiguous and seen.mask.flags.c_contiguous):
+            raise KernelError(f"room for what is seen: {given}; expected {wanted}, as new_seen() makes it")
 
     def random_strokes(self) -> npt.NDArray[np.int64]:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""

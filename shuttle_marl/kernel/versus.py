@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import draws
-from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, pack, put, table_choice
-from shuttle_marl.kernel.rally import play
-from shuttle_marl.kernel.rows import Batch, Rows, Server, begin, in_slices
+from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
+from shuttle_marl.kernel.rows import BLOCK, UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 
@@ -33,14 +32,6 @@ class Duel(NamedTuple):
 
 
 @inlined
-def _reply(tables: Any, rows: Any, duel: Any, i: Any, bits: Any) -> Any:
-    """The opponent's stroke in row i; the result is theirs."""
-    s = rows.state[i]
-    k = table_choice(duel.players, duel.opponent[i], s, tables.head[s, 0], bits)
-    return play(tables, rows, i, k, bits)
-
-
-@inlined
 def _begin_duel(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> None:
     """Begin rallies until one comes to the learner."""
     while True:
@@ -48,10 +39,15 @@ def _begin_duel(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server
         duel.opponent[i] = duel.following[i]
         if rows.striker[i] == duel.seat[i]:
             return
-        result = _reply(tables, rows, duel, i, bits)
-        if result == 0:
+        start = tables.head[0, 0]
+        k = table_choice(duel.players, duel.opponent[i], 0, start, bits)
+        outcome = outcome_of(tables.limits[start + k], bits)
+        if outcome >= 2:
+            rows.state[i] = 2 * (tables.head[0, 2] + k) + outcome - 2
+            rows.stroke[i] = 1
+            rows.striker[i] = duel.seat[i]
             return
-        duel.unseen[i, 1 if result > 0 else 0] += 1
+        duel.unseen[i, outcome] += 1
 
 
 @compiled
@@ -59,6 +55,17 @@ def _reset(tables: Tables, rows: Rows, duel: Duel, which: npt.NDArray[np.bool_],
     for i in range(rows.state.size):
         if which[i]:
             _begin_duel(tables, rows, duel, i, seed_key, server)
+
+
+@inlined
+def _apply(rows: Any, i: Any, limits: Any, edge: Any, bits: Any) -> Any:
+    """Play a stroke whose table entries were read; returns its outcome."""
+    outcome = outcome_of(limits, bits)
+    rows.state[i] = 2 * edge + max(outcome - 2, 0)
+    rows.stroke[i] += 1
+    rows.striker[i] ^= 1
+    rows.live[i] = outcome >= 2
+    return outcome
 
 
 @compiled
@@ -69,20 +76,49 @@ def _step(
     rank: npt.NDArray[np.int16],
     reward: npt.NDArray[np.float32],
     done: npt.NDArray[np.bool_],
+    seen: Seen,
     seed_key: np.uint64,
     server: int,
     reset: bool,
     first: int,
     last: int,
 ) -> None:
-    for i in range(first, last):
-        result = play(tables, rows, i, rank[i], draw(rows.key[i], rows.stroke[i]))
-        if result == 0:
-            result = -_reply(tables, rows, duel, i, draw(rows.key[i], rows.stroke[i]))
-        reward[i] = result
-        done[i] = result != 0
-        if reset and result != 0:
-            _begin_duel(tables, rows, duel, i, seed_key, server)
+    # Reading and deciding are passes of their own without branches, so that the reads of many rows are under way at once.
+    limits, edges = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32)
+    bits, goes_on = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int64)
+    for begin_block in range(first, last, BLOCK):
+        end_block = min(begin_block + BLOCK, last)
+        for i in range(begin_block, end_block):
+            j, s = i - begin_block, rows.state[i]
+            limits[j], edges[j] = tables.limits[tables.head[s, 0] + rank[i]], tables.head[s, 2] + rank[i]
+        replies = 0
+        for i in range(begin_block, end_block):
+            j = i - begin_block
+            outcome = _apply(rows, i, limits[j], edges[j], draw(rows.key[i], rows.stroke[i]))
+            ends = outcome < 2
+            done[i] = ends
+            reward[i] = (2 * outcome - 1) * ends
+            goes_on[replies] = i
+            replies += not ends
+        for j in range(replies):
+            i = goes_on[j]
+            s = rows.state[i]
+            start = tables.head[s, 0]
+            bits[j] = draw(rows.key[i], rows.stroke[i])
+            k = table_choice(duel.players, duel.opponent[i], s, start, bits[j])
+            limits[j], edges[j] = tables.limits[start + k], tables.head[s, 2] + k
+        for j in range(replies):
+            i = goes_on[j]
+            outcome = _apply(rows, i, limits[j], edges[j], bits[j])
+            ends = outcome < 2
+            done[i] = ends
+            reward[i] = (1 - 2 * outcome) * ends
+        if reset:
+            for i in range(begin_block, end_block):
+                if done[i]:
+                    _begin_duel(tables, rows, duel, i, seed_key, server)
+        if seen.mask.shape[0] > 0:
+            show(tables, rows, seen, begin_block, end_block)
 
 
 class VersusBatch(Batch):
@@ -179,22 +215,26 @@ class VersusBatch(Batch):
         _reset(self._tables, self.rows, self.duel, which, self._seed_key, self._server)
 
     def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, seen: Seen | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Play the learner's stroke and the opponent's reply in every row.
 
         Args:
             stroke: ``[B]`` catalogue index of the learner's stroke.
             reset: whether rows whose rally is over begin their next one at once.
+            seen: room for what the learner then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
 
         Returns:
             ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally goes on) and ``[B]`` whether it is over.
 
         Raises:
             IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
+            KernelError: a wrong number of strokes, or room of another shape; nothing has changed.
         """
+        if seen is not None:
+            self._check(seen)
         rank = self._ranks(stroke)
         reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        args = (self._tables, self.rows, self.duel, rank, reward, done, self._seed_key, self._server, reset)
+        args = (self._tables, self.rows, self.duel, rank, reward, done, seen or UNSEEN, self._seed_key, self._server, reset)
         in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
         return reward, done

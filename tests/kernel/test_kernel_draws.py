@@ -1,0 +1,74 @@
+"""The compiled draws and choices against the definitions in ``shuttle_marl.draws`` and ``shuttle_marl.policy.table``."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl import draws
+from shuttle_marl.draws import CHOICE_ONE
+from shuttle_marl.kernel import Players, core, pack
+from shuttle_marl.kernel.core import compiled
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import ONE, Game
+from tests.exact.exact_games import random_game, random_policy
+
+words = st.integers(0, 2**64 - 1)
+
+
+@compiled
+def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tuple[int, int, int, int, int]:
+    bits = core.draw(key, counter)
+    return (
+        bits,
+        core.extend(key, counter),
+        core.first_server(bits),
+        core.outcome_of(limits, bits),
+        core.uniform_choice(count, bits),
+    )
+
+
+@compiled
+def _choice(players: Players, player: int, state: int, start: int, bits: np.uint64) -> int:
+    return core.table_choice(players, player, state, start, bits)
+
+
+@settings(deadline=None)
+@given(words, st.integers(0, 2**40), st.integers(1, 200), st.lists(st.integers(0, ONE - 1), min_size=3, max_size=3))
+def test_numbers_are_those_of_the_definitions(key: int, counter: int, count: int, limits: list[int]) -> None:
+    fault, winner, below = sorted(limits)
+    bits, extended, server, outcome, choice = _numbers(
+        np.uint64(key), counter, count, np.uint64(fault | winner << 16 | below << 32)
+    )
+    keys = np.array([key], np.uint64)
+    expected = draws.draw(keys, counter)
+    assert bits == expected[0]
+    assert extended == draws.extend(keys, counter)[0]
+    assert server == int(expected[0]) >> 16 & 1
+    u = draws.outcome_draw(expected)[0]
+    assert outcome == int(u >= fault) + int(u >= winner) + int(u >= below)
+    assert choice == (int(expected[0]) >> 32) * count >> 32
+
+
+def expected_choice(table: TabulatedPolicy, game: Game, state: int, bits: int) -> int:
+    """The definition: the first legal stroke whose entry exceeds the draw."""
+    entries = table.cumulative[game.pair_start[state] : game.pair_start[state + 1]]
+    return int(np.argmax(entries > draws.choice_draw(np.array([bits], np.uint64))[0]))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 500), st.integers(2, 9), st.sampled_from([0.2, 1.0, 30.0]), st.data())
+def test_a_choice_is_the_first_entry_above_the_draw(seed: int, rallies: int, sharpness: float, data: st.DataObject) -> None:
+    """Also at and beside each entry of the table, and among strokes that are never played."""
+    game = random_game(seed, rallies, 0.9)
+    tables = [random_policy(game, seed, sharpness), random_policy(game, seed + 1, sharpness)]
+    players = pack(tables, game)
+    for _ in range(10):
+        state = data.draw(st.sampled_from([s for s in range(game.n_states) if s != 1]))
+        start, end = game.pair_start[state], game.pair_start[state + 1]
+        for number, table in enumerate(tables):
+            edges = [int(c) + d for c in table.cumulative[start:end] for d in (-1, 0)]
+            # The least upper half that gives u, since u = upper * 65535 >> 32.
+            bits = [(-(-(u << 32) // CHOICE_ONE)) << 32 for u in edges if 0 <= u < CHOICE_ONE]
+            for word in [*bits, data.draw(words), 0, 2**64 - 1]:
+                chosen = _choice(players, number, state, start, np.uint64(word))
+                assert chosen == expected_choice(table, game, state, word)

@@ -1,0 +1,267 @@
+"""``RallyBatch`` against the pure rules, and what never changes a rally."""
+
+import dataclasses
+import functools
+from collections import defaultdict
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl import draws
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.kernel import IllegalStrokeError, KernelError, RallyBatch, Tally
+from shuttle_marl.kernel.rows import Rows, Seen
+from shuttle_marl.policy.bc import load
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.policy.uniform import UniformPolicy
+from shuttle_marl.rally import FAULT, ROOT, WINNER, Game, strike
+from tests.exact.exact_games import random_game, random_policy
+
+GAME = default_game()
+
+
+def state_of(batch: RallyBatch) -> dict[str, list[int]]:
+    return {name: array.tolist() for name, array in batch.rows._asdict().items()}
+
+
+def begun(game: Game, batch: int, seed: int, server: int | None) -> Rows:
+    """Rows at the first stroke of rallies 0 to B - 1, by the definitions."""
+    rally = np.arange(batch)
+    key = draws.stream(seed, rally)
+    lot = (draws.draw(key, 0) >> np.uint64(16)).astype(np.int64) & 1
+    zero = np.zeros(batch, np.int32)
+    striker = lot if server is None else np.full(batch, server)
+    return Rows(zero + ROOT, striker.astype(np.int8), zero.copy(), rally, key, np.ones(batch, np.bool_))
+
+
+def assert_rows(rows: Rows, expected: Rows) -> None:
+    for name in Rows._fields:
+        assert np.array_equal(getattr(rows, name), getattr(expected, name)), name
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(0, 1000),
+    st.integers(2, 9),
+    st.integers(1, 40),
+    st.sampled_from([None, 0, 1]),
+    st.booleans(),
+    st.integers(0, 2**63 - 1),
+)
+def test_steps_are_those_of_the_pure_rules(
+    game_seed: int, rallies: int, size: int, server: int | None, reset: bool, seed: int
+) -> None:
+    game = random_game(game_seed, rallies, 0.4)
+    batch = RallyBatch(game, size, seed=seed, server=server)  # type: ignore[arg-type]
+    rng = np.random.default_rng(game_seed)
+    expected = begun(game, size, seed, server)
+    assert_rows(batch.rows, expected)
+    for _ in range(12):
+        state, striker, stroke, rally, key, _ = (array.copy() for array in expected)
+        k = rng.integers(0, game.legal_count(state))
+        played = game.pair_stroke[game.pair_start[state] + k]
+        outcome, following = strike(game, state, k, draws.outcome_draw(draws.draw(key, stroke)))
+        seen = batch.new_seen()
+        reward, done = batch.step(played, reset=False, seen=seen)
+        assert done.tolist() == (following < 0).tolist()
+        assert reward.tolist() == np.select([outcome == FAULT, outcome == WINNER], [-1.0, 1.0], 0.0).tolist()
+        edge = game.pair_edge[game.pair_start[state] + k]
+        after = np.where(following < 0, 2 * edge, following)
+        expected = Rows(after.astype(np.int32), 1 - striker, stroke + 1, rally, key, following >= 0)
+        assert_rows(batch.rows, expected)
+        assert seen.tokens.tolist() == np.stack([game.edge_own[edge], game.edge_incoming[edge], after & 1], axis=1).tolist()
+        assert np.array_equal(seen.mask, game.mask(after))
+        if not reset and done.any():
+            with pytest.raises(IllegalStrokeError, match=f"row {done.argmax()}: its rally is over; reset it first"):
+                batch.step(game.pair_stroke[game.pair_start[after]])
+            return
+        batch.reset(rows=done)
+        rally = np.where(done, rally + size, rally)
+        key = draws.extend(draws.stream(seed), rally)
+        first = (draws.draw(key, 0) >> np.uint64(16)).astype(np.int8) & 1 if server is None else np.int8(server)
+        expected = Rows(
+            np.where(done, ROOT, after).astype(np.int32),
+            np.where(done, first, 1 - striker).astype(np.int8),
+            np.where(done, 0, stroke + 1).astype(np.int32),
+            rally,
+            key,
+            np.ones(size, np.bool_),
+        )
+        assert_rows(batch.rows, expected)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.integers(1, 600), st.integers(0, 2**63 - 1))
+def test_reset_in_the_same_step_changes_nothing_else(game_seed: int, size: int, seed: int) -> None:
+    game = random_game(game_seed, 6, 0.4)
+    fused, stock = (RallyBatch(game, size, seed=seed) for _ in range(2))
+    for _ in range(10):
+        strokes = fused.random_strokes()
+        assert np.array_equal(strokes, stock.random_strokes())
+        seen, seen_after = fused.new_seen(), stock.new_seen()
+        reward, done = fused.step(strokes, seen=seen)
+        reward_too, done_too = stock.step(strokes, reset=False)
+        stock.reset(rows=done_too)
+        stock.observe(seen_after)
+        assert np.array_equal(reward, reward_too)
+        assert np.array_equal(done, done_too)
+        assert_rows(fused.rows, stock.rows)
+        assert np.array_equal(seen.tokens, seen_after.tokens)
+        assert np.array_equal(seen.mask, seen_after.mask)
+
+
+History = dict[int, list[tuple[int, int, int, float]]]
+
+
+def histories(size: int, threads: int, rallies: int, game: Game = GAME, seed: int = 5) -> History:
+    """(striker, state, stroke, reward) of every stroke of the first rallies, under a policy of state and draw alone."""
+    batch = RallyBatch(game, size, seed=seed, threads=threads)
+    found: History = defaultdict(list)
+    ended: set[int] = set()
+    while not ended.issuperset(range(rallies)):
+        rally, striker, state = (array.copy() for array in (batch.rows.rally, batch.rows.striker, batch.rows.state))
+        strokes = batch.random_strokes()
+        reward, done = batch.step(strokes)
+        for row in np.flatnonzero(rally < rallies):
+            found[int(rally[row])].append((int(striker[row]), int(state[row]), int(strokes[row]), float(reward[row])))
+        ended.update(rally[done].tolist())
+    return found
+
+
+@functools.cache
+def one_by_one() -> History:
+    return histories(1, 1, 300)
+
+
+@pytest.mark.parametrize(("size", "threads"), [(7, 1), (1024, 1), (3000, 2), (4096, 1), (4096, 2), (4099, 4)])
+def test_neither_company_nor_threads_change_a_rally(size: int, threads: int) -> None:
+    assert histories(size, threads, 300) == one_by_one()
+
+
+def test_random_strokes_are_legal_and_equally_likely() -> None:
+    batch = RallyBatch(GAME, 4096, seed=1)
+    played = np.zeros(GAME.n_strokes, np.int64)
+    for _ in range(20):
+        strokes = batch.random_strokes()
+        assert GAME.mask(batch.rows.state)[np.arange(4096), strokes].all()
+        np.add.at(played, strokes[batch.rows.state == ROOT], 1)
+        batch.step(strokes)
+    serves = played[GAME.legal_strokes(ROOT)]
+    expected = serves.sum() / len(serves)
+    assert ((serves - expected) ** 2 / expected).sum() < 60  # chi-squared; far beyond the 99.99 % quantile of few serves
+    assert len(serves) < 20
+
+
+def tallied(batch: RallyBatch, strokes: int, tables: tuple[TabulatedPolicy, TabulatedPolicy] | None) -> Tally:
+    """``run`` one stroke at a time from outside."""
+    game, counts = batch.game, np.zeros(3, np.int64)
+    for _ in range(strokes):
+        rows = batch.rows
+        if tables is None:
+            chosen = batch.random_strokes()
+        else:
+            u = draws.choice_draw(draws.draw(rows.key, rows.stroke))
+            k = [
+                np.searchsorted(tables[p].cumulative[game.pair_start[s] : game.pair_start[s + 1]], x, side="right")
+                for p, s, x in zip(rows.striker, rows.state, u, strict=True)
+            ]
+            chosen = game.pair_stroke[game.pair_start[rows.state] + np.array(k)]
+        striker = rows.striker.copy()
+        reward, _ = batch.step(chosen)
+        winner = np.where(reward > 0, striker, 1 - striker)[reward != 0]
+        counts += [(reward > 0).sum(), (reward < 0).sum(), (winner == 0).sum()]
+    winners, faults, seat_0 = counts.tolist()
+    return Tally(winners=winners, faults=faults, won_by_seat_0=seat_0)
+
+
+@pytest.mark.parametrize("tabulated", [False, True])
+@pytest.mark.parametrize(("size", "threads"), [(1, 1), (300, 1), (2100, 2)])
+def test_a_batch_by_itself_plays_as_it_does_from_outside(size: int, threads: int, tabulated: bool) -> None:
+    game = random_game(17, 9, 0.5)
+    tables = (random_policy(game, 1), random_policy(game, 2, 20.0)) if tabulated else None
+    alone, steered = (RallyBatch(game, size, seed=8, threads=threads) for _ in range(2))
+    for strokes in (1, 13, 30):
+        assert alone.run(strokes, tables) == tallied(steered, strokes, tables)
+        assert_rows(alone.rows, steered.rows)
+
+
+def test_the_stronger_player_wins_from_both_seats() -> None:
+    bc, uniform = tabulate(load(None, GAME), GAME), tabulate(UniformPolicy(), GAME)
+    shares = []
+    for tables in ((bc, uniform), (uniform, bc)):
+        tally = RallyBatch(GAME, 2048).run(150, tables)
+        rallies = tally.winners + tally.faults
+        assert rallies > 20_000
+        shares.append(tally.won_by_seat_0 / rallies)
+    assert shares[0] > 0.515
+    assert shares[1] < 0.485
+
+
+def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
+    batch = RallyBatch(GAME, 3000, seed=2, threads=2)
+    batch.run(3)
+    strokes = batch.random_strokes()
+    before = state_of(batch)
+    wrong = strokes.copy()
+    wrong[2500] = wrong[1700] = int(np.flatnonzero(~GAME.mask(batch.rows.state[1700]))[0])
+    with pytest.raises(IllegalStrokeError, match=r"row 1700: stroke \d+ \(.*\) is not legal in state: own .*, contact") as error:
+        batch.step(wrong)
+    assert error.value.row == 1700
+    for number in (-1, GAME.n_strokes, 2**40):
+        wrong = strokes.copy()
+        wrong[7] = number
+        with pytest.raises(IllegalStrokeError, match=f"row 7: {number} is no stroke; expected 0 to {GAME.n_strokes - 1}"):
+            batch.step(wrong)
+    with pytest.raises(KernelError, match=r"strokes of shape \(2,\): expected \(3000,\)"):
+        batch.step(strokes[:2])
+    small = RallyBatch(GAME, 2)
+    for room in (small.new_seen(), Seen(*(array[::-1] for array in batch.new_seen()))):
+        with pytest.raises(KernelError, match="as new_seen\\(\\) makes it"):
+            batch.step(strokes, seen=room)
+        with pytest.raises(KernelError, match="as new_seen\\(\\) makes it"):
+            batch.observe(room)
+    assert state_of(batch) == before
+    batch.step(strokes)
+    assert state_of(batch) != before
+
+
+def test_strokes_of_any_integer_type_and_layout_are_taken() -> None:
+    reference, other = RallyBatch(GAME, 50), RallyBatch(GAME, 50)
+    strokes = reference.random_strokes()
+    reference.step(strokes)
+    other.step(np.repeat(strokes, 2).astype(np.uint8)[::2])
+    assert_rows(reference.rows, other.rows)
+
+
+def test_a_seed_begins_anew_and_none_goes_on() -> None:
+    batch = RallyBatch(GAME, 5, seed=3)
+    first = state_of(batch)
+    batch.reset()
+    assert batch.rows.rally.tolist() == [5, 6, 7, 8, 9]
+    batch.reset(rows=np.array([True, False, False, False, True]))
+    assert batch.rows.rally.tolist() == [10, 6, 7, 8, 14]
+    batch.reset(3)
+    assert state_of(batch) == first
+    batch.reset(4)
+    assert state_of(batch)["key"] != first["key"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"batch": 0}, "batch 0: expected 1 or more"),
+        ({"server": 2}, "server 2: expected 0, 1, or None"),
+        ({"threads": 0}, "threads 0: expected 1 or more"),
+    ],
+)
+def test_options_out_of_range_are_refused(options: dict[str, int], message: str) -> None:
+    with pytest.raises(KernelError, match=message):
+        RallyBatch(GAME, **{"batch": 4, **options})  # type: ignore[arg-type]
+
+
+def test_the_smallest_game_can_be_played() -> None:
+    game = random_game(0, 2, 0.0)
+    batch = RallyBatch(game, 1)
+    assert dataclasses.astuple(batch.run(1000))[2] > 100
