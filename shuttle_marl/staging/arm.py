@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.rotation import about, apply, exponential, frame, unit
+from shuttle_marl.staging.rotation import about, apply, cross, exponential, frame, skewed, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 
 Floats = npt.NDArray[np.float64]
@@ -46,6 +46,17 @@ MIDDLE: Final = unit(np.array([0.80, 0.58, 0.12]))
 """The middle direction of the upper arm, seen from the chest."""
 RELAXED: Final[Floats] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
 """Angles that the solver prefers where the target leaves a choice."""
+
+_STARTS: Final[Floats] = np.radians(
+    [
+        (5, 5, 0, 0, 0, 60, 0, 0, 10, 0),
+        (10, 10, -40, 60, 40, 60, 0, 0, 10, 0),
+        (10, 10, 40, -40, -40, 80, 40, 0, 10, 0),
+        (15, 5, 0, 70, -60, 90, -40, 0, 20, 0),
+        (5, 10, 60, 0, 60, 100, 60, 0, 10, 40),
+        (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
+    ]
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -134,9 +145,7 @@ def _left_jacobian(v: Floats) -> Floats:
     """``[N, 3, 3]`` how a change of a rotation vector turns the rotated body."""
     angle = np.linalg.norm(v, axis=-1)[:, None, None]
     safe = np.maximum(angle, 1e-6)
-    k = np.zeros((len(v), 3, 3))
-    k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    k -= k.transpose(0, 2, 1)
+    k = skewed(v)
     return np.eye(3) + (1 - np.cos(safe)) / safe**2 * k + (safe - np.sin(safe)) / safe**3 * (k @ k)
 
 
@@ -215,8 +224,16 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
         free = ~held
         square = square * (free[:, :, None] & free[:, None, :]) + held[:, :, None] * identity
         move = np.linalg.solve(square, slope * free[..., None])[..., 0]
+        before = x
         x = arm.clipped(x + np.clip(move, -0.5, 0.5))
+        if step > rounds // 2 and np.abs(x - before).max() < 1e-4:
+            break
     return x
+
+
+def anywhere(n: int) -> Floats:
+    """``[6, n, 10]`` starting poses from all over the range of the arm."""
+    return np.repeat(_STARTS[:, None], n, axis=1)
 
 
 def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats:
@@ -240,11 +257,11 @@ def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
 
 def _columns(pose: ArmPose, point: Floats) -> Floats:
     """``[N, 3, 10]`` how a point of the racket moves with each angle."""
-    return np.cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)
+    return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)
 
 
 def _turning(pose: ArmPose, direction: Floats, angles: int) -> Floats:
     """``[N, 3, 10]`` how a direction turns with the first ``angles`` angles; the others do not move it."""
-    out = np.cross(pose.axes, direction[:, None])
+    out = cross(pose.axes, direction[:, None])
     out[:, angles:] = 0
     return out.transpose(0, 2, 1)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from shuttle_marl.staging.arm import Arm, Goal, arm_of, solve, solve_best, sweet_spot
+from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
 from shuttle_marl.staging.contact import (
     DEFENCE_BACKHAND,
     KILL_BACKHAND,
@@ -178,17 +178,18 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> tuple[Floats
         return in_chest(chest, collar, found)
 
     everyone = np.arange(n)
-    for step in range(6):
-        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=24 if not step else 6)
+    for step in range(5):
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=12 if not step else 4)
         poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
     exact = goal((60.0, 0.15, 0.15, 0.1), everyone)
-    angles = solve(arm, exact, angles, rounds=20)
+    angles = solve(arm, exact, angles, rounds=14)
     short = _strings(arm, angles) - exact.point
     far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
     if len(far):
         # Caught between limits: begin again from other poses of the same stroke.
         starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
-        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), np.concatenate([angles[far][None], starts]))
+        starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
+        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts)
         better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
         angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles

@@ -168,11 +168,12 @@ def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, F
     state[:, :, 0] = s
     for i in range(steps):
         h = nodes[:, i + 1] - nodes[:, i]
+        half = 0.5 * h
         k1 = _slope(s)
-        k2 = _slope(s + 0.5 * h * k1)
-        k3 = _slope(s + 0.5 * h * k2)
+        k2 = _slope(s + half * k1)
+        k3 = _slope(s + half * k2)
         k4 = _slope(s + h * k3)
-        s = s + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        s = s + h / 6 * (k1 + k4 + 2 * (k2 + k3))
         state[:, :, i + 1] = s
     return nodes, state[0], state[1], state[2], state[3]
 

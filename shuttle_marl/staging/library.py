@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.arm import Arm, Goal, arm_of, solve, solve_best
+from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.contact import (
     AROUND,
     DEFENCE,
@@ -174,7 +174,7 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: Floats, hit: npt.NDArray[np
             weight=np.where(hit[:, None], (2.0, 0.7, 0.0, 0.45), (6.0, 0.8, 0.0, 0.35)),
         ),
     )
-    poses[:, RACKET_ARM] = solve_from_anywhere(arm, goal)
+    poses[:, RACKET_ARM] = solve_best(arm, goal, anywhere(len(keys)), rounds=60)
     seen = _reached(arm, poses[:, RACKET_ARM], goal.reach)
     miss = np.linalg.norm(seen - goal.point, axis=1)
     reached = apply(chest, seen) + collar
@@ -193,12 +193,12 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: Floats, hit: npt.NDArray[np
             weight=np.tile((6.0, 0.0, 0.0, 0.35), (n, 1)),
         ),
     )
-    poses[:, FREE_ARM] = solve_from_anywhere(arm, free)
+    poses[:, FREE_ARM] = solve_best(arm, free, anywhere(len(keys)), rounds=60)
     return poses, reached, miss
 
 
 def in_chest(chest: Floats, collar: Floats, goal: Goal) -> Goal:
-    """A goal given in the frame around, seen from the chest: ``[N, 3, 3]`` its rotation, ``[N, 3]`` where the collar bone begins."""
+    """A goal of the frame around, seen from the chest: ``[N, 3, 3]`` its rotation, ``[N, 3]`` where the collar bone begins."""
     back = chest.transpose(0, 2, 1)
     return dataclasses.replace(
         goal,
@@ -207,22 +207,6 @@ def in_chest(chest: Floats, collar: Floats, goal: Goal) -> Goal:
         normal=apply(back, goal.normal),
         elbow=apply(back, goal.elbow),
     )
-
-
-def solve_from_anywhere(arm: Arm, goal: Goal) -> Floats:
-    """The best of the solutions found from several starting poses."""
-    n = len(goal.point)
-    starts = np.radians(
-        [
-            (5, 5, 0, 0, 0, 60, 0, 0, 10, 0),
-            (10, 10, -40, 60, 40, 60, 0, 0, 10, 0),
-            (10, 10, 40, -40, -40, 80, 40, 0, 10, 0),
-            (15, 5, 0, 70, -60, 90, -40, 0, 20, 0),
-            (5, 10, 60, 0, 60, 100, 60, 0, 10, 40),
-            (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
-        ]
-    )
-    return solve_best(arm, goal, np.repeat(starts[:, None], n, axis=1), rounds=60)
 
 
 def _reached(arm: Arm, angles: Floats, reach: Floats) -> Floats:

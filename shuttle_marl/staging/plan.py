@@ -117,6 +117,17 @@ class _Choice:
     cost: float
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Try:
+    """A point and a time that were drawn for a stroke, in the striker's frame."""
+
+    point: Floats
+    ticks: int
+    most: int
+    stance: Stance | None
+    late: float
+
+
 class _Planner:
     def __init__(
         self, rally: PlayedRally, measured: Measured, players: tuple[Player, Player], key: draws.UInt64s, fps: int
@@ -211,18 +222,20 @@ class _Planner:
 
     def _choose(self, i: int, end: int, contact: Floats, base: Floats) -> _Choice:
         """The first try that clears the net and can be reached, else the one that comes closest."""
+        tries = [self._try(i, end, contact, base, k) for k in range(_TRIES)]
         best: _Choice | None = None
-        for k in range(_TRIES):
-            choice = self._try(i, end, contact, base, k)
+        # Those that can be reached first, in the order of their draws.
+        for tried in sorted(tries, key=lambda t: t.late):
+            choice = self._flown(contact, tried, end)
             if best is None or choice.cost < best.cost:
                 best = choice
-            if best.cost <= 0:
+            if best.cost <= tried.late:
                 break
         assert best is not None
         return best
 
-    def _try(self, i: int, end: int, contact: Floats, base: Floats, k: int) -> _Choice:
-        """The k-th try of a stroke; its cost is what it asks too much, 0 if nothing."""
+    def _try(self, i: int, end: int, contact: Floats, base: Floats, k: int) -> _Try:
+        """The k-th try of a stroke."""
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
         drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(self.uniform(i, _SLOT * (k + 1))))
@@ -239,15 +252,19 @@ class _Planner:
             seconds = 1.12 * seconds + 0.10
         ticks = min(max(round(seconds * self.fps), least), max(least, most))
         stance = self._stance(i + 1, point, base) if end == RETURN else None
-        cost = self._late(stance, base, ticks / self.fps)
+        return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
+
+    def _flown(self, contact: Floats, tried: _Try, end: int) -> _Choice:
+        """A try with its flight, made longer until it clears the net; the cost is what it asks too much, 0 if nothing."""
+        ticks = tried.ticks
         while True:
-            flight = shoot(contact[None], point[None], np.array([ticks / self.fps]))
+            flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
             short = _CLEARANCE - float(_over_net(flight)[0])
-            if end == NET or short <= 0 or ticks > most + 3 * self.fps:
+            if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
                 break
             ticks += 1 if short < 0.1 else 2
-        cost += 0.1 * max(0, ticks - most)
-        return _Choice(point, ticks / self.fps, flight, stance, cost)
+        cost = tried.late + 0.1 * max(0, ticks - tried.most)
+        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost)
 
     def _point(self, i: int, end: int, k: int) -> tuple[Floats, int]:
         """Where the k-th try of a stroke ends, in the striker's frame, and the height class at which it is met."""

@@ -5,29 +5,42 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
+_IDENTITY = np.eye(3)
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+
 
 def unit(v: Floats) -> Floats:
     """Vectors of length one; zero stays zero."""
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    return v / np.maximum(np.sqrt((v * v).sum(axis=-1, keepdims=True)), 1e-12)
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Vector products ``[..., 3]``; several times faster than numpy's for small arrays."""
+    out: Floats = a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+    return out
 
 
 def about(axis: Floats, angle: Floats | float) -> Floats:
-    """``[..., 3, 3]`` rotation by ``angle`` [rad] about unit axes ``[..., 3]``; the two broadcast."""
-    angle = np.asarray(angle, dtype=np.float64)
-    x, y, z = np.moveaxis(np.broadcast_to(axis, (*np.broadcast_shapes(np.shape(axis)[:-1], angle.shape), 3)), -1, 0)
-    c, s = np.cos(angle), np.sin(angle)
-    d = 1 - c
-    out = np.empty((*x.shape, 3, 3))
-    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
-    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
-    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
-    return out
+    """``[..., 3, 3]`` rotation by angles ``[...]`` [rad] about one unit axis ``[3]`` (Rodrigues)."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.asarray(angle, dtype=np.float64)[..., None, None]
+    return _IDENTITY + np.sin(angle) * skew + (1 - np.cos(angle)) * (skew @ skew)
 
 
 def exponential(v: Floats) -> Floats:
     """``[..., 3, 3]`` rotation by the rotation vectors ``[..., 3]`` [rad]."""
-    angle = np.linalg.norm(v, axis=-1)
-    return about(v / np.maximum(angle, 1e-12)[..., None], angle)
+    skew = skewed(v)
+    angle = np.maximum(np.sqrt((v * v).sum(axis=-1)), 1e-9)[..., None, None]
+    return _IDENTITY + np.sin(angle) / angle * skew + (1 - np.cos(angle)) / angle**2 * (skew @ skew)
+
+
+def skewed(v: Floats) -> Floats:
+    """``[..., 3, 3]`` the matrices that take vector products with ``v``."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out -= np.swapaxes(out, -1, -2)
+    return out
 
 
 def turned(angle: Floats | float) -> Floats:
@@ -53,7 +66,7 @@ def frame(first: Floats, second: Floats) -> Floats:
     """``[..., 3, 3]`` right-handed frame whose columns are ``first``, ``second`` made orthogonal to it, and their product."""
     a = unit(first)
     b = unit(second - (a * second).sum(axis=-1, keepdims=True) * a)
-    return np.stack([a, b, np.cross(a, b)], axis=-1)
+    return np.stack([a, b, cross(a, b)], axis=-1)
 
 
 def quaternion(rotation: Floats) -> Floats:

@@ -1,5 +1,7 @@
 """Hips and spine: from angles to the chest, and from a place on the court to the frame of the chest."""
 
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,7 +32,7 @@ def trunk(skeleton: Skeleton, hips: Floats, angles: Floats) -> tuple[Floats, Flo
     third = yaw_pitch_roll(*(angles[:, k] / 3 for k in (SPINE_YAW, SPINE_PITCH, SPINE_ROLL)))
     rotation, position = [root], [hips]
     names = ("Hips", "Spine", "Spine1", "Spine2")
-    for below, above in zip(names, names[1:], strict=False):
+    for below, above in itertools.pairwise(names):
         position.append(position[-1] + apply(rotation[-1], skeleton.at(above) - skeleton.at(below)))
         rotation.append(rotation[-1] @ third)
     return np.stack(rotation), np.stack(position)

@@ -247,7 +247,7 @@ class Score:
                 jump = min(jump, _HIGHEST_JUMP)
                 keys[1, HIPS_HEIGHT] -= 0.3 * jump
                 air = self._jump(frame - 0.02 * self.fps, jump)
-            need, higher = min(need - jump, 0.0), 0.0 if jump else higher
+            need, higher = min(need, 0.0), 0.0 if jump else higher
         change = bent(keys[CONTACT, TRUNK], motion, np.array([need]))[0] - keys[CONTACT, TRUNK]
         change[HIPS_HEIGHT] += higher
         if motion in (DEFENCE, DEFENCE_BACKHAND):
