@@ -3,13 +3,16 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.policy import registry
+from shuttle_marl.recording import Sampling
 
 _OWN_PLAYERS: Final = 6
 """So many players' own models are in the default pool; ``--pool`` takes any number."""
+ANCHORS: Final = ("minimax", "best-response:bc")
+"""Solved policies of the default pool, nobody's achievement: what all others are measured by."""
 
 
 class LeagueError(ShuttleError):
@@ -21,7 +24,8 @@ class LeagueConfig:
     """A round robin: every pair of entrants plays the same number of matches."""
 
     pool: tuple[str, ...] = ()
-    """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles and random."""
+    """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles, random, and
+    the solved anchors."""
     matches: int = 1000
     """Matches of every pair; an even number, because each is played twice with the seats swapped and the same draws."""
     seed: int = 0
@@ -32,14 +36,15 @@ class LeagueConfig:
     """Go on with the unfinished run in --out, or else with the latest one of this seed."""
     overwrite: bool = False
     """Replace the run that stands in --out."""
-    record: Literal["all", "none"] = "all"
-    """Whether every rally goes into the rally log."""
+    record: str = "all"
+    """Which rallies go into the rally log: all, none, or sample:N for one match in N, drawn by lot."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
 
     def __post_init__(self) -> None:
+        Sampling.parse(self.record)
         if self.matches < 2 or self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number from 2 on")
         if self.batch < 1:
@@ -62,7 +67,11 @@ class LeagueConfig:
 
 
 def default_pool() -> tuple[str, ...]:
-    """The behaviour-cloned players (all together, and the first few on their own), the scripted styles, and random."""
+    """The behaviour-cloned players (all together, and the first few on their own), the scripted styles, random, and anchors.
+
+    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``.
+    """
     names = registry.names()
     bc = [name for name in names if name.partition(":")[0] == "bc"]
-    return (*bc[: 1 + _OWN_PLAYERS], *(name for name in ("attacking", "defensive", "safe", "random") if name in names))
+    others = ("attacking", "defensive", "safe", "random", *ANCHORS)
+    return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))

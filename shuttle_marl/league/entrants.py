@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shuttle_marl.draws import CHOICE_ONE
 from shuttle_marl.league.lockstep import Ints
-from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, drawn_strokes, reads_score
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import Game
@@ -107,7 +107,4 @@ class Strikers:
             p = checked_probabilities(entrant.policy, states, entrant.name)
         except PolicyError as error:
             raise ForfeitError(entrant.name, str(error)) from error
-        total = np.cumsum(p, axis=1)
-        cumulative = np.rint(total / total[:, -1:] * CHOICE_ONE)
-        stroke = (cumulative > draw[:, None]).argmax(axis=1)
-        return self._game.reply_rank[states.incoming, states.contact, stroke].astype(np.intp)
+        return self._game.reply_rank[states.incoming, states.contact, drawn_strokes(p, draw)].astype(np.intp)

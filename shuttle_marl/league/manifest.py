@@ -13,7 +13,7 @@ from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.rally import Game
 
-_PACKAGES: Final = ("numpy", "scipy", "pyarrow", "mcap", "zstandard")
+_PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
 """Packages whose versions can change a file of the run."""
 
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from shuttle_marl.league.exact_odds import ExactOdds
 from shuttle_marl.league.ratings import ELO, ratings
 from shuttle_marl.league.results import COUNTS, PairResult
 
@@ -34,6 +35,9 @@ class Standing:
         serving: share of rallies won when serving.
         receiving: share of rallies won when receiving.
         forfeits: pairings that this entrant forfeited.
+        exact_share: exact expected share of the matches won against the opponents that have a table; NaN without.
+        exploitability: what its best response gains on the entrant, as a value from 0 to 1; NaN without a table.
+        normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
 
     rank: int
@@ -50,10 +54,13 @@ class Standing:
     serving: float
     receiving: float
     forfeits: int
+    exact_share: float = math.nan
+    exploitability: float = math.nan
+    normalised_score: float = math.nan
 
 
-def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[Standing]:
-    """Rank the entrants by rating, best first."""
+def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
+    """Rank the entrants by rating, best first; with their exact figures where they are given."""
     played = [result for result in results if not result.forfeit]
     pairs = np.array([[pool.index(name) for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
     cells = np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3)
@@ -64,7 +71,8 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int) -> list[
         for i, name in enumerate(pool)
     ]
     order = sorted(range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
-    return [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
+    placed = [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
+    return placed if exact is None else [_with_exact(standing, played, exact) for standing in placed]
 
 
 def wilson(wins: int, matches: int) -> tuple[float, float]:
@@ -99,6 +107,17 @@ def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tu
         serving=_ratio(count["served_won"], count["served"]),
         receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),
         forfeits=forfeits,
+    )
+
+
+def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOdds) -> Standing:
+    name, i = standing.player, exact.names.index(standing.player)
+    opponents = [other for result in played if name in result.names for other in result.names if other != name]
+    return dataclasses.replace(
+        standing,
+        exact_share=exact.share(name, opponents),
+        exploitability=float(exact.exploitability[i]),
+        normalised_score=float(exact.normalised_score[i]),
     )
 
 

@@ -1,16 +1,34 @@
 """What a tournament came to, for people: the ranked table on the console and ``report.md``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 from rich.table import Table
 
 from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.exact_odds import ExactOdds
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.results import PairResult
+from shuttle_marl.recording import Sampling
 
-HEADINGS = ("", "player", "rating", "95 % interval", "matches won", "95 % interval", "rallies won", "serving", "receiving")
+HEADINGS = (
+    "",
+    "player",
+    "rating",
+    "95 % interval",
+    "matches won",
+    "95 % interval",
+    "exact",
+    "rallies won",
+    "serving",
+    "receiving",
+    "exploitability",
+    "normalised",
+)
+_REPORT_ONLY: Final = (5, 8, 9)
+"""Columns that the console leaves out: the interval of the matches won, serving, receiving."""
 
 
 def cells(standing: Standing) -> tuple[str, ...]:
@@ -23,23 +41,30 @@ def cells(standing: Standing) -> tuple[str, ...]:
         f"{_number(standing.rating_low, '+.0f')} to {_number(standing.rating_high, '+.0f')}",
         _percent(standing.share),
         f"{_percent(standing.share_low)} to {_percent(standing.share_high)}",
+        _percent(standing.exact_share),
         _percent(standing.rally_share),
         _percent(standing.serving),
         _percent(standing.receiving),
+        _number(standing.exploitability, ".3f"),
+        _number(standing.normalised_score, ".3f"),
     )
 
 
 def console_table(standings: Sequence[Standing]) -> Table:
-    """The ranked table for the console."""
+    """The ranked table for the console; of what may not fit there, only the report tells."""
     table = Table(title="Round robin", title_justify="left", header_style="bold")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="left" if heading == "player" else "right", no_wrap=True)
+    shown = [i for i in range(len(HEADINGS)) if i not in _REPORT_ONLY]
+    for i in shown:
+        table.add_column(HEADINGS[i], justify="left" if HEADINGS[i] == "player" else "right", no_wrap=True)
     for standing in standings:
-        table.add_row(*cells(standing), style="dim" if standing.forfeits else None)
+        row = cells(standing)
+        table.add_row(*(row[i] for i in shown), style="dim" if standing.forfeits else None)
     return table
 
 
-def report(config: LeagueConfig, standings: Sequence[Standing], results: Sequence[PairResult], game: str) -> str:
+def report(
+    config: LeagueConfig, standings: Sequence[Standing], results: Sequence[PairResult], game: str, exact: ExactOdds
+) -> str:
     """``report.md``: the ranked table, who beat whom, who forfeited, and what the numbers mean."""
     played = [result for result in results if not result.forfeit]
     rallies = sum(counts["rallies"] for result in played for counts in result.seats)
@@ -58,7 +83,13 @@ def report(config: LeagueConfig, standings: Sequence[Standing], results: Sequenc
         "",
         "Share of the matches that the player of the row won against the player of the column.",
         "",
-        *_payoffs(standings, played),
+        *_payoffs(standings, {names: share for result in played for names, share in _shares(result).items()}),
+        "",
+        "## Who beats whom, exactly",
+        "",
+        exact.problem or "Chance that the player of the row wins a match against the player of the column, without sampling.",
+        "",
+        *_payoffs(standings, {(a, b): exact.pair((a, b)) for a in exact.names for b in exact.names if a != b}),
         "",
     ]
     if len(played) < len(results):
@@ -73,21 +104,33 @@ def report(config: LeagueConfig, standings: Sequence[Standing], results: Sequenc
         "and each seat's luck kept. Half a cell is added to each outcome of each pairing, which keeps ratings finite.",
         "- matches won: its interval is Wilson's and takes matches as independent; those of a cell lean against each other, "
         "so it is a little too wide.",
-        f"- every rally stands in `{RALLIES}`: read it with `python -m shuttle_marl.recording`."
-        if config.record == "all"
-        else "- rallies were not recorded (`--record none`).",
+        "- exact: the expected share of matches won, without sampling, against the entrants that have a table. Those that read "
+        "the score have none, nor any other exact figure.",
+        "- exploitability: what the best response to the player gains, as a value from 0 to 1; it wins half of it above 50 % "
+        "of the rallies. 0 is perfect play.",
+        "- normalised: by rallies won against `bc`; 0 is `bc` itself, 1 the best response to it.",
+        _recorded(config),
         "",
     ]
     return "\n".join(lines)
 
 
-def _payoffs(standings: Sequence[Standing], played: Sequence[PairResult]) -> list[str]:
+def _recorded(config: LeagueConfig) -> str:
+    every = Sampling.parse(config.record).every
+    if not every:
+        return "- rallies were not recorded (`--record none`)."
+    what = "every rally stands" if every == 1 else f"one match in {every:,}, drawn by lot, stands with all its rallies"
+    return f"- {what} in `{RALLIES}`: read it with `python -m shuttle_marl.recording`."
+
+
+def _shares(result: PairResult) -> dict[tuple[str, str], float]:
+    """Share of the matches of a pairing that each of the two won, by (player, opponent)."""
+    counts = {names: result.seen_by(names[0]) for names in (result.names, result.names[::-1])}
+    return {(name, other): count["wins"] / count["matches"] for (name, other), count in counts.items()}
+
+
+def _payoffs(standings: Sequence[Standing], share: Mapping[tuple[str, str], float]) -> list[str]:
     names = [standing.player for standing in standings]
-    share = {
-        (name, other): result.seen_by(name)["wins"] / result.seen_by(name)["matches"]
-        for result in played
-        for name, other in (result.names, result.names[::-1])
-    }
     rows = [[name, *(_percent(share.get((name, other), math.nan)) for other in names)] for name in names]
     return _markdown(["", *names], rows)
 

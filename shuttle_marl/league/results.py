@@ -1,6 +1,7 @@
 """What a pairing came to, and the results table."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.league.exact_odds import ExactOdds
 from shuttle_marl.league.schedule import Pairing
 from shuttle_marl.recording import Rallies
 
@@ -131,13 +133,15 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
     )
 
 
-def results_table(results: Sequence[PairResult]) -> pa.Table:
+def results_table(results: Sequence[PairResult], exact: ExactOdds | None = None) -> pa.Table:
     """Two rows a pairing, the first entrant at seat 0 and at seat 1.
 
     Returns:
         Columns ``pairing``, ``player``, ``opponent``, ``seat``, those of :data:`COUNTS`, ``mean_rally_length`` (null
-        without rallies), ``cells_lost``, ``cells_split``, ``cells_won`` (of the whole pairing), ``forfeit``, ``reason``.
+        without rallies), ``cells_lost``, ``cells_split``, ``cells_won`` (of the whole pairing), ``exact_match_win`` (chance
+        that ``player`` wins a match; null if one of the two has no table), ``forfeit``, ``reason``.
     """
+    chances = [math.nan if exact is None else exact.pair(result.names) for result in results]
     rows = [
         {
             "pairing": result.pairing,
@@ -147,12 +151,14 @@ def results_table(results: Sequence[PairResult]) -> pa.Table:
             **counts,
             "mean_rally_length": counts["strokes"] / counts["rallies"] if counts["rallies"] else None,
             **dict(zip(("cells_lost", "cells_split", "cells_won"), result.cells, strict=True)),
+            "exact_match_win": None if math.isnan(chance) else chance,
             "forfeit": " and ".join(result.forfeit),
             "reason": result.reason,
         }
-        for result in results
+        for result, chance in zip(results, chances, strict=True)
         for seat, counts in enumerate(result.seats)
     ]
     text, number = pa.string(), pa.int64()
-    kinds = {"player": text, "opponent": text, "forfeit": text, "reason": text, "mean_rally_length": pa.float64()}
+    kinds = dict.fromkeys(("player", "opponent", "forfeit", "reason"), text)
+    kinds |= dict.fromkeys(("mean_rally_length", "exact_match_win"), pa.float64())
     return pa.Table.from_pylist(rows, schema=pa.schema([(name, kinds.get(name, number)) for name in rows[0]]))

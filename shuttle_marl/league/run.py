@@ -1,11 +1,13 @@
 """A tournament from its flags to its run folder."""
 
+import collections
 import contextlib
 import dataclasses
 import datetime
 import io
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 
 import pyarrow as pa
@@ -19,6 +21,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.exact_odds import ExactOdds, exact_odds
 from shuttle_marl.league.manifest import command_line, manifest
 from shuttle_marl.league.ranking import Standing, rank, ranking_table
 from shuttle_marl.league.report import report
@@ -26,7 +29,8 @@ from shuttle_marl.league.results import PairResult, results_table
 from shuttle_marl.league.schedule import Pairing, round_robin
 from shuttle_marl.league.tournament import Tournament
 from shuttle_marl.rally import Game
-from shuttle_marl.recording import LogHeader, Player, RallyLogWriter
+from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
+from shuttle_marl.recording.resume import rallies_of_pairings
 from shuttle_marl.recording.resume import resume as resume_log
 
 
@@ -74,12 +78,13 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         results = run_folder.read_results(folder)
         if run_folder.is_finished(folder):
             console.print(f"{folder}: finished already")
-            return LeagueRun(folder=folder, standings=rank(config.pool, results, config.seed), results=results)
+            standings = rank(config.pool, results, config.seed, _exact(game, entrants, console))
+            return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
         run_folder.write_json(folder / run_folder.MANIFEST, about)
         strokes = _play(config, game, entrants, pairings, results, folder, console)
         seconds = time.monotonic() - begun
-        standings = _write_tables(config, game, results, folder)
+        standings = _write_tables(config, game, results, folder, _exact(game, entrants, console))
         done = {
             "status": "finished",
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -115,12 +120,12 @@ def _play(
 ) -> int:
     """Play what is left, adding to ``results``; returns the number of strokes."""
     with contextlib.ExitStack() as stack:
-        log = _open_log(config, game, entrants, pairings, results, folder)
-        if log is not None:
-            stack.enter_context(log)
+        recorder = _open_recorder(config, game, entrants, pairings, results, folder)
+        if recorder is not None:
+            stack.enter_context(recorder)
         advance = stack.enter_context(_progress(console, len(pairings), len(results)))
         tournament = Tournament(
-            game, entrants, matches=config.matches, seed=config.seed, batch=config.batch, keep_strokes=log is not None
+            game, entrants, matches=config.matches, seed=config.seed, batch=config.batch, keep_strokes=recorder is not None
         )
         strokes = 0
 
@@ -129,35 +134,48 @@ def _play(
             strokes += more
             advance(more, 0)
 
-        for blocks in tournament.play(pairings[len(results) :], count):
-            if log is not None:
-                # Batches end where pairings do, so that a resumed run can go on with the same bytes; the log is on the
-                # disk before the results are, so that no result is without its rallies.
-                for _, rallies in blocks:
-                    for part in rallies:
-                        log.append(part)
-                    log.flush(sync=False)
-                log.flush()
-            new = [result for result, _ in blocks]
+        def keep(new: list[PairResult]) -> None:
             run_folder.append_results(folder, new)
             results.extend(new)
             advance(0, len(new))
             for result in new:
                 if result.forfeit and not any(e.failure for e in entrants if e.name in result.forfeit):
                     console.print(f"[bold red]forfeit:[/] {' v '.join(result.names)}: {result.reason}", highlight=False)
+
+        # The log is on the disk before the results are, so that no result is without its rallies; meanwhile play goes on.
+        unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
+        for blocks in tournament.play(pairings[len(results) :], count):
+            new = [result for result, _ in blocks]
+            if recorder is None:
+                keep(new)
+                continue
+            for _, rallies in blocks:
+                for part in rallies:
+                    recorder.add(part)
+                # Batches end where pairings do, so that a resumed run can go on with the same bytes.
+                recorder.request_flush(sync=False)
+            unsaved.append((recorder.request_flush(), new))
+            while unsaved and unsaved[0][0].done():
+                saved, new = unsaved.popleft()
+                saved.result()
+                keep(new)
+        for saved, new in unsaved:
+            saved.result()
+            keep(new)
     return strokes
 
 
-def _open_log(
+def _open_recorder(
     config: LeagueConfig,
     game: Game,
     entrants: Sequence[Entrant],
     pairings: Sequence[Pairing],
     results: Sequence[PairResult],
     folder: Path,
-) -> RallyLogWriter | None:
+) -> RallyRecorder | None:
     path = folder / run_folder.RALLIES
-    if config.record == "none" or (path.exists() and len(results) == len(pairings)):
+    every = Sampling.parse(config.record).every
+    if not every or (path.exists() and len(results) == len(pairings)):
         return None
     header = LogHeader(
         seed=config.seed,
@@ -165,19 +183,34 @@ def _open_log(
         strokes=game.catalogue.names,
         policies=tuple(Player(name=entrant.name, hash=entrant.hash) for entrant in entrants),
         pairings=tuple(pairing.key for pairing in pairings),
+        record=config.record,
     )
-    return resume_log(path, header, sum(counts["rallies"] for result in results for counts in result.seats))
+    if every == 1:
+        recorded = sum(counts["rallies"] for result in results for counts in result.seats)
+    else:
+        recorded = rallies_of_pairings(path, len(results))
+    return RallyRecorder(resume_log(path, header, recorded))
 
 
-def _write_tables(config: LeagueConfig, game: Game, results: Sequence[PairResult], folder: Path) -> list[Standing]:
-    standings = rank(config.pool, results, config.seed)
-    table = results_table(results)
+def _exact(game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+    with console.status("solving every pair exactly"):
+        exact = exact_odds(game, entrants)
+    if exact.problem:
+        console.print(f"no exact figures: {exact.problem}", highlight=False)
+    return exact
+
+
+def _write_tables(
+    config: LeagueConfig, game: Game, results: Sequence[PairResult], folder: Path, exact: ExactOdds
+) -> list[Standing]:
+    standings = rank(config.pool, results, config.seed, exact)
+    table = results_table(results, exact)
     replace_file(folder / "results.csv", _csv(table))
     with io.BytesIO() as buffer:
         pyarrow.parquet.write_table(table, buffer, compression="zstd")
         replace_file(folder / "results.parquet", buffer.getvalue())
     replace_file(folder / "ranking.csv", _csv(ranking_table(standings)))
-    replace_file(folder / "report.md", report(config, standings, results, game.hash).encode())
+    replace_file(folder / "report.md", report(config, standings, results, game.hash, exact).encode())
     return standings
 
 

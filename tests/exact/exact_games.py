@@ -1,0 +1,129 @@
+"""Small games for the tests of exact values, and an oracle that shares no code with the solvers."""
+
+import numpy as np
+import numpy.typing as npt
+from hypothesis import strategies as st
+
+from shuttle_marl.policy.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.rally import ONE, Game, layout, thresholds
+from shuttle_marl.stroke import SHOTS, Catalogue
+
+Floats = npt.NDArray[np.float64]
+
+THREE_STROKES = (
+    "short-serve:front-centre:below:backhand",
+    "smash:middle-left:above:forehand",
+    "lift:back-centre:below:forehand",
+)
+OUTCOMES = {  # fault, winner, returned from below, returned from above, in sixteenths
+    "short-serve": (2, 0, 7, 7),
+    "smash": (2, 6, 4, 4),
+    "lift": (4, 0, 4, 8),
+    "clear": (1, 0, 12, 3),
+}
+
+
+def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
+    """A serve, then strokes whose chances depend on the shot type alone, each legal whenever the contact is its own."""
+    catalogue = Catalogue.from_names(names)
+    rally = ~catalogue.is_serve
+    tables = layout(catalogue, np.vstack([np.tile(rally, (len(names), 1)), catalogue.is_serve]))
+    fixed = np.array([np.cumsum(OUTCOMES[name.split(":")[0]])[:3] for name in names]) * ONE // 16
+    game = Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), np.uint16), **tables)
+    return Game(catalogue=catalogue, threshold=fixed[game.pair_stroke].astype(np.uint16), **tables)
+
+
+def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
+    """Two serves and ``rallies`` further strokes that may answer each other at random, with chances drawn at random."""
+    rng = np.random.default_rng(seed)
+    serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
+    heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
+    names = {f"{SHOTS[2 + i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
+    catalogue = Catalogue.from_names([*serves, *sorted(names)])
+    n = len(catalogue)
+    replies = rng.random((n + 1, n)) < density
+    for contact in (0, 1):
+        can = np.flatnonzero((catalogue.height == contact) & ~catalogue.is_serve)
+        replies[np.arange(n), rng.choice(can, n)] = True
+    replies[:n, catalogue.is_serve] = False
+    replies[n] = catalogue.is_serve
+    return with_chances(Game(catalogue=catalogue, threshold=np.zeros((0, 3), np.uint16), **layout(catalogue, replies)), seed)
+
+
+def with_chances(game: Game, seed: int) -> Game:
+    """A game of the same layout with other chances; good and returned ones between 0.3 and 0.97."""
+    rng = np.random.default_rng([seed, 1])
+    good, returned = rng.uniform(0.3, 0.97, (2, int(game.pair_start[-1])))
+    above = rng.uniform(0, 1, len(good))
+    tables = {name: getattr(game, name) for name in ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start")}
+    return Game(catalogue=game.catalogue, threshold=thresholds(good, returned, above), **tables)
+
+
+def random_policy(game: Game, seed: int, sharpness: float = 1.0) -> TabulatedPolicy:
+    """Chances drawn from a Dirichlet distribution in every state; sharper ones play fewer strokes."""
+    weight = np.random.default_rng([seed, 2]).gamma(1 / sharpness, size=game.n_pairs) + 1e-9
+    return from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
+
+
+games = st.builds(random_game, st.integers(0, 10_000), st.integers(2, 7), st.floats(0.0, 1.0))
+seeds = st.integers(0, 10_000)
+
+
+def pairs_of(game: Game, state: int) -> range:
+    """Legal pairs of a state."""
+    return range(int(game.pair_start[state]), int(game.pair_start[state + 1]))
+
+
+def linear_values(games: tuple[Game, Game], chances: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Values of a profile of ``[P]`` chances by one dense linear system over the states of both players."""
+    size = games[0].n_states
+    matrix, constant = np.eye(2 * size), np.zeros(2 * size)
+    for player, (game, chance) in enumerate(zip(games, chances, strict=True)):
+        fault, winner, below = game.threshold.astype(float).T / ONE
+        for state in range(size):
+            for pair in pairs_of(game, state):
+                row, after = player * size + state, (1 - player) * size + 2 * int(game.pair_edge[pair])
+                constant[row] += chance[pair] * ((winner[pair] - fault[pair]) - fault[pair])
+                matrix[row, after] += chance[pair] * (below[pair] - winner[pair])
+                matrix[row, after + 1] += chance[pair] * (1 - below[pair])
+    solution = np.linalg.solve(matrix, constant)
+    return solution[:size], solution[size:]
+
+
+def improved(game: Game, following: Floats) -> Floats:
+    """``[P]`` the best stroke of every state, given the values of the next states to the receiver."""
+    chance = np.zeros(game.n_pairs)
+    fault, winner, below = game.threshold.astype(float).T / ONE
+    for state in range(game.n_states):
+        worth = [
+            winner[p]
+            - 2 * fault[p]
+            - (below[p] - winner[p]) * following[2 * game.pair_edge[p]]
+            - (1 - below[p]) * following[2 * game.pair_edge[p] + 1]
+            for p in pairs_of(game, state)
+        ]
+        if worth:
+            chance[pairs_of(game, state)[int(np.argmax(worth))]] = 1
+    return chance
+
+
+def response_by_policy_iteration(games: tuple[Game, Game], opponent: Floats) -> tuple[Floats, Floats]:
+    """Values of player 0's best response to ``[P]`` chances of player 1 (Howard 1960)."""
+    chance = improved(games[0], np.zeros(games[0].n_states))
+    while True:
+        values = linear_values(games, (chance, opponent))
+        better = improved(games[0], values[1])
+        if np.array_equal(better, chance):
+            return values
+        chance = better
+
+
+def minimax_by_policy_iteration(games: tuple[Game, Game]) -> tuple[Floats, Floats]:
+    """Minimax values by strategy iteration: improve player 1 against the best response of player 0 (Hoffman & Karp 1966)."""
+    chance = improved(games[1], np.zeros(games[1].n_states))
+    while True:
+        values = response_by_policy_iteration(games, chance)
+        better = improved(games[1], values[0])
+        if np.array_equal(better, chance):
+            return values
+        chance = better

@@ -1,0 +1,96 @@
+"""Cross-play: against single profiles, against sampled rallies, and the odds of matches that follow."""
+
+import itertools
+
+import numpy as np
+import pytest
+from exact_games import games, random_game, random_policy, seeds
+from hypothesis import given, settings
+
+from shuttle_marl.draws import choice_draw, draw, outcome_draw, stream
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact import ExactError, crossplay, evaluate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.scoring import match_win_probability
+
+GAME = default_game()
+NAMES = ("bc", "attacking", "defensive", "safe", "random")
+Z_999 = 3.2905
+"""Half the width of a 99.9 % interval, in standard errors."""
+
+
+@settings(max_examples=10, deadline=None)
+@given(games, seeds)
+def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
+    policies = [random_policy(game, seed + i) for i in range(3)]
+    solved: list[None] = []
+    table = crossplay(policies, progress=lambda: solved.append(None))
+    assert len(solved) == 6
+    for i, j in itertools.product(range(3), repeat=2):
+        odds = evaluate(policies[i], policies[j]).odds()
+        assert table.serving[i, j] == pytest.approx(odds.serving, abs=2e-9)
+        assert table.receiving[i, j] == pytest.approx(odds.receiving, abs=2e-9)
+        assert table.rally[i, j] == pytest.approx(odds.rally, abs=2e-9)
+        assert table.match()[i, j] == pytest.approx(odds.match(), abs=1e-7)
+    assert table.match() + table.match().T == pytest.approx(np.ones((3, 3)), abs=1e-12)
+    assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
+
+
+def test_the_same_odds_twice_and_in_any_company() -> None:
+    tables = [tabulate(resolve(name, GAME), GAME) for name in ("bc", "safe")]
+    table = crossplay(tables)
+    assert np.array_equal(table.serving, crossplay(tables).serving)
+    assert table.serving[0, 1] == pytest.approx(crossplay(tables[::-1]).serving[1, 0], abs=table.error_bound)
+
+
+def test_nobody_and_strangers_are_refused() -> None:
+    with pytest.raises(ExactError, match="no policies"):
+        crossplay([])
+    with pytest.raises(ExactError, match="different catalogues"):
+        crossplay([tabulate(resolve("safe", GAME), GAME), random_policy(random_game(0), 0)])
+
+
+def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: int, key: int) -> int:
+    """Rallies that the server wins, played stroke by stroke with the rules of the rally."""
+    cumulative = [policy.padded() for policy in (server, receiver)]
+    wins, block = 0, 125_000
+    for first in range(0, rallies, block):
+        keys = stream(key, np.arange(first, min(first + block, rallies)))
+        state = np.full(len(keys), ROOT, dtype=np.int32)
+        for number in itertools.count():
+            bits = draw(keys, number)
+            k = (cumulative[number % 2].take(state, axis=0) <= choice_draw(bits)[:, None]).sum(axis=1)
+            outcome, state = strike(server.game, state, k, outcome_draw(bits))
+            # On even strokes the server strikes: a winner there, or the receiver's fault, is the server's rally.
+            wins += int((outcome[state < 0] == (WINNER if number % 2 == 0 else 0)).sum())
+            alive = state >= 0
+            if not alive.any():
+                break
+            keys, state = keys[alive], state[alive]
+    return wins
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("first", "second"), list(itertools.combinations(NAMES, 2)))
+def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(first: str, second: str) -> None:
+    policies = [tabulate(resolve(name, GAME), GAME) for name in (first, second)]
+    odds = evaluate(*policies).odds()
+    rallies = 500_000
+    serving = sampled_wins(policies[0], policies[1], rallies, NAMES.index(first)) / rallies
+    receiving = 1 - sampled_wins(policies[1], policies[0], rallies, 100 + NAMES.index(second)) / rallies
+    for exact, sampled in ((odds.serving, serving), (odds.receiving, receiving)):
+        assert abs(exact - sampled) < Z_999 * (exact * (1 - exact) / rallies) ** 0.5
+    spread = (odds.serving * (1 - odds.serving) + odds.receiving * (1 - odds.receiving)) ** 0.5 / 2
+    assert abs(odds.rally - (serving + receiving) / 2) < Z_999 * spread / rallies**0.5
+
+
+def test_matches_follow_from_rallies() -> None:
+    tables = [tabulate(resolve(name, GAME), GAME) for name in NAMES]
+    table = crossplay(tables)
+    expected = match_win_probability(table.serving, 1 - table.serving.T)
+    assert np.array_equal(table.match(), expected)
+    order = np.argsort(table.match().mean(axis=1))
+    assert NAMES[order[-1]] == "attacking"
+    assert NAMES[order[0]] == "random"

@@ -1,0 +1,218 @@
+"""Profiles, best responses, exploitability, visits and regret, on random games and on the shipped one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from exact_games import (
+    THREE_STROKES,
+    games,
+    hand_made,
+    linear_values,
+    random_game,
+    random_policy,
+    response_by_policy_iteration,
+    seeds,
+    with_chances,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.dynamics.health import Solver, play_statistics
+from shuttle_marl.exact import ExactError, best_response, evaluate, nash_conv, regret, solve, visits
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import ONE, ROOT, Game
+from shuttle_marl.stroke import SHOTS
+
+GAME = default_game()
+BC = tabulate(resolve("bc", GAME), GAME)
+sharpness = st.sampled_from([0.5, 1.0, 8.0])
+
+
+def test_rally_odds_of_three_strokes_by_hand() -> None:
+    """No choice: the values are those of perfect play, -39/368 at the serve (see test_minimax)."""
+    policy = random_policy(hand_made(), 0)
+    odds = evaluate(policy, policy, tolerance=1e-12).odds()
+    assert odds.serving == pytest.approx((1 - 39 / 368) / 2, abs=1e-12)
+    assert odds.receiving == pytest.approx((1 + 39 / 368) / 2, abs=1e-12)
+    assert (odds.rally, odds.value) == (pytest.approx(0.5, abs=1e-12), pytest.approx(0, abs=1e-12))
+
+
+def test_best_response_by_hand() -> None:
+    """Against one who always clears: C = -1/16 - 3/4 L - 3/16 A and N = -1/4 - C/2 - L/4, where the responder answers.
+
+    A = 1/4 - N/4 - C/4 (the smash) and L = -1/4 - N/4 - C/2 (the lift), N and C the opponent's values from below and above.
+    """
+    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
+    stroke = game.catalogue.shot[game.pair_stroke]
+    always_clear = (stroke != SHOTS.index("smash")).astype(float)
+    policy = TabulatedPolicy(game=game, cumulative=_certain(game, always_clear))
+    # Unknowns A, L, C, N.
+    matrix = np.array([[1, 0, 1 / 4, 1 / 4], [0, 1, 1 / 2, 1 / 4], [3 / 16, 3 / 4, 1, 0], [1 / 2, 1 / 4, 0, 1]])
+    above, below, *opponent = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 16, -1 / 4])
+    answer = best_response(policy, tolerance=1e-12)
+    assert answer.value.striking[0][3::2] == pytest.approx(above, abs=2e-12)
+    assert answer.value.striking[0][2::2] == pytest.approx(below, abs=2e-12)
+    expected = -1 / 8 - 7 / 16 * sum(opponent)
+    assert answer.value.odds().serving == pytest.approx((1 + expected) / 2, abs=1e-12)
+    assert expected > -39 / 368, "perfect play gives less away"
+
+
+def _certain(game: Game, chance: np.ndarray) -> np.ndarray:
+    total = np.cumsum(chance)
+    before = np.r_[0, total][game.pair_start[game.pair_state]]
+    return ((total - before) * 65535).astype(np.uint16)
+
+
+@settings(max_examples=30, deadline=None)
+@given(games, seeds, sharpness)
+def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: float) -> None:
+    other = with_chances(game, seed + 7)
+    policies = random_policy(game, seed, sharp), random_policy(other, seed + 1, sharp)
+    value = evaluate(*policies, tolerance=1e-10)
+    expected = linear_values((game, other), (policies[0].pair_probabilities(), policies[1].pair_probabilities()))
+    assert value.error_bound <= 1e-10
+    for found, true in zip(value.striking, expected, strict=True):
+        assert np.abs(found - true).max() <= value.error_bound
+    odds = value.odds(0), value.odds(1)
+    assert odds[0].serving + odds[1].receiving == pytest.approx(1, abs=1e-12)
+    assert odds[0].match() + odds[1].match() == pytest.approx(1, abs=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(games, seeds, sharpness)
+def test_best_response_equals_policy_iteration_and_beats_every_policy(game: Game, seed: int, sharp: float) -> None:
+    other = with_chances(game, seed + 7)
+    policy = random_policy(other, seed, sharp)
+    answer = best_response(policy, game=game, tolerance=1e-10)
+    expected = response_by_policy_iteration((game, other), policy.pair_probabilities())
+    for found, true in zip(answer.value.striking, expected, strict=True):
+        assert np.abs(found - true).max() <= answer.value.error_bound
+    played = evaluate(answer.policy, policy, tolerance=1e-10)
+    assert played.odds().value == pytest.approx(answer.value.odds().value, abs=1e-8)
+    for number in range(3):
+        rival = evaluate(random_policy(game, seed + number, sharp), policy, tolerance=1e-10)
+        assert (rival.striking[0] <= answer.value.striking[0] + 1e-9).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(games, seeds, sharpness)
+def test_nash_conv_is_never_negative(game: Game, seed: int, sharp: float) -> None:
+    first, second = random_policy(game, seed, sharp), random_policy(game, seed + 1, sharp)
+    found = nash_conv(first, second)
+    value = evaluate(first, second).odds().value
+    gains = (
+        best_response(second).value.odds().value - value,
+        best_response(first).value.odds().value + value,
+    )
+    assert min(gains) >= -1e-8
+    assert found.nash_conv == pytest.approx(sum(gains), abs=1e-8)
+    both = nash_conv(first)
+    assert both.nash_conv >= -both.error_bound
+    assert both.exploitability == pytest.approx(best_response(first).value.odds().value, abs=1e-12)
+    assert both.nash_conv == pytest.approx(nash_conv(first, dataclasses.replace(first)).nash_conv, abs=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(games, seeds)
+def test_coarse_profiles_are_within_their_bound(game: Game, seed: int) -> None:
+    first, second = random_policy(game, seed), random_policy(game, seed + 1)
+    exact = evaluate(first, second, tolerance=1e-12)
+    for tolerance in (1.0, 1e-2, 1e-4):
+        for coarse, true in (
+            (evaluate(first, second, tolerance=tolerance), exact),
+            (best_response(second, tolerance=tolerance).value, best_response(second, tolerance=1e-12).value),
+        ):
+            assert coarse.error_bound <= tolerance
+            for found, expected in zip(coarse.striking, true.striking, strict=True):
+                assert np.abs(found - expected).max() <= coarse.error_bound + true.error_bound
+
+
+@settings(max_examples=20, deadline=None)
+@given(games, seeds, st.sampled_from([0, 1, None]))
+def test_visits_give_the_odds_and_add_up(game: Game, seed: int, server: int | None) -> None:
+    other = with_chances(game, seed + 7)
+    first, second = random_policy(game, seed), random_policy(other, seed + 1)
+    seen = visits(first, second, server=server, tolerance=1e-10)
+    ends = seen.endings()
+    assert sum(ends.values()) == pytest.approx(1, abs=1e-9)
+    odds = evaluate(first, second).odds()
+    won = ends["winner of player 0"] + ends["fault of player 1"]
+    assert won == pytest.approx({0: odds.serving, 1: odds.receiving, None: odds.rally}[server], abs=1e-8)
+    starts = {0: (1, 0), 1: (0, 1), None: (0.5, 0.5)}[server]
+    assert (seen.states[0][ROOT], seen.states[1][ROOT]) == starts
+    for player in (0, 1):
+        assert seen.pairs(player).sum() == pytest.approx(seen.states[player].sum(), abs=1e-12)
+        assert seen.shot_mix(player).sum() == pytest.approx(1)
+    coarse = visits(first, second, server=server, tolerance=1e-2)
+    assert sum(np.abs(a - b).sum() for a, b in zip(coarse.states, seen.states, strict=True)) <= 1e-2 + 1e-10
+
+
+@settings(max_examples=20, deadline=None)
+@given(games, seeds, sharpness)
+def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> None:
+    policy, solution = random_policy(game, seed, sharp), solve(game)
+    loss = regret(policy, solution=solution)
+    against_perfect = evaluate(policy, solution.policy[1]).odds().value
+    assert loss.per_rally == pytest.approx(-against_perfect, abs=1e-7)
+    assert loss.state.min() >= -1e-8
+    top = loss.largest(3)
+    assert (loss.state * loss.weight)[top[0]] == (loss.state * loss.weight).max()
+    assert loss.per_stroke == pytest.approx(loss.per_rally / visits(policy, solution.policy[1]).states[0].sum(), abs=1e-9)
+
+
+def test_perfect_play_has_no_regret() -> None:
+    solution = solve(GAME)
+    loss = regret(solution.policy[0], BC, solution=solution)
+    assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
+
+
+def test_behaviour_cloning_as_the_model_card_has_it() -> None:
+    health = Solver(GAME)
+    seen, card = visits(BC, BC), play_statistics(health, BC.pair_probabilities())
+    assert seen.rally_length == pytest.approx(card["mean_rally"], abs=1e-6)
+    assert list(seen.shot_mix(0)) == pytest.approx(list(card["shot_mix"].values()), abs=1e-8)
+    ends = seen.endings()
+    assert ends["fault of player 0"] + ends["fault of player 1"] == pytest.approx(card["rallies_ending_on_fault"], abs=1e-8)
+    share, chosen = health.best_response(BC.pair_probabilities())
+    answer = best_response(BC)
+    assert answer.value.odds().rally == pytest.approx(share, abs=1e-7)
+    assert np.array_equal(answer.policy.pair_probabilities(), chosen)
+
+
+def test_visits_are_expected_numbers_of_strokes() -> None:
+    """On the three strokes, chances to go on are 14/16 for the serve, 8/16 for the smash and 12/16 for the lift."""
+    game = hand_made()
+    policy = random_policy(game, 0)
+    # Expected strokes from above a and below b: a = 1 + b/4 + a/4, b = 1 + b/4 + a/2.
+    a, b = np.linalg.solve([[3 / 4, -1 / 4], [-1 / 2, 3 / 4]], [1, 1])
+    assert visits(policy, policy, tolerance=1e-12).rally_length == pytest.approx(1 + 7 / 16 * (a + b), abs=1e-10)
+
+
+def test_policies_of_other_games_are_refused() -> None:
+    policy = random_policy(random_game(5), 0)
+    for call in (lambda: evaluate(BC, policy), lambda: visits(policy, BC), lambda: best_response(policy, game=GAME)):
+        with pytest.raises(ExactError, match="different catalogues"):
+            call()
+
+
+def test_a_policy_that_never_ends_a_rally_is_refused() -> None:
+    game = hand_made()
+    threshold = game.threshold.copy()
+    threshold[game.pair_stroke == 2, :2] = 0
+    endless = dataclasses.replace(game, threshold=threshold)
+    assert threshold.max() < ONE
+    policy = random_policy(endless, 0)
+    with pytest.raises(ExactError, match="no stroke of the policy ever ends the rally in state: own"):
+        evaluate(policy, policy)
+
+
+def test_the_bound_of_a_match_follows_from_that_of_a_rally() -> None:
+    odds = evaluate(BC, BC, tolerance=1e-3).odds()
+    low, high = (dataclasses.replace(odds, serving=odds.serving + e, receiving=odds.receiving + e) for e in (-1e-4, 1e-4))
+    wide = dataclasses.replace(odds, error_bound=1e-4)
+    assert wide.match_error_bound() == pytest.approx(max(high.match() - odds.match(), odds.match() - low.match()), abs=1e-12)
+    sure = dataclasses.replace(odds, serving=1.0, receiving=1.0, error_bound=0.3)
+    assert 0 < sure.match_error_bound() < 1, "chances end at 1"
