@@ -1,0 +1,110 @@
+"""Who gets the credit: advantages under the exact value function, and rallies that the learner never saw."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.objectives.value import GAE
+
+from shuttle_marl import exact
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+
+GAME = default_game()
+BC = tabulate(resolve("bc", GAME), GAME, "bc")
+RANDOM = tabulate(resolve("random", GAME), GAME, "random")
+
+
+class ExactValue(nn.Module):
+    """The value of the state behind an observation, looked up."""
+
+    def __init__(self, value: np.ndarray) -> None:
+        super().__init__()
+        state = np.arange(GAME.n_states)
+        table = np.zeros((GAME.n_strokes + 1, GAME.n_strokes + 1, 2))
+        table[GAME.edge_own[state >> 1], GAME.edge_incoming[state >> 1], state & 1] = value
+        self.table = torch.from_numpy(table).float()
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        own, incoming, contact = observation.long().unbind(-1)
+        return self.table[own, incoming, contact].unsqueeze(-1)
+
+
+def rollout(env: Any, policy: TabulatedPolicy, steps: int) -> Any:
+    """Rows of a rollout by a tabulated policy."""
+    rng = np.random.default_rng(0)
+    upper = torch.from_numpy(policy.padded().astype(np.int64))
+
+    rows, current = [], env.reset()
+    for _ in range(steps):
+        state = env.states
+        k = (upper[state] <= torch.from_numpy(rng.integers(0, 65535, len(state)))[:, None]).sum(-1).numpy()
+        current.set("action", torch.from_numpy(GAME.pair_stroke[GAME.pair_start[state] + k].astype(np.int64)))
+        row, current = env.step_and_maybe_reset(current)
+        rows.append(row)
+    return torch.stack(rows, dim=1)
+
+
+def advantages(data: Any, value: np.ndarray, gamma: float) -> Any:
+    critic = TensorDictModule(ExactValue(value), in_keys=["observation"], out_keys=["state_value"])
+    with torch.no_grad():
+        return GAE(gamma=gamma, lmbda=0.95, value_network=critic, vectorized=False)(data)["advantage"].squeeze(-1).double().numpy()
+
+
+def by_hand(data: Any, value: np.ndarray, gamma: float) -> np.ndarray:
+    """The recursion written out: delta = r + gamma V(s') - V(s), A = delta + gamma lambda A'."""
+    critic = ExactValue(value)
+    v = critic(data["observation"]).squeeze(-1).double().numpy()
+    following = critic(data["next", "observation"]).squeeze(-1).double().numpy()
+    reward = data["next", "reward"].squeeze(-1).double().numpy()
+    goes_on = ~data["next", "done"].squeeze(-1).numpy()
+    out = np.zeros_like(v)
+    later = np.zeros(len(v))
+    for t in reversed(range(v.shape[1])):
+        later = reward[:, t] + goes_on[:, t] * gamma * (following[:, t] + 0.95 * later) - v[:, t]
+        out[:, t] = later
+    return out
+
+
+@pytest.mark.parametrize("opponent", [None, RANDOM])
+def test_advantages_are_the_exact_ones_under_the_exact_values(opponent: TabulatedPolicy | None) -> None:
+    env: Any = RallyEnv(2048) if opponent is None else VersusEnv(2048, opponents=opponent)
+    gamma = -1.0 if opponent is None else 1.0
+    striking, others = exact.evaluate(BC, opponent or BC).striking
+    data = rollout(env, BC, 40)
+    found = advantages(data, striking, gamma)
+    np.testing.assert_allclose(found, by_hand(data, striking, gamma), atol=2e-5)
+    t = GAME.threshold.astype(np.float64) / 65536
+    edge = 2 * GAME.pair_edge
+    quality = (t[:, 1] - 2 * t[:, 0]) + (t[:, 2] - t[:, 1]) * -others[edge] + (1 - t[:, 2]) * -others[edge + 1]
+    own, incoming, contact = data["observation"].numpy().reshape(-1, 3).T
+    state_of = np.full((GAME.n_strokes + 1, GAME.n_strokes + 1, 2), -1)
+    s = np.arange(GAME.n_states)
+    state_of[GAME.edge_own[s >> 1], GAME.edge_incoming[s >> 1], s & 1] = s
+    state = state_of[own, incoming, contact]
+    pair = GAME.pair(state, data["action"].numpy().ravel())
+    noise = found.ravel() - (quality[pair] - striking[state])
+    # Lambda 0.95 adds later advantages, whose mean is zero under the exact values: so is the mean of the difference.
+    assert abs(noise.mean()) < 4 * noise.std() / np.sqrt(len(noise))
+    strong = np.abs(quality[pair] - striking[state]) > 0.2
+    assert strong.sum() > 100
+    assert abs(noise[strong].mean()) < 4 * noise[strong].std() / np.sqrt(strong.sum())
+
+
+def test_rallies_that_end_on_the_opponents_serve_count() -> None:
+    env = VersusEnv(4096, opponents=RANDOM)
+    data = rollout(env, BC, 200)
+    reward = data["next", "reward"].numpy()
+    won, lost = int((reward > 0).sum()), int((reward < 0).sum())
+    unseen_won, unseen_lost = env.unseen
+    assert unseen_won > 0
+    assert unseen_lost > 0
+    total = won + lost + unseen_won + unseen_lost
+    chance = exact.evaluate(BC, RANDOM).odds().rally
+    error = np.sqrt(chance * (1 - chance) / total)
+    assert abs((won + unseen_won) / total - chance) < 4 * error
