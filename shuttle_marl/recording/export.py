@@ -9,8 +9,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from shuttle_marl.rally import Game
+from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.schema import RecordingError
+from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.tables import rally_rows, stroke_rows
 
 _WRITERS: Final[dict[str, Callable[[str, pa.Schema], Any]]] = {
@@ -20,19 +22,21 @@ _WRITERS: Final[dict[str, Callable[[str, pa.Schema], Any]]] = {
 }
 
 
-def export(source: Path, target: Path, rows: Literal["rallies", "strokes"]) -> int:
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
     """Write a log as a table; it is beside ``target`` until it is whole.
 
     Args:
-        source: the log.
+        source: the log, a file or a folder.
         target: ends in .parquet, .csv (lists of strokes as names with spaces between them) or .arrow; replaced if it exists.
         rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.tables`.
+        game: adds to strokes what follows from the game that was played on, see :mod:`shuttle_marl.recording.derived`.
 
     Returns:
         The number of rows.
 
     Raises:
-        RecordingError: an unknown suffix, a log that cannot be read, or a table that cannot be written.
+        RecordingError: an unknown suffix, a log that cannot be read or was played on another game, or a table that cannot be
+            written.
     """
     open_writer = _WRITERS.get(target.suffix)
     if open_writer is None:
@@ -40,14 +44,19 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"]) -> i
     flat = target.suffix == ".csv"
     making = target.with_name(f".{target.name}.part")
     with RallyLog(source) as log:
-        rows_of = rally_rows if rows == "rallies" else stroke_rows
+        derive = None if game is None else Derived(log, game)
+
+        def rows_of(first: int, rallies: Rallies) -> pa.Table:
+            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies, derive)
+            return _columns(table, log, flat)
+
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            schema = _columns(rows_of(log, 0, log.no_rallies()), log, flat).schema
+            schema = rows_of(0, log.no_rallies()).schema
             count = 0
             with open_writer(str(making), schema) as writer:
                 for batch in log.batches():
-                    table = _columns(rows_of(log, *batch), log, flat)
+                    table = rows_of(*batch)
                     writer.write_table(table)
                     count += table.num_rows
             making.replace(target)
@@ -60,7 +69,7 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"]) -> i
 
 
 def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
-    """For CSV: dictionaries as words, and a list of strokes as one text."""
+    """For CSV: dictionaries as words, and a list as one text."""
     if not flat:
         return table
     for at, field in enumerate(table.schema):
@@ -68,10 +77,11 @@ def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
         if pa.types.is_dictionary(field.type):
             table = table.set_column(at, field.name, column.cast(pa.string()))
         elif pa.types.is_list(field.type):
-            names = pa.array(log.catalogue.names)
+            names = pa.array(log.catalogue.names) if field.name == "strokes" else None
+            words = [chunk.values.cast(pa.string()) if names is None else names.take(chunk.values) for chunk in column.chunks]
             texts = [
-                pa.compute.binary_join(pa.ListArray.from_arrays(chunk.offsets, names.take(chunk.values)), " ")
-                for chunk in column.chunks
+                pa.compute.binary_join(pa.ListArray.from_arrays(chunk.offsets, values), " ")
+                for chunk, values in zip(column.chunks, words, strict=True)
             ]
             table = table.set_column(at, field.name, pa.chunked_array(texts, pa.string()))
     return table

@@ -114,10 +114,10 @@ class RallyLog:
         first, rallies = self.batch(i)
         return rallies.part(number - first, number - first + 1)
 
-    def file_of(self, number: int) -> LogFile:
-        """The file in which a rally stands."""
+    def file_of(self, number: int) -> int:
+        """Which of :attr:`files` a rally stands in."""
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
-        return self.files[int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1]
+        return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
     def numbers_of_match(self, pairing: int, match: int) -> npt.NDArray[np.int64]:
         """Numbers of the rallies of one match, in order; empty if the log has none.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from shuttle_marl.recording.container import damage
 from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.parts import SUFFIX, unfinished
+from shuttle_marl.recording.parts import SUFFIX, existing_parts, part_path, unfinished
 from shuttle_marl.recording.salvage import salvage
 from shuttle_marl.recording.schema import RecordingError
 
@@ -67,7 +67,15 @@ def recover_folder(folder: Path) -> list[Recovery]:
     Raises:
         RecordingError: there is none, or one cannot be recovered.
     """
-    left = [path for path in sorted(folder.glob(f"*{unfinished(Path(SUFFIX)).name}")) if not path.with_suffix("").exists()]
+    left = [path for path in unfinished_files(folder) if not path.with_suffix("").exists()]
     if not left:
         raise RecordingError(f"{folder}: holds no unfinished rally log; name a damaged file to recover that")
     return [recover(path) for path in left]
+
+
+def unfinished_files(path: Path) -> list[Path]:
+    """The files of the logs in a folder, or of the log at a path, that were not closed."""
+    if path.is_dir():
+        return sorted(path.glob(f"*{unfinished(Path(SUFFIX)).name}"))
+    parts = [unfinished(part_path(path, number)) for number in existing_parts(path)]
+    return [part for part in parts if part.exists()]

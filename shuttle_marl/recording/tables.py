@@ -22,7 +22,9 @@ class _Log(Protocol):
     def policies(self) -> Sequence[Player]: ...
     @property
     def catalogue(self) -> Catalogue: ...
-    def file_of(self, number: int) -> LogFile: ...
+    @property
+    def files(self) -> Sequence[LogFile]: ...
+    def file_of(self, number: int) -> int: ...
 
 
 def rows_of_strokes(rallies: Rallies) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -54,9 +56,10 @@ def rally_rows(log: _Log, first: int, rallies: Rallies) -> pa.Table:
         table = table.set_column(at, f"policy_{seat}", _words(rallies.policy[:, seat], names))
     table = table.set_column(table.schema.get_field_index("reason"), "reason", _words(rallies.reason, OUTCOMES[:2]))
     table = table.add_column(table.schema.get_field_index("strokes"), "length", pa.array(rallies.length))
-    file, same = log.file_of(first), np.zeros(len(rallies), dtype=np.int32)
-    table = table.add_column(0, "seed", pa.array(np.full(len(rallies), file.header.seed % 2**64, dtype=np.uint64)))
-    table = table.add_column(0, "file", _words(same, [file.path.name]))
+    file = np.full(len(rallies), log.file_of(first))
+    seeds = np.array([file.header.seed % 2**64 for file in log.files], dtype=np.uint64)
+    table = table.add_column(0, "seed", pa.array(seeds[file]))
+    table = table.add_column(0, "file", _words(file, [file.path.name for file in log.files]))
     return table.add_column(0, "number", pa.array(np.arange(first, first + len(rallies), dtype=np.uint64)))
 
 

@@ -119,7 +119,7 @@ class RallyLogWriter:
             RecordingError: no space or the like; every batch before this one is there.
         """
         # A full file is closed only when there is something for the next one, so that no part is empty.
-        if self._file.size >= self._max_bytes:
+        if self._file.size >= self._max_bytes and self._file.rallies > self._file.header.first_rally:
             self._file.close()
             self._open(dataclasses.replace(self.header, part=self._file.header.part + 1, first_rally=self._file.rallies))
         self._file.write(first, data, rallies)

@@ -1,0 +1,304 @@
+"""Logs of several files: parts by size, and folders with the logs of several writers."""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.parts import part_path, unfinished
+from shuttle_marl.recording.resume import rallies_of_pairings, resume
+from shuttle_marl.recording.schema import DamagedLogError
+
+
+def same(a: Rallies, b: Rallies) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
+
+
+def everything(log: RallyLog) -> Rallies:
+    return Rallies.join([batch for _, batch in log.batches()])
+
+
+@pytest.fixture
+def in_parts(tmp_path: Path, rallies, header) -> Path:
+    """200 rallies in batches of 16, two batches to a file."""
+    path = tmp_path / "a.mcap"
+    with RallyLogWriter(path, header(), batch_rallies=16, max_bytes=11_000) as log:
+        log.append(rallies(200))
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+class TestParts:
+    def test_a_full_file_is_followed_by_another(self, in_parts: Path, rallies) -> None:
+        files = names(in_parts.parent)
+        assert len(files) > 3
+        assert set(files) == {"a.mcap", *(f"a.{i}.mcap" for i in range(1, len(files)))}
+        for path in (in_parts, in_parts.parent):
+            with RallyLog(path) as log:
+                assert len(log.files) == len(files)
+                assert [file.header.part for file in log.files] == list(range(len(files)))
+                assert same(everything(log), rallies(200))
+                assert [first for first, _ in log.batches()] == list(range(0, 200, 16))
+                assert log.size == sum(file.stat().st_size for file in in_parts.parent.iterdir())
+                assert same(log.rally(150), rallies(200).part(150, 151))
+                assert log.rally_table()["number"].to_pylist() == list(range(200))
+                assert log.stroke_table().num_rows == len(rallies(200).stroke)
+
+    def test_every_file_is_a_log_and_keeps_the_numbers(self, in_parts: Path, rallies) -> None:
+        part = part_path(in_parts, 2)
+        with RallyLog(part) as log:
+            first = int(log.first_rally[0])
+            assert first == log.files[0].header.first_rally > 0
+            assert same(log.rally(first + 3), rallies(200).part(first + 3, first + 4))
+            with pytest.raises(RecordingError, match=f"no rally {first - 1}"):
+                log.rally(first - 1)
+        with RallyLog(in_parts) as log:
+            assert log.rally_table()["file"].to_pylist()[first] == part.name
+
+    def test_no_part_is_empty(self, tmp_path: Path, rallies, header) -> None:
+        with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=16, max_bytes=1) as log:
+            log.append(rallies(48))
+        assert names(tmp_path) == ["a.1.mcap", "a.2.mcap", "a.mcap"]
+
+    def test_a_missing_part_is_noticed(self, in_parts: Path) -> None:
+        with RallyLog(part_path(in_parts, 1)) as log:
+            first, end = int(log.first_rally[0]), log.files[0].end
+        part_path(in_parts, 1).unlink()
+        with RallyLog(in_parts) as log:
+            assert len(log.rally(first - 1)) == len(log.rally(end)) == 1
+            with pytest.raises(RecordingError, match=f"no rally {first}"):
+                log.rally(first)
+        assert f"rallies {first} to {end - 1}, between a.mcap and a.2.mcap, are missing" in check(in_parts).problems
+
+    def test_parts_of_another_log_do_not_belong(self, in_parts: Path, rallies, header, tmp_path: Path) -> None:
+        other = tmp_path / "b.mcap"
+        with RallyLogWriter(other, header(seed=8), batch_rallies=16, max_bytes=11_000) as log:
+            log.append(rallies(200))
+        part_path(other, 2).replace(part_path(in_parts, 2))
+        with RallyLog(in_parts) as log:
+            assert [file.path.name for file in log.files[:3]] == ["a.mcap", "a.1.mcap", "a.3.mcap"]
+        in_parts.unlink()
+        with pytest.raises(RecordingError, match="part of a rally log already"):
+            RallyLogWriter(in_parts, header())
+
+    def test_an_unfinished_part_is_left_out_and_recovered(self, tmp_path: Path, rallies, header) -> None:
+        path = tmp_path / "a.mcap"
+        log = RallyLogWriter(path, header(), batch_rallies=16, max_bytes=11_000)
+        log.append(rallies(200))
+        log.abort()
+        (part,) = tmp_path.glob("*.part")
+        with RallyLog(path) as read:
+            known = read.n_rallies
+        assert known < 192
+        found = recover(part)
+        assert (found.path, found.rallies, found.lost) == (part.with_suffix(""), 192 - known, 0)
+        with RallyLog(path) as read:
+            assert same(everything(read), rallies(200).part(0, 192))
+
+
+class TestResume:
+    def write(self, path: Path, header: LogHeader, parts: Sequence[Rallies], stop_after: int | None = None) -> Path:
+        log = RallyLogWriter(path, header, batch_rallies=8, max_bytes=12_000)
+        for i, part in enumerate(parts):
+            log.append(part)
+            log.flush()
+            if stop_after == i:
+                log.abort()
+                return path
+        log.close()
+        return path
+
+    @settings(max_examples=25, deadline=None)
+    @given(st.integers(0, 12), st.integers(0, 12), st.integers(0, 1500), st.booleans())
+    def test_bytes_are_the_same(
+        self, tmp_path_factory, rallies, header, stop: int, keep: int, torn: int, recovered: bool
+    ) -> None:
+        """Wherever the cut falls: in the file that was being written, in a finished one, or between the two."""
+        folder = tmp_path_factory.mktemp("resumed")
+        parts = [rallies(20, seed) for seed in range(12)]
+        self.write(folder / "whole.mcap", header(), parts)
+        path = self.write(folder / "cut.mcap", header(), parts, stop)
+        (unfinished_part,) = folder.glob("*.part") if stop < 12 else (path,)
+        if stop < 12:
+            content = unfinished_part.read_bytes()
+            unfinished_part.write_bytes(content[: len(content) - torn])
+        keep = min(keep, stop + 1, 12)
+        try:
+            log = resume(path, header(), 20 * keep, batch_rallies=8, max_bytes=12_000)
+        except RecordingError:
+            assert torn
+            assert keep > 0
+            return
+        with log:
+            for part in parts[keep:]:
+                log.append(part)
+                log.flush()
+        expected = sorted(file.name.replace("whole", "cut") for file in folder.glob("whole*"))
+        assert sorted(file.name for file in folder.glob("cut*")) == expected
+        for name in expected:
+            assert (folder / name).read_bytes() == (folder / name.replace("cut", "whole")).read_bytes()
+
+    def test_a_resumption_that_was_killed(self, tmp_path: Path, rallies, header) -> None:
+        parts = [rallies(20, seed) for seed in range(8)]
+        whole = self.write(tmp_path / "whole.mcap", header(), parts)
+        path = self.write(tmp_path / "cut.mcap", header(), parts, 7)
+        part = part_path(path, 1)
+        part.replace(part.with_name(part.name + ".part.old"))
+        unfinished(part).write_bytes(b"a copy that was cut off")
+        with resume(path, header(), 60, batch_rallies=8, max_bytes=12_000) as log:
+            for some in parts[3:]:
+                log.append(some)
+                log.flush()
+        for number in range(len(list(tmp_path.glob("whole*")))):
+            assert part_path(path, number).read_bytes() == part_path(whole, number).read_bytes()
+        assert len(list(tmp_path.glob("cut*"))) == len(list(tmp_path.glob("whole*")))
+
+    def test_a_file_that_was_only_begun_is_nothing_lost(self, tmp_path: Path, rallies, header) -> None:
+        path = self.write(tmp_path / "a.mcap", header(), [rallies(200)])
+        last = max(n for n in range(20) if part_path(path, n).exists())
+        unfinished(part_path(path, last + 1)).write_bytes(bytes(4096))
+        with resume(path, header(), 200, batch_rallies=8, max_bytes=12_000):
+            pass
+        with RallyLog(path) as log:
+            assert same(everything(log), rallies(200))
+        assert not list(tmp_path.glob("*.part"))
+
+    def test_the_log_of_another_run_is_not_deleted(self, tmp_path: Path, rallies, header) -> None:
+        path = self.write(tmp_path / "a.mcap", header(), [rallies(20)])
+        content = path.read_bytes()
+        with pytest.raises(RecordingError, match="the log of another run"):
+            resume(path, header(seed=1), 0)
+        assert path.read_bytes() == content
+
+    def test_rallies_of_the_first_pairings(self, tmp_path: Path, rallies, header) -> None:
+        path, whole = tmp_path / "a.mcap", rallies(300)
+        log = RallyLogWriter(path, header(), batch_rallies=8, max_bytes=12_000)
+        ends = [int((whole.pairing < pairing).sum()) for pairing in range(4)]
+        for first, last in itertools.pairwise(ends):
+            log.append(whole.part(first, last))
+            log.flush()
+        log.abort()
+        assert [rallies_of_pairings(path, pairing) for pairing in range(4)] == ends
+        assert rallies_of_pairings(tmp_path / "none.mcap", 3) == 0
+
+
+class TestFolders:
+    @pytest.fixture
+    def shards(self, tmp_path: Path, rallies, header) -> Path:
+        """Three writers with policies and pairings of their own, one of them in parts; and a scene that is none of this."""
+        policies = [Player(name=name) for name in ("a", "b", "c")]
+        for worker in range(3):
+            own = header(
+                seed=worker,
+                policies=tuple(policies[worker:] + policies[:worker])[:2],
+                pairings=(worker + 10, worker + 11, 5),
+            )
+            with RallyLogWriter(
+                tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16, max_bytes=11_000 + worker * 10**6
+            ) as log:
+                log.append(rallies(100, seed=worker))
+        scene = Writer(str(tmp_path / "scene.mcap"))
+        scene.start(profile="")
+        scene.finish()
+        return tmp_path
+
+    def test_a_folder_is_one_table(self, shards: Path, rallies) -> None:
+        wholes = [rallies(100, seed=worker) for worker in range(3)]
+        with RallyLog(shards) as log:
+            assert len(log.logs) == 3
+            assert len(log.logs[0][1]) > 1
+            assert (log.n_rallies, [player.name for player in log.policies]) == (300, ["a", "b", "c"])
+            assert log.pairings == (10, 11, 5, 12, 13)
+            table, strokes = log.rally_table(), log.stroke_table()
+            assert table["number"].to_pylist() == list(range(300))
+            assert table["seed"].to_pylist() == [0] * 100 + [1] * 100 + [2] * 100
+            pairs = [("a", "b"), ("b", "c"), ("c", "a")]
+            expected = [pairs[w][i] for w in range(3) for i in wholes[w].policy[:, 0]]
+            assert table["policy_0"].to_pylist() == expected
+            keys = [(w + 10, w + 11, 5)[i] for w in range(3) for i in wholes[w].pairing]
+            assert [log.pairings[i] for i in table["pairing"].to_pylist()] == keys
+            assert strokes.num_rows == sum(len(whole.stroke) for whole in wholes)
+            for number in (0, 99, 100, 217, 299):
+                assert np.array_equal(log.rally(number).stroke, wholes[number // 100].part(number % 100, number % 100 + 1).stroke)
+            with pytest.raises(RecordingError, match="share no header"):
+                _ = log.header
+
+    def test_a_match_is_found_in_all_files(self, shards: Path, rallies) -> None:
+        with RallyLog(shards) as log:
+            table = log.rally_table()
+            for pairing in range(4):
+                for match in (0, 41, 99):
+                    rows = (table["pairing"].to_numpy() == pairing) & (table["match"].to_numpy() == match)
+                    assert np.array_equal(log.numbers_of_match(pairing, match), np.flatnonzero(rows))
+            assert (
+                len(log.numbers_of_match(0, 2**40)) == len(log.numbers_of_match(0, -1)) == len(log.numbers_of_match(-1, 0)) == 0
+            )
+
+    def test_one_run_in_several_files_has_one_header(self, tmp_path: Path, rallies, header) -> None:
+        for worker, key in enumerate((3, 4)):
+            with RallyLogWriter(tmp_path / f"{worker}.mcap", header(pairings=(key, 9, 10))) as log:
+                log.append(rallies(10))
+        with RallyLog(tmp_path) as log:
+            assert log.header == header(pairings=(3, 9, 10, 4))
+
+    def test_policies_of_one_name(self, tmp_path: Path, rallies, header) -> None:
+        """Two checkpoints that were both called ppo are two policies and one word."""
+        for worker in range(2):
+            own = header(policies=(Player(name="ppo", hash=str(worker)), Player(name="bc")))
+            with RallyLogWriter(tmp_path / f"{worker}.mcap", own) as log:
+                log.append(rallies(40, seed=worker))
+        with RallyLog(tmp_path) as log:
+            assert [player.hash for player in log.policies] == ["0", "", "1"]
+            column = log.rally_table()["policy_0"].combine_chunks()
+            assert column.dictionary.to_pylist() == ["ppo", "bc"]
+            assert column.to_pylist() == [("ppo", "bc")[i] for w in range(2) for i in rallies(40, seed=w).policy[:, 0]]
+
+    def test_folders_that_are_no_log(self, tmp_path: Path, rallies, header) -> None:
+        with pytest.raises(RecordingError, match="holds no rally log"):
+            RallyLog(tmp_path)
+        for name, game in (("a", "0" * 64), ("b", "1" * 64)):
+            RallyLogWriter(tmp_path / f"{name}.mcap", header(game=game)).close()
+        with pytest.raises(RecordingError, match=r"b\.mcap: other game than"):
+            RallyLog(tmp_path)
+        (tmp_path / "a.mcap").write_bytes((tmp_path / "b.mcap").read_bytes()[:-100])
+        with pytest.raises(DamagedLogError, match=r"a\.mcap: damaged"):
+            RallyLog(tmp_path)
+
+    def test_part_without_its_first_file(self, in_parts: Path, rallies) -> None:
+        in_parts.unlink()
+        with RallyLog(in_parts.parent) as log:
+            assert log.n_rallies < 200
+            assert log.rally_table().num_rows == log.n_rallies
+
+    def test_a_folder_plays_again(self, tmp_path: Path, played: Path) -> None:
+        """Two copies of a played log, one of them in parts."""
+        with RallyLog(played) as log:
+            header, whole = log.header, everything(log)
+        for name, max_bytes in (("a", 10**9), ("b", 4000)):
+            with RallyLogWriter(tmp_path / f"{name}.mcap", header, batch_rallies=100, max_bytes=max_bytes) as copy:
+                copy.append(whole)
+        with RallyLog(tmp_path) as log:
+            assert len(log.files) > 3
+            found = replay(log, default_game())
+            assert (found.rallies, found.wrong) == (2 * len(whole), ())
+        assert check(tmp_path, default_game()).problems == ()
+
+
+def test_the_order_of_numbers_is_that_of_names(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
+    for name in ("b", "a", "c", "c.7"):
+        with RallyLogWriter(tmp_path / f"{name}.mcap", header()) as log:
+            log.append(rallies(3))
+    with RallyLog(tmp_path) as read:
+        assert [file.path.stem for file in read.files] == ["a", "b", "c", "c.7"]
