@@ -4,6 +4,8 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from shuttle_marl.gymnasium_ids import register_when_imported
+
 if TYPE_CHECKING:
     from shuttle_marl.env import match_v0, rally_v0
 
@@ -12,6 +14,8 @@ __version__ = "0.1.0"
 _ENVIRONMENTS = ("match_v0", "rally_v0")
 
 __all__ = ["__version__", "match_v0", "rally_v0"]
+
+register_when_imported()
 
 
 def __getattr__(name: str) -> ModuleType:

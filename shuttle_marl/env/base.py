@@ -123,6 +123,14 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """State of the agent to move, as in :mod:`shuttle_marl.rally`; what policies and exact values are tables over."""
         return self._state
 
+    def choice_draw(self) -> int:
+        """The number in [0, 65535) by which a policy chooses the stroke that is due; see :mod:`shuttle_marl.draws`."""
+        return self._source.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
+
+    def score_of(self, player: int) -> tuple[int, int, int, int] | None:  # noqa: ARG002
+        """Own points, the opponent's points, own games and the opponent's games; None where there is no match."""
+        return None
+
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
         return self.observation_spaces[agent]

@@ -4,7 +4,6 @@ Both step the compiled kernel and hold their rallies in numpy arrays, so they ar
 Given the same strokes they play the rallies of ``rally_v0`` with the same seed: row b of B plays the episodes b, b + B, …
 """
 
-from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -15,18 +14,14 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from shuttle_marl.env.base import resolve_game
+from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Seen, Server
-from shuttle_marl.policy.base import Policy
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import Game
 
 TOKENS = 3
 """Numbers in an observation: own last stroke, incoming stroke, contact."""
 _SEEDS = 1 << 63
-
-Opponents = str | Policy | Sequence[str | Policy]
 
 
 class _BatchedEnv(EnvBase):
@@ -188,7 +183,7 @@ class VersusEnv(_BatchedEnv):
     ) -> None:
         resolved = resolve_game(game)
         versus = VersusBatch(
-            resolved, batch, opponents=_tables_of(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
+            resolved, batch, opponents=tabulated(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
         )
         super().__init__(resolved, versus, seed)
 
@@ -201,12 +196,3 @@ class VersusEnv(_BatchedEnv):
     def unseen(self) -> tuple[int, int]:
         """Rallies that ended on the opponent's serve since the last seed: won and lost by the learner."""
         return self.versus.unseen
-
-
-def _tables_of(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
-    several = opponents if isinstance(opponents, Sequence) and not isinstance(opponents, str) else [opponents]
-    tables = []
-    for opponent in several:
-        name = opponent if isinstance(opponent, str) else type(opponent).__name__
-        tables.append(tabulate(resolve(opponent, game) if isinstance(opponent, str) else opponent, game, name))
-    return tables

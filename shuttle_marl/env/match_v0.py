@@ -68,6 +68,11 @@ class raw_env(ShuttleEnv):
         self.reward = reward
         self.rules = rules
 
+    def score_of(self, player: int) -> tuple[int, int, int, int]:
+        """Own points, the opponent's points, own games and the opponent's games before the current rally."""
+        points, games, other = self._by_game[-1], self._games, 1 - player
+        return points[player], points[other], games[player], games[other]
+
     def _begin_episode(self) -> int:
         assert self.last_seed is not None
         self._source = EpisodeDraws(self.last_seed, self.episode)

@@ -196,10 +196,15 @@ class Batch:
         in_slices(lambda a, b: _show(self._tables, self.rows, seen, a, b), len(self), self.threads)
 
     def _check(self, seen: Seen) -> None:
-        wanted = ((len(self), 3), np.int32, (len(self), self.game.n_strokes), np.bool_)
-        given = (seen.tokens.shape, seen.tokens.dtype, seen.mask.shape, seen.mask.dtype)
-        if given != wanted or not (seen.tokens.flags.c_contiguous and seen.mask.flags.c_contiguous):
-            raise KernelError(f"room for what is seen: {given}; expected {wanted}, as new_seen() makes it")
+        for array, shape, type_ in (
+            (seen.tokens, (len(self), 3), np.int32),
+            (seen.mask, (len(self), self.game.n_strokes), np.bool_),
+        ):
+            if array.shape != shape or array.dtype != type_ or not array.flags.c_contiguous:
+                raise KernelError(
+                    f"room for what is seen, {array.dtype} of shape {array.shape}: expected {np.dtype(type_)} of shape {shape}, "
+                    "one row behind the other, as new_seen() makes it"
+                )
 
     def random_strokes(self) -> npt.NDArray[np.int64]:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""

@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.draws import CHOICE_ONE
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.rally import Game
 
@@ -105,3 +106,15 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
             f"{describe(int(states.state[row]))}"
         )
     return p
+
+
+def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+    """``[B]`` catalogue index of the stroke that each row of ``[B, n]`` chances plays.
+
+    Args:
+        p: rows that sum to about 1.
+        draw: ``[B]`` uniform integers in [0, 65535); cumulative chances are rounded to 1/65535 as in a table.
+    """
+    total = np.cumsum(p, axis=1)
+    cumulative = np.rint(total / total[:, -1:] * CHOICE_ONE)
+    return (cumulative > draw[:, None]).argmax(axis=1)

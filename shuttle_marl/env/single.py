@@ -1,0 +1,209 @@
+"""One player's seat, as a Gymnasium environment: a step is the learner's stroke and the opponent's reply.
+
+``Rally-v0`` and ``Match-v0`` of the namespace ``shuttle_marl`` put an opponent into ``rally_v0`` and ``match_v0``. They have
+no rules of their own: rallies, observations, masks, pictures and draws are those of the environment inside.
+"""
+
+from typing import Any, Literal, cast
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.error import ResetNeeded
+
+from shuttle_marl.env import match_v0, rally_v0
+from shuttle_marl.env.base import (
+    AGENTS,
+    RENDER_MODES,
+    IllegalStrokeError,
+    Observation,
+    OptionError,
+    RenderMode,
+    ShuttleEnv,
+    resolve_game,
+)
+from shuttle_marl.env.opponents import Opponent
+from shuttle_marl.policy.base import Policy
+from shuttle_marl.rally import Game
+from shuttle_marl.scoring import BWF, Rules
+
+Seat = Literal[0, 1]
+
+
+class SingleEnv(gymnasium.Env[Observation, np.int64]):
+    """The learner at one seat and an opponent at the other.
+
+    An episode of which the learner never gets to strike, because the opponent ends it first, never comes to the learner: the
+    environment counts it in :attr:`unseen` and goes on with the next one. Win rates have to count those too.
+
+    A stroke that is not legal in the state loses the episode, as in ``rally_v0.env()``: reward -1, ``terminated``, and
+    ``info["reason"]`` says so.
+
+    Attributes:
+        raw: the PettingZoo environment inside.
+        opponent: who plays at the other seat.
+        seat: the learner's seat, 0 or 1.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012  as in gymnasium.Env
+
+    def __init__(self, raw: ShuttleEnv, opponent: Opponent, seat: Seat) -> None:
+        if seat not in (0, 1):
+            raise OptionError(f"seat {seat!r}: expected 0 or 1")
+        self.raw, self.opponent, self.seat = raw, opponent, seat
+        self.render_mode = raw.render_mode
+        self._agent = AGENTS[seat]
+        self.observation_space = raw.observation_space(self._agent)
+        self.action_space = raw.action_space(self._agent)
+        self._unseen = np.zeros(2, np.int64)
+        self._owed = 0.0
+        self._over = True
+
+    @property
+    def game(self) -> Game:
+        """The tables of the game."""
+        return self.raw.game
+
+    @property
+    def state_number(self) -> int:
+        """State of the learner, as in :mod:`shuttle_marl.rally`."""
+        return self.raw.state_number
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Episodes since the last seed that ended before the learner's first stroke: won and lost by the learner."""
+        won, lost = self._unseen.tolist()
+        return won, lost
+
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """``[n]`` legal strokes, by the name under which sb3-contrib asks for them."""
+        return self.raw.observe(self._agent)["action_mask"].astype(bool)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+        """Start the next episode, up to the learner's first stroke; with a seed, the first episode of that seed."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._unseen[:] = 0
+        while True:
+            self.raw.reset(seed=seed, options=options)
+            seed = None
+            self._owed = self._await_turn()
+            if not self.raw.terminations[self._agent]:
+                self._over = False
+                return self.raw.observe(self._agent), self._info()
+            self._unseen[0 if self.raw.rewards[self._agent] > 0 else 1] += 1
+
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Play a stroke, and let the opponent reply.
+
+        Args:
+            action: catalogue index of the stroke.
+
+        Returns:
+            Observation, reward since the last step, whether the episode is over, False, and info.
+
+        Raises:
+            ActionError: not an integer, or not in the catalogue.
+            ResetNeeded: the episode is over.
+            PolicyError: an opponent that reads the score raised, or returned no distribution.
+        """
+        if self._over:
+            raise ResetNeeded("this episode is over, or none has begun; call reset() first")
+        try:
+            self.raw.step(cast(int, action))
+        except IllegalStrokeError as illegal:
+            self.raw.forfeit(illegal.stroke)
+        reward = self._owed + self.raw.rewards[self._agent] + self._await_turn()
+        self._owed = 0.0
+        self._over = self.raw.terminations[self._agent]
+        return self.raw.observe(self._agent), reward, self._over, False, self._info()
+
+    def render(self) -> npt.NDArray[np.uint8] | str | None:
+        """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``)."""
+        return self.raw.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.raw.close()
+
+    def _await_turn(self) -> float:
+        """Let the opponent strike until the learner is to, or the episode is over; returns the learner's reward for it."""
+        raw, reward = self.raw, 0.0
+        while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
+            draw, score = raw.choice_draw(), raw.score_of(1 - self.seat)
+            raw.step(self.opponent.choose(raw.state_number, draw, score))
+            reward += raw.rewards[self._agent]
+        return reward
+
+    def _info(self) -> dict[str, Any]:
+        return {**self.raw.infos[self._agent], "unseen": self._unseen.copy()}
+
+
+class SingleRallyEnv(SingleEnv):
+    """``shuttle_marl/Rally-v0``: one rally against an opponent; +1 to who wins it, -1 to the other.
+
+    Args:
+        opponent: name of a policy, or a policy.
+        seat: the learner's seat; it only says which half of the lots for the serve is the learner's.
+        server: seat that serves, 0 or 1; None: by lot, seeded.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+
+    Raises:
+        OptionError: an option that is not among those, or an opponent that reads the score, of which a rally has none.
+        PolicyError: there is no such opponent, or it is no distribution over the legal strokes.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self,
+        *,
+        opponent: str | Policy = "bc",
+        seat: Seat = 0,
+        server: Seat | None = None,
+        game: Game | str | None = None,
+        render_mode: RenderMode | None = None,
+    ) -> None:
+        raw = rally_v0.raw_env(server=server, game=resolve_game(game), render_mode=render_mode)
+        other = Opponent(opponent, raw.game)
+        if other.reads_score:
+            raise OptionError(f"opponent {other.name!r} reads the score, and a rally has none; play it in shuttle_marl/Match-v0")
+        super().__init__(raw, other, seat)
+
+
+class SingleMatchEnv(SingleEnv):
+    """``shuttle_marl/Match-v0``: a match against an opponent, who may read the score.
+
+    With ``reward="rally"`` a step pays for every rally that ended since the last one, also those that ended before the
+    learner's first stroke, so the sum over an episode is the points won less the points lost.
+
+    Args:
+        opponent: name of a policy, or a policy.
+        seat: the learner's seat.
+        first_server: seat that serves first, 0 or 1; None: by lot, seeded.
+        reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
+        rules: points, lead, cap and games.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+
+    Raises:
+        OptionError: an option that is not among those.
+        PolicyError: there is no such opponent, or it is no distribution over the legal strokes.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self,
+        *,
+        opponent: str | Policy = "bc",
+        seat: Seat = 0,
+        first_server: Seat | None = None,
+        reward: Literal["match", "rally"] = "match",
+        rules: Rules = BWF,
+        game: Game | str | None = None,
+        render_mode: RenderMode | None = None,
+    ) -> None:
+        raw = match_v0.raw_env(
+            first_server=first_server, reward=reward, rules=rules, game=resolve_game(game), render_mode=render_mode
+        )
+        super().__init__(raw, Opponent(opponent, raw.game), seat)
