@@ -98,9 +98,8 @@ def visits(
         return 2 * ((residual + rounding) * contraction / (1 - contraction) + rounding)
 
     z, _, error = solve_linear(
-        lambda w: constant + backward[1] @ (backward[0] @ w),
-        lambda w: backward[1] @ (backward[0] @ w),
         constant,
+        lambda w: backward[1] @ (backward[0] @ w),
         norm=lambda r: float(np.abs(r).sum()),
         bound=bound,
         tolerance=tolerance,

@@ -9,6 +9,7 @@ import pytest
 import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
+COMMANDS = ("data", "dynamics", "exact", "league", "recording")
 TABLE_FLOORS = ("rally", "scoring", "draws", "stroke", "policy", "kernel", "exact", "env", "recording", "league")
 NEED_TORCH = ("shuttle_marl.env.batched",)
 

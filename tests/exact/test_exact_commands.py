@@ -1,0 +1,150 @@
+"""The command line: solve, evaluate, best-response, crossplay."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact import solve
+from shuttle_marl.exact.__main__ import main
+from shuttle_marl.exact.plot import aims
+from shuttle_marl.policy.table import TabulatedPolicy
+
+GAME = default_game()
+SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))
+
+
+def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(arguments) == 0, capsys.readouterr().err
+    return capsys.readouterr().out
+
+
+def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(arguments) == 1
+    return capsys.readouterr().err
+
+
+def test_solve_prints_what_it_promises(capsys: pytest.CaptureFixture[str]) -> None:
+    found = json.loads(output(capsys, "solve", "--json"))
+    assert list(found) == ["value_at_serve", "states", "legal_pairs", "sweeps", "residual", "error_bound", "seconds"]
+    solution = solve(GAME)
+    assert (found["states"], found["legal_pairs"], found["sweeps"]) == (GAME.n_states, GAME.n_pairs, solution.sweeps)
+    assert found["value_at_serve"] == solution.value_at_serve
+    assert found["error_bound"] <= 1e-6
+    coarse = json.loads(output(capsys, "solve", "--json", "--tolerance", "0.01"))
+    assert coarse["sweeps"] < found["sweeps"]
+    assert found["error_bound"] < coarse["error_bound"] <= 0.01
+
+
+def test_solve_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    text = output(capsys, "solve")
+    for part in ("value at the serve", "error bound", f"{GAME.n_pairs:,} legal pairs", "strokes a rally", "smash"):
+        assert part in text
+
+
+def test_evaluate_prints_what_it_promises(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_reader.py").write_text(
+        "def player(states):\n"
+        "    assert states.score is not None\n"
+        "    return states.mask / states.mask.sum(axis=1, keepdims=True)\n"
+        "player.reads_score = True\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    cards = json.loads(output(capsys, "evaluate", "random", "my_reader:player", "--matches", "40", "--json"))
+    assert [card["policy"] for card in cards] == ["random", "my_reader:player"]
+    for card in cards:
+        assert {"rally_win_vs_bc", "match_win_vs_bc", "exploitability", "normalised_score", "sampled"} <= set(card)
+    exact, sampled = cards
+    assert (exact["sampled"], sampled["sampled"]) == (False, True)
+    assert exact["normalised_score"] < 0 < exact["exploitability"] < 1
+    assert sampled["exploitability"] is None
+    assert sampled["rally_interval"][0] < exact["rally_win_vs_bc"] < sampled["rally_interval"][1] + 0.02
+    text = output(capsys, "evaluate", "random", "my_reader:player", "--matches", "4")
+    assert "my_reader:player reads the score: sampled in 4 matches" in text
+    assert "fault of the opponent" in text
+
+
+def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "answer.safetensors"
+    found = json.loads(output(capsys, "best-response", "random", "--save", str(path), "--json"))
+    assert found["rally_win"] == pytest.approx((1 + found["exploitability"]) / 2)
+    assert found["saved"] == str(path)
+    assert TabulatedPolicy.load(path, GAME).game is GAME
+    table = json.loads(output(capsys, "crossplay", f"table:{path}", "random", "--json"))
+    assert table["rally_win"][0][1] == pytest.approx(found["rally_win"], abs=1e-8)
+    assert table["match_win"][0][1] == pytest.approx(found["match_win"], abs=1e-6)
+    text = output(capsys, "best-response", "random")
+    assert "% of matches" in text
+    assert "fault of random" in text
+
+
+def test_crossplay(capsys: pytest.CaptureFixture[str]) -> None:
+    found = json.loads(output(capsys, "crossplay", "safe", "random", "--json"))
+    assert found["policies"] == ["safe", "random"]
+    assert found["match_win"][0][1] + found["match_win"][1][0] == pytest.approx(1)
+    assert found["rally_win_serving"][0][1] + found["rally_win_receiving"][1][0] == pytest.approx(1)
+    text = output(capsys, "crossplay", "safe", "random")
+    assert f"{100 * found['match_win'][0][1]:.1f} %" in text
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_the_value_over_the_court_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"court.{suffix}"
+    own = GAME.catalogue.names[GAME.edge_own[GAME.edge_incoming == GAME.catalogue.index(SMASH)][0]]
+    arguments = {"png": [], "svg": ["--incoming", SMASH], "pdf": ["--incoming", SMASH, "--own", own]}[suffix]
+    output(capsys, "solve", "--plot", str(path), *arguments)
+    magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[suffix]
+    assert path.read_bytes().startswith(magic)
+
+
+def test_aims_are_the_best_replies_by_area() -> None:
+    solution, incoming = solve(GAME), GAME.catalogue.index(SMASH)
+    edges = GAME.edge_incoming == incoming
+    own = int(GAME.edge_own[edges][0])
+    state = 2 * int(edges.argmax())
+    below, above = aims(solution, incoming, own)
+    assert below.state_value == pytest.approx(solution.value[0][state], abs=1e-8)
+    assert above.state_value == pytest.approx(solution.value[0][state + 1], abs=1e-8)
+    for aim, contact in ((below, 0), (above, 1)):
+        legal = GAME.legal_strokes(state + contact)
+        for area in range(9):
+            here = legal[GAME.catalogue.area[legal] == area]
+            assert (aim.stroke[area] in here) == bool(len(here))
+    serve = int(GAME.legal_strokes(0)[0])
+    assert len(aims(solution, serve)) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["evaluate"], "no policy given"),
+        (["crossplay"], "no policy given"),
+        (["evaluate", "nobody"], "no policy 'nobody'"),
+        (["evaluate", "bc", "--matches", "0"], "--matches 0: expected 1 or more"),
+        (["solve", "--game", "nothing"], "no model 'nothing'"),
+        (["solve", "--incoming", "smash"], "name the picture with --plot FILE"),
+        (["solve", "--plot", "court.gif"], "pictures are written as .png, .svg, .pdf"),
+        (["solve", "--plot", "court.png", "--incoming", "smsh"], "a stroke is named shot:area:height:technique"),
+        (["solve", "--plot", "court.png", "--incoming", SMASH, "--own", SMASH], "never comes in after one's own"),
+    ],
+)
+def test_mistakes_are_explained(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert says in failure(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tolerance_that_cannot_be_met_states_its_bound(capsys: pytest.CaptureFixture[str]) -> None:
+    found = json.loads(output(capsys, "solve", "--json", "--tolerance", "0"))
+    assert 0 < found["error_bound"] < 1e-8
+
+
+def test_pictures_need_matplotlib(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert "needs matplotlib" in failure(capsys, "solve", "--plot", str(tmp_path / "court.png"))

@@ -1,0 +1,175 @@
+"""Scorecards, sampled and exact, and the league's exact figures."""
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from exact_games import hand_made, random_policy
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact import Scorer, crossplay, evaluate, nash_conv, sample, solve
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.league.config import ANCHORS, default_pool
+from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.exact_odds import exact_odds
+from shuttle_marl.policy.base import PolicyError, States
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.rally import ROOT
+
+GAME = default_game()
+SCORER = Scorer(GAME)
+
+
+class Moody:
+    """Plays like another policy, but says that it reads the score; on request it really does."""
+
+    reads_score = True
+
+    def __init__(self, name: str, gives_up: bool = False) -> None:
+        self.base, self.gives_up = tabulate(resolve(name, GAME), GAME), gives_up
+
+    def probabilities(self, states: States) -> np.ndarray:
+        assert states.score is not None
+        p = self.base.probabilities(states)
+        uniform = states.mask / states.mask.sum(axis=1, keepdims=True)
+        behind = states.score[:, 0] < states.score[:, 1]
+        return np.where(behind[:, None] & self.gives_up, uniform, p)
+
+
+def test_the_ends_of_the_scale() -> None:
+    bc = SCORER.score(resolve("bc", GAME), "bc")
+    best = SCORER.score(resolve("best-response:bc", GAME), "best-response:bc")
+    perfect = SCORER.score(resolve("minimax", GAME), "minimax")
+    assert (bc.normalised_score, bc.rally_win_vs_bc) == (pytest.approx(0, abs=1e-8), pytest.approx(0.5, abs=1e-9))
+    assert best.normalised_score == pytest.approx(1, abs=1e-8)
+    assert best.rally_win_vs_bc == pytest.approx((1 + bc.exploitability) / 2, abs=1e-8)
+    assert (perfect.exploitability, perfect.regret_per_rally) == (pytest.approx(0, abs=1e-8), pytest.approx(0, abs=1e-8))
+    assert perfect.gap_at_serve == pytest.approx(0, abs=1e-8)
+    assert 0 < perfect.normalised_score < 1
+    for card in (bc, best, perfect):
+        assert not card.sampled
+        assert card.error_bound <= 1e-7
+        assert card.match_error_bound <= 1e-6
+        assert sum(card.endings_vs_bc.values()) == pytest.approx(1, abs=1e-8)
+        assert sum(card.shot_mix_vs_bc.values()) == pytest.approx(1, abs=1e-8)
+
+
+def test_the_figures_of_one_policy() -> None:
+    policy = tabulate(resolve("attacking", GAME), GAME)
+    card = SCORER.score(policy, "attacking")
+    odds = evaluate(policy, SCORER.reference).odds()
+    assert (card.rally_win_serving, card.rally_win_receiving) == (odds.serving, odds.receiving)
+    assert card.match_win_vs_bc == odds.match()
+    assert card.exploitability == pytest.approx(nash_conv(policy).exploitability, abs=1e-12)
+    won = card.endings_vs_bc["own winner"] + card.endings_vs_bc["fault of the opponent"]
+    assert won == pytest.approx(card.rally_win_vs_bc, abs=1e-8)
+    best = SCORER.reference_response.value.odds().rally
+    assert card.normalised_score == pytest.approx((odds.rally - 0.5) / (best - 0.5), abs=1e-12)
+    assert card.gap_at_serve >= card.regret_per_rally / 2 - abs(solve(GAME).value[0][ROOT])
+    assert set(card.as_json()) >= {"policy", "rally_win_vs_bc", "match_win_vs_bc", "exploitability", "normalised_score"}
+
+
+def test_who_reads_the_score_is_sampled() -> None:
+    exact = SCORER.score(resolve("attacking", GAME), "attacking")
+    card = SCORER.score(Moody("attacking"), "moody", matches=200, seed=3)
+    assert card.sampled
+    assert (card.exploitability, card.regret_per_rally, card.error_bound) == (None, None, None)
+    # Wider than 95 %: the seed is fixed, but another one should not fail.
+    (low, high), middle = card.rally_interval, card.rally_win_vs_bc
+    assert abs(exact.rally_win_vs_bc - middle) < 2 * (high - low) / 2
+    assert card.match_interval[0] < exact.match_win_vs_bc < min(1, card.match_interval[1] + 0.05)
+    assert card.rally_length_vs_bc == pytest.approx(exact.rally_length_vs_bc, rel=0.05)
+    assert card == SCORER.score(Moody("attacking"), "moody", matches=200, seed=3)
+
+
+def test_sampling_shows_the_score_to_the_policy() -> None:
+    opponent = tabulate(resolve("safe", GAME), GAME)
+    steady = sample(Moody("safe"), opponent, matches=100)
+    sulking = sample(Moody("safe", gives_up=True), opponent, matches=100)
+    assert 0.3 < steady.match < 0.7
+    assert sulking.rally_interval[1] < 0.5
+    assert sulking.match < steady.match
+    assert steady.strokes > steady.rallies > 42 * steady.matches
+
+
+@pytest.mark.slow
+def test_the_cluster_interval_covers_about_its_share() -> None:
+    """Two equal players: the true share of rallies is one half."""
+    table = tabulate(resolve("random", GAME), GAME)
+    intervals = [sample(Moody("random"), table, matches=24, seed=seed).rally_interval for seed in range(12)]
+    assert sum(low <= 0.5 <= high for low, high in intervals) >= 9
+
+
+def test_a_failing_policy_is_named() -> None:
+    class Broken(Moody):
+        def probabilities(self, states: States) -> np.ndarray:
+            raise RuntimeError("legs")
+
+    with pytest.raises(PolicyError, match="policy 'broken' raised RuntimeError: legs"):
+        SCORER.score(Broken("safe"), "broken", matches=2)
+
+
+def test_a_game_without_clones_has_no_scorer() -> None:
+    with pytest.raises(PolicyError, match="was not loaded from one"):
+        Scorer(hand_made())
+
+
+def test_exact_figures_of_a_pool() -> None:
+    pool = [enter("bc", GAME), Entrant(name="moody", policy=Moody("safe")), enter("safe", GAME), enter("minimax", GAME)]
+    pool.append(Entrant(name="broken", policy=Moody("safe"), failure="no distribution"))
+    found = exact_odds(GAME, pool)
+    tables = [pool[i].table for i in (0, 2, 3)]
+    assert found.match[np.ix_([0, 2, 3], [0, 2, 3])] == pytest.approx(crossplay(tables).match(), abs=1e-6)
+    for missing in (1, 4):
+        assert np.isnan(found.match[missing]).all()
+        assert np.isnan(found.match[:, missing]).all()
+        assert np.isnan([found.exploitability[missing], found.normalised_score[missing]]).all()
+    assert found.exploitability[3] == 0
+    assert found.normalised_score[0] == 0
+    assert found.share("safe", ["bc", "moody", "minimax"]) == pytest.approx((found.match[2, 0] + found.match[2, 3]) / 2)
+    assert np.isnan(found.share("moody", ["bc"]))
+    assert found.problem == ""
+
+
+def test_exact_figures_of_a_game_without_clones_and_of_one_without_end() -> None:
+    game = hand_made()
+    pool = [Entrant(name=name, policy=Moody("safe"), table=random_policy(game, i)) for i, name in enumerate("ab")]
+    found = exact_odds(game, pool)
+    assert found.match[0, 1] == pytest.approx(0.5, abs=1e-6)
+    assert np.isnan(found.normalised_score).all()
+    threshold = game.threshold.copy()
+    threshold[:, :2] = 0
+    endless = type(game)(**{**{f: getattr(game, f) for f in game.__dataclass_fields__}, "threshold": threshold})
+    pool = [Entrant(name=name, policy=Moody("safe"), table=random_policy(endless, i)) for i, name in enumerate("ab")]
+    found = exact_odds(endless, pool)
+    assert "ever ends the rally" in found.problem
+    assert np.isnan(found.match).all()
+
+
+def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: object) -> None:
+    (tmp_path / "my_sulker.py").write_text("def player(states):\n    return states.mask / states.mask.sum(axis=1)[:, None]\n")
+    with (tmp_path / "my_sulker.py").open("a") as file:
+        file.write("player.reads_score = True\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        run = run_league(LeagueConfig(pool=("safe", "random", "my_sulker:player"), matches=60, out=tmp_path / "run"))
+    safe, random = (tabulate(resolve(name, GAME), GAME) for name in ("safe", "random"))
+    exact = evaluate(safe, random).odds().match()
+    rows = pyarrow.csv.read_csv(run.folder / "results.csv").to_pylist()
+    assert [row["exact_match_win"] for row in rows] == [pytest.approx(exact, abs=1e-6)] * 2 + [None] * 4
+    assert pyarrow.parquet.read_table(run.folder / "results.parquet").column("exact_match_win").null_count == 4
+    ranking = {row["player"]: row for row in pyarrow.csv.read_csv(run.folder / "ranking.csv").to_pylist()}
+    assert ranking["safe"]["exact_share"] == pytest.approx(exact, abs=1e-6)
+    assert ranking["random"]["exploitability"] == pytest.approx(nash_conv(random).exploitability, abs=1e-6)
+    blank = ranking["my_sulker:player"]
+    assert (blank["exact_share"], blank["exploitability"], blank["normalised_score"]) == (None, None, None)
+    wins = sum(row["wins"] for row in rows[:2]) / 60
+    assert abs(wins - exact) < 0.2
+    report = (run.folder / "report.md").read_text()
+    assert "## Who beats whom, exactly" in report
+    assert f"{100 * exact:.1f} %" in report.split("## Who beats whom, exactly")[1]
+
+
+def test_anchors_stand_in_the_default_pool() -> None:
+    assert set(ANCHORS) < set(default_pool())

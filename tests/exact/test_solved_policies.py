@@ -1,0 +1,139 @@
+"""Solved policies by name, tables in files, and families of installed packages."""
+
+import importlib.metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exact_games import hand_made, random_policy
+from safetensors.numpy import save_file
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.policy import registry
+from shuttle_marl.policy.base import PolicyError
+from shuttle_marl.policy.registry import Family, resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+
+GAME = default_game()
+
+
+def cumulative(name: str) -> np.ndarray:
+    return tabulate(resolve(name, GAME), GAME).cumulative
+
+
+def test_minimax_and_best_responses_have_names() -> None:
+    assert {"minimax", "best-response:bc"} <= set(registry.names())
+    assert np.array_equal(cumulative("minimax"), solve(GAME).policy[0].cumulative)
+    bc = tabulate(resolve("bc", GAME), GAME)
+    assert np.array_equal(cumulative("best-response:bc"), best_response(bc).policy.cumulative)
+
+
+def test_what_stands_behind_a_best_response_is_a_whole_name() -> None:
+    sharp = tabulate(resolve("bc@0.5", GAME), GAME)
+    assert np.array_equal(cumulative("best-response:bc@0.5"), best_response(sharp).policy.cumulative)
+    assert not np.array_equal(cumulative("best-response:bc@0.5"), cumulative("best-response:bc"))
+    twice = tabulate(resolve("best-response:best-response:random", GAME), GAME)
+    once = tabulate(resolve("best-response:random", GAME), GAME)
+    assert evaluate(twice, once).odds().rally > 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("minimax:3", "takes nothing behind a colon"),
+        ("minimx", "did you mean minimax"),
+        ("best-response", "expected the name of a policy behind the colon"),
+        ("best-response:", "expected the name of a policy behind the colon"),
+        ("best-response:rndom", "did you mean random"),
+        ("table", "expected a file behind the colon"),
+        ("table:nowhere.safetensors", "no readable table"),
+    ],
+)
+def test_names_that_lead_nowhere(name: str, says: str) -> None:
+    with pytest.raises(PolicyError, match=says):
+        resolve(name, GAME)
+
+
+def test_who_reads_the_score_has_no_best_response(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_moody.py").write_text("def player(states):\n    return states.mask\nplayer.reads_score = True\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(PolicyError, match="reads the score, so it has no table over states; evaluate it by sampling"):
+        resolve("best-response:my_moody:player", GAME)
+
+
+def test_a_saved_table_plays_on(tmp_path: Path) -> None:
+    path = tmp_path / "mine.safetensors"
+    table = tabulate(resolve("safe", GAME), GAME)
+    table.save(path)
+    assert np.array_equal(cumulative(f"table:{path}"), table.cumulative)
+    with pytest.raises(PolicyError, match=r"tabulated for game \w{12}, this is"):
+        TabulatedPolicy.load(path, hand_made())
+
+
+def test_damaged_tables_are_refused(tmp_path: Path) -> None:
+    game = hand_made()
+    path = tmp_path / "mine.safetensors"
+    good = random_policy(hand_made((*game.catalogue.names, "clear:back-centre:above:forehand")), 0)
+    falls = good.cumulative.copy()
+    falls[good.game.pair_start[3]] = 65535
+    falls[good.game.pair_start[3] + 1] = 65535 - 1
+    for wrong, says in (
+        (good.cumulative[:-1], "not a table over the"),
+        (good.cumulative.astype(np.int32), "not a table over the"),
+        (good.cumulative // 2, "not a table over the"),
+    ):
+        save_file({"cumulative": wrong}, path, metadata={"game": good.game.hash})
+        with pytest.raises(PolicyError, match=says):
+            TabulatedPolicy.load(path, good.game)
+    wide = random_policy(GAME, 0)
+    falls = wide.cumulative.copy()
+    state = int(np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)) >= 3)[0])
+    falls[GAME.pair_start[state] : GAME.pair_start[state] + 2] = (9, 7)
+    save_file({"cumulative": falls}, path, metadata={"game": GAME.hash})
+    with pytest.raises(PolicyError, match="a cumulative chance falls"):
+        TabulatedPolicy.load(path, GAME)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(PolicyError, match="no readable table"):
+        TabulatedPolicy.load(path, GAME)
+
+
+@pytest.fixture
+def entry_points(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Entry points of packages that could be installed, by key; instead of those that are."""
+    points: dict[str, str] = {}
+
+    def found() -> dict[str, importlib.metadata.EntryPoint]:
+        return {key: importlib.metadata.EntryPoint(key, value, registry.ENTRY_POINTS) for key, value in points.items()}
+
+    monkeypatch.setattr(registry, "_entry_points", found)
+    registry._plugged_in.cache_clear()
+    yield points
+    registry._plugged_in.cache_clear()
+
+
+MIRROR = Family(load=lambda argument, game: resolve(argument or "random", game), names=lambda: ("mirror:safe",), of_policies=True)
+MIRROR_OF_BC = Family(load=lambda argument, game: resolve("safe", game), names=lambda: ("bc",))
+
+
+def test_an_installed_package_can_add_policies(entry_points: dict[str, str]) -> None:
+    entry_points["mirror"] = f"{__name__}:MIRROR"
+    assert "mirror:safe" in registry.names()
+    assert np.array_equal(cumulative("mirror:safe@0.5"), cumulative("safe@0.5"))
+
+
+def test_an_entry_point_hides_nothing_that_is_registered(entry_points: dict[str, str]) -> None:
+    entry_points["random"] = f"{__name__}:MIRROR_OF_BC"
+    assert registry.names().count("random") == 1
+    assert not np.array_equal(cumulative("random"), cumulative("safe"))
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [("no_such_module:X", "raised ModuleNotFoundError"), (f"{__name__}:GAME", "is a Game, expected a Family")],
+)
+def test_a_broken_package_is_in_nobodys_way(entry_points: dict[str, str], value: str, says: str) -> None:
+    entry_points["broken"] = value
+    assert "random" in registry.names()
+    with pytest.raises(PolicyError, match=f"policies 'broken': entry point .* {says}"):
+        resolve("broken", GAME)
