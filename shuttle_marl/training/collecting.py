@@ -44,7 +44,7 @@ class Strokes:
             self.close()
             env = self._make()
             env.set_seed(seed)
-            self._collector = Collector(env, self._actor, **self._options())
+            self._collector = Collector(env, self._actor, track_traj_ids=False, **self._options())
         elif self._collector is None:
             self._collector = self._several()
             self._collector.set_seed(seed)
@@ -71,7 +71,6 @@ class Strokes:
         return {
             "frames_per_batch": self._config.frames,
             "total_frames": -1,
-            "track_traj_ids": False,
             "auto_register_policy_transforms": False,
             **devices,
         }

@@ -75,4 +75,4 @@ def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDAr
         optimizer.zero_grad()
         gap.backward()
         optimizer.step()
-    return float(gap)
+    return float(gap.detach())

@@ -54,8 +54,8 @@ class LegalStrokes(Categorical):
         return self.probs.argmax(-1)
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """Log-chance of strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
-        return self.logits.gather(-1, value.unsqueeze(-1)).squeeze(-1)
+        """Log-chance of ``[*sample_shape, *batch]`` strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
+        return self.logits.expand(*value.shape, -1).gather(-1, value.unsqueeze(-1)).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
         """In nats, over the legal strokes."""

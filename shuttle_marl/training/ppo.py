@@ -62,9 +62,10 @@ class PPO:
                 torch.nn.utils.clip_grad_norm_(self.loss.parameters(), config.gradient_norm)
                 self.optimizer.step()
                 count += 1
-                for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction", "kl_approx"):
-                    totals[name] = totals.get(name, 0.0) + terms[name].item()
-        return checked({name: total / count for name, total in totals.items()})
+                logged = ("loss_objective", "loss_critic", "entropy", "clip_fraction", "kl_approx")
+                for name, value in checked({name: terms[name].item() for name in logged}).items():
+                    totals[name] = totals.get(name, 0.0) + value
+        return {name: total / count for name, total in totals.items()}
 
     def state(self) -> Tensors:
         """Networks and moments of the gradient."""

@@ -53,7 +53,9 @@ def rollout(env: Any, policy: TabulatedPolicy, steps: int) -> Any:
 def advantages(data: Any, value: np.ndarray, gamma: float) -> Any:
     critic = TensorDictModule(ExactValue(value), in_keys=["observation"], out_keys=["state_value"])
     with torch.no_grad():
-        return GAE(gamma=gamma, lmbda=0.95, value_network=critic, vectorized=False)(data)["advantage"].squeeze(-1).double().numpy()
+        return (
+            GAE(gamma=gamma, lmbda=0.95, value_network=critic, vectorized=False)(data)["advantage"].squeeze(-1).double().numpy()
+        )
 
 
 def by_hand(data: Any, value: np.ndarray, gamma: float) -> np.ndarray:

@@ -1,0 +1,207 @@
+"""Training runs from start to end: the same seed, a kill, and what can go wrong."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.policy.base import PolicyError, States
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.runs import RunError
+from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training.learner import NotFiniteError
+
+GAME = default_game()
+SMALL = {"rows": 64, "steps": 4, "width": 16, "evaluate_every": 4, "checkpoint_every": 3}
+CONFIGS: dict[str, TrainingConfig] = {
+    "ppo": PPOConfig(**SMALL, strokes=256 * 8, minibatch=100),
+    "a2c": A2CConfig(**SMALL, strokes=256 * 8),
+    "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
+    "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
+    "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
+}
+
+
+def weights(run: Path) -> bytes:
+    return (run / "agent" / "network.safetensors").read_bytes()
+
+
+def metrics(run: Path) -> list[dict[str, float]]:
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = CONFIGS[name]
+    whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
+    assert whole.iterations == 8
+    again = dataclasses.replace(config, out=tmp_path / "broken")
+    from shuttle_marl.training import run
+
+    learner = run._LEARNERS[config.algorithm]
+    learn, seen = learner.learn, []
+
+    def breaks(self, data, left):
+        seen.append(left)
+        if len(seen) == 5:
+            raise KeyboardInterrupt
+        return learn(self, data, left)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(learner, "learn", breaks)
+        with pytest.raises(KeyboardInterrupt):
+            train(again)
+    resumed = train(dataclasses.replace(again, resume=True))
+    assert weights(resumed.folder) == weights(whole.folder)
+    assert metrics(resumed.folder) == metrics(whole.folder)
+    assert (resumed.policy.cumulative == whole.policy.cumulative).all()
+    other = train(dataclasses.replace(config, out=tmp_path / "other", seed=1))
+    assert weights(other.folder) != weights(whole.folder)
+
+
+@pytest.mark.slow
+def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None:
+    flags = ["--rows", "64", "--steps", "4", "--width", "16", "--checkpoint-every", "3", "--evaluate-every", "10"]
+    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--strokes", str(256 * 60), *flags]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    subprocess.run([*command, "--out", str(tmp_path / "whole")], check=True, timeout=300, env=environment)
+    process = subprocess.Popen([*command, "--out", str(tmp_path / "killed")], env=environment)
+    deadline = time.monotonic() + 200
+    while not list((tmp_path / "killed").glob("checkpoints/0*/about.json")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait(30)
+    assert not (tmp_path / "killed" / "agent").exists()
+    subprocess.run([*command, "--out", str(tmp_path / "killed"), "--resume"], check=True, timeout=300, env=environment)
+    assert weights(tmp_path / "killed") == weights(tmp_path / "whole")
+
+
+def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:
+    done = train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
+    policy = resolve(f"agent:{done.folder / 'agent'}", GAME)
+    assert isinstance(policy, TabulatedPolicy)
+    assert (policy.cumulative == done.policy.cumulative).all()
+    card = json.loads((done.folder / "agent" / "card.json").read_text())
+    assert card["evaluation"] == dataclasses.asdict(done.evaluation)
+    other = dataclasses.replace(GAME, threshold=GAME.threshold[::-1].copy())
+    with pytest.raises(PolicyError, match="trained on game"):
+        resolve(f"agent:{done.folder / 'agent'}", other)
+    table = done.folder / "agent" / "table.safetensors"
+    table.write_bytes(table.read_bytes()[:-7] + b"damaged")
+    with pytest.raises(PolicyError, match="does not fit its hash"):
+        resolve(f"agent:{done.folder / 'agent'}", GAME)
+    with pytest.raises(PolicyError, match="no trained agent"):
+        resolve(f"agent:{tmp_path}", GAME)
+
+
+def test_a_loss_that_is_no_number_stops_the_run_and_keeps_the_last_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from shuttle_marl.training import run
+
+    learner = run._LEARNERS["ppo"]
+    learn, seen = learner.learn, []
+
+    def explodes(self, data, left):
+        seen.append(left)
+        if len(seen) == 5:
+            data["next", "reward"].fill_(float("nan"))
+        return learn(self, data, left)
+
+    monkeypatch.setattr(learner, "learn", explodes)
+    with pytest.raises(NotFiniteError, match="became nan in iteration 5; the weights of iteration 3 are kept"):
+        train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
+    assert [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()] == ["00000003"]
+
+
+class Raises:
+    """An opponent that fails."""
+
+    def probabilities(self, states: States) -> np.ndarray:
+        raise ValueError("no racket")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"opponent": ("bd",)}, PolicyError, "did you mean"),
+        ({"opponent": (f"{__name__}:Raises",)}, PolicyError, "no racket"),
+        ({"game": "nowhere"}, Exception, "no model 'nowhere'"),
+        ({"resume": True}, RunError, "no run to resume"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_is_written(
+    change: dict[str, object], error: type[Exception], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, __name__, sys.modules[__name__])
+    with pytest.raises(error, match=message):
+        train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run", **change))
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"opponent": ("self", "bc")}, "stands alone"),
+        ({"rows": 0}, "--rows 0"),
+        ({"rows": 10, "processes": 3}, "multiple of --processes"),
+        ({"target": 1.5}, "--target"),
+        ({"resume": True, "overwrite": True}, "give one of them"),
+    ],
+)
+def test_flags_that_make_no_sense(change: dict[str, object], message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        dataclasses.replace(CONFIGS["ppo"], **change)
+
+
+def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS["a2c"], out=tmp_path / "run")
+    train(config)
+    with pytest.raises(RunError, match="other flags"):
+        train(dataclasses.replace(config, resume=True, learning_rate=0.5))
+    state = max((tmp_path / "run" / "checkpoints").iterdir()) / "state.safetensors"
+    state.write_bytes(state.read_bytes()[:100])
+    with pytest.raises(TrainingError, match="go on from the one before"):
+        train(dataclasses.replace(config, resume=True))
+
+
+def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run", opponent=("random",), target=0.01)
+    done = train(config)
+    assert done.iterations == 4
+    resumed = train(dataclasses.replace(config, resume=True))
+    assert resumed.iterations == 4
+    assert weights(resumed.folder) == weights(done.folder)
+
+
+@pytest.mark.slow
+def test_several_processes_collect(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS["ppo"], processes=2, out=tmp_path / "a")
+    first = train(config)
+    assert first.iterations == 8
+
+
+@pytest.mark.slow
+def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
+    done = train(PPOConfig(out=tmp_path / "run", strokes=800_000, target=0.95, evaluate_every=5))
+    assert done.evaluation.match_win >= 0.95
+
+
+def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS["ppo"], warm_start="bc", width=64, strokes=256, learning_rate=1e-9, out=tmp_path / "run")
+    cold = dataclasses.replace(config, warm_start=None, out=tmp_path / "cold")
+    warm = train(config).evaluation
+    assert abs(warm.rally_win - 0.5) < 0.03
+    assert abs(warm.normalised_score) < abs(train(cold).evaluation.normalised_score) + 0.05
