@@ -14,6 +14,7 @@ from shuttle_marl.staging.contact import (
     LUNGE_BACKHAND,
     OVERHEAD_BACKHAND,
     SERVE_BACKHAND,
+    SERVE_FOREHAND,
     SIDE_BACKHAND,
 )
 from shuttle_marl.staging.feet import Feet, move, steps
@@ -23,7 +24,7 @@ from shuttle_marl.staging.motions import CONTACT, KEYS
 from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
 from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton
 from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_PITCH, HIPS_ROLL, HIPS_YAW, SPINE_LIMITS, SPINE_YAW, collar_of, trunk
-from shuttle_marl.staging.timeline import Timeline
+from shuttle_marl.staging.timeline import Hit, Timeline
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,6 +32,11 @@ BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, 
 """Motions that strike with the back of the hand ahead."""
 NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
+HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
+    SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
+    SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
+}
+"""Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
 
@@ -87,7 +93,7 @@ def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> P
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
     feet = move(plants, timeline.lift, len(hips), fps)
     place, feet = settle(skeleton, place, root, feet)
-    poses, miss = _meet(skeleton, timeline, place)
+    poses, miss = _meet(skeleton, timeline, place, fps)
     return Prepared(hips=place, root=root, feet=feet, poses=poses, miss=miss)
 
 
@@ -143,7 +149,7 @@ def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Float
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
-def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> tuple[Floats, Floats]:
+def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tuple[Floats, Floats]:
     """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
     poses = timeline.pose.copy()
     if not timeline.hits:
@@ -193,8 +199,32 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats) -> tuple[Floats
         better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
         angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles
+    for hit in timeline.hits:
+        if hit.stance.motion in HELD:
+            _hold(skeleton, timeline, hit, place, poses, fps)
     chest, _ = _chest(skeleton, hips, poses[rows])
     return poses, apply(chest, exact.point - _strings(arm, angles))
+
+
+def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses: Floats, fps: int) -> None:
+    """Bring the free hand of the server to the shuttle in the key poses before the contact."""
+    keys = np.arange(hit.key)
+    rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])
+    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left") * FLIP
+    flip = np.diag(FLIP)
+    n = len(keys)
+    above = timeline.frame[keys] <= hit.frame - round(HELD[hit.stance.motion][1] * fps)
+    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
+    goal = Goal(
+        point=np.tile(spot, (n, 1)),
+        reach=np.zeros(n),
+        shaft=np.zeros((n, 3)),
+        normal=np.zeros((n, 3)),
+        elbow=np.tile(unit(np.array([0.62, 0.2, -0.75])), (n, 1)),
+        weight=np.tile((10.0, 0.0, 0.0, 0.2), (n, 1)),
+    )
+    found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=30)
+    poses[keys[above], FREE_ARM] = found[above]
 
 
 def _strings(arm: Arm, angles: Floats) -> Floats:

@@ -19,6 +19,8 @@ _STRIDE: Final = 0.85
 """Distance that a pair of steps is meant to cover at most, per step [m]."""
 _STEP_TIME: Final = 0.15
 """Least time of a step [s]."""
+_CROSSED: Final = 0.30
+"""How far a foot may stand beyond the middle of the body [m]."""
 _WIDTH: Final = 0.15
 """Half the width between the feet in steps [m]."""
 
@@ -90,7 +92,10 @@ def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: in
             feet[foot].append(Plant(stand.begin, stand.end, stand.place[foot], float(stand.yaw[foot])))
         if k + 1 < len(stands):
             _between(stand, stands[k + 1], feet, hips, yaw, fps)
-    return tuple(_reachable(sorted(plants, key=lambda p: p.begin), hips, reach) for plants in feet)  # type: ignore[return-value]
+    return (
+        _reachable(sorted(feet[LEFT], key=lambda p: p.begin), hips, yaw, reach, -1.0),
+        _reachable(sorted(feet[RIGHT], key=lambda p: p.begin), hips, yaw, reach, 1.0),
+    )
 
 
 def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> None:
@@ -121,12 +126,14 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
     return
 
 
-def _reachable(plants: list[Plant], hips: Floats, reach: Floats) -> list[Plant]:
+def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, side: float) -> list[Plant]:
     """Plants cut down to the frames in which the leg can reach them."""
     out: list[Plant] = []
     for plant in plants:
         frames = np.arange(plant.begin, plant.end + 1)
-        ok = np.hypot(*(hips[frames] - plant.place).T) <= reach[frames]
+        way = plant.place - hips[frames]
+        across = side * (np.cos(yaw[frames]) * way[:, 0] + np.sin(yaw[frames]) * way[:, 1])
+        ok = (np.hypot(*way.T) <= reach[frames]) & (across > -_CROSSED)
         if not ok.any():
             continue
         # The longest run of frames within reach.

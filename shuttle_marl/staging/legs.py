@@ -7,21 +7,30 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.feet import LEFT, RIGHT, Feet
-from shuttle_marl.staging.rotation import about, apply, frame, turned
+from shuttle_marl.staging.rotation import (
+    about,
+    apply,
+    cross,
+    exponential,
+    frame,
+    turned,
+    turned_bowed_leant,
+    unit,
+    yaw_pitch_roll,
+)
 from shuttle_marl.staging.skeleton import Skeleton
 
 Floats = npt.NDArray[np.float64]
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
 """Least and greatest bend of the knee [rad]."""
-HIP_SWING_LIMIT: Final = np.radians(115)
-"""Greatest angle between the thigh and its middle direction, 35 degrees forward of straight down [rad]."""
-HIP_TWIST_LIMIT: Final = np.radians(60)
-"""Greatest turn of the thigh about itself, either way [rad]."""
+HIP_LIMITS: Final = np.radians([(-45, 130), (-45, 65), (-65, 65)])
+"""``[3, 2]`` thigh forward, outward, turned outward against the hips [rad]."""
 ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])
 """``[3, 2]`` toes up, foot tilted, foot turned against the shank [rad] (with the joints of the hindfoot)."""
 TOE_LIMITS: Final = tuple(np.radians((-25.0, 70.0)))
 """Toes bent up against the foot [rad]."""
+_ROUNDS: Final = 4
 _STRETCH: Final = 0.985
 """Share of the length of a leg that is used: knees never lock."""
 _HEEL: Final = np.radians(62)
@@ -39,12 +48,6 @@ class Legs:
 
     rotation: Floats
     position: Floats
-
-
-def foot_offset(skeleton: Skeleton) -> Floats:
-    """``[3]`` from the point under the ball of the right foot to its ankle, the foot at rest, pointing forward [m]."""
-    ball = skeleton.at("RightToeBase")
-    return skeleton.at("RightFoot") - np.array([ball[0], ball[1], 0.0])
 
 
 def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[Floats, Feet]:
@@ -88,41 +91,113 @@ def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[
 
 
 def legs(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Legs:
-    """Bones of both legs; knees bend forwards, over the toes."""
+    """Bones of both legs; knees bend forwards, over the toes.
+
+    The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball, which stays.
+    """
     rotation, position = np.empty((2, 4, len(hips), 3, 3)), np.empty((2, 4, len(hips), 3))
-    thigh, shank = skeleton.leg
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
         joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
-        ankle = _ankle(skeleton, feet.ball[foot], feet.yaw[foot], feet.pitch[foot])
-        way = ankle - joint
-        length = np.linalg.norm(way, axis=1)
-        reach = np.clip(length, 0.45 * (thigh + shank), _STRETCH * (thigh + shank))
-        down = way / length[:, None]
-        ankle = joint + reach[:, None] * down
-        toes = turned(feet.yaw[foot]) @ np.array([0.0, 1.0, 0.0])
-        forward = apply(root, np.array([0.0, 1.0, 0.0]))
-        out = apply(root, np.array([-0.12 if foot == LEFT else 0.12, 0.0, 0.0]))
-        bend = frame(down, toes + forward + out)[..., :, 1]
-        along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
-        knee = joint + along[:, None] * down + np.sqrt(np.maximum(thigh**2 - along**2, 0))[:, None] * bend
-        rest = [skeleton.at(f"{side}{b}") for b in ("UpLeg", "Leg", "Foot", "ToeBase")]
-        hinge = np.cross(down, bend)
-        upper = _aligned(rest[1] - rest[0], knee - joint, hinge)
-        lower = _aligned(rest[2] - rest[1], ankle - knee, hinge)
         sole = turned(feet.yaw[foot]) @ about(np.array([-1.0, 0.0, 0.0]), feet.pitch[foot])
-        toe = sole @ about(np.array([1.0, 0.0, 0.0]), np.clip(feet.pitch[foot], *TOE_LIMITS))
-        rotation[foot] = np.stack([upper, lower, sole, toe])
-        position[foot] = np.stack([joint, knee, ankle, ankle + apply(sole, rest[3] - rest[2])])
+        wanted = sole
+        for _ in range(_ROUNDS):
+            ankle = feet.ball[foot] + _above(skeleton) + apply(sole, _arm(skeleton))
+            upper, lower, knee, ankle = _limb(skeleton, side, joint, ankle, root, wanted)
+            sole = _within(lower, wanted, side)
+        toe_bend = np.clip(_pitch(sole), *TOE_LIMITS)
+        rest = [skeleton.at(f"{side}{b}") for b in ("Foot", "ToeBase")]
+        rotation[foot] = np.stack([upper, lower, sole, sole @ about(np.array([1.0, 0.0, 0.0]), toe_bend)])
+        position[foot] = np.stack([joint, knee, ankle, ankle + apply(sole, rest[1] - rest[0])])
     return Legs(rotation=rotation, position=position)
+
+
+def _limb(
+    skeleton: Skeleton, side: str, joint: Floats, ankle: Floats, root: Floats, sole: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Rotations of thigh and shank, knee and ankle, of a leg from the hip joint to (if it is long enough) the ankle."""
+    thigh, shank = skeleton.leg
+    way = ankle - joint
+    length = np.linalg.norm(way, axis=1)
+    reach = np.clip(length, 0.45 * (thigh + shank), _STRETCH * (thigh + shank))
+    down = way / length[:, None]
+    # Knees point between where the hips and where the toes point.
+    toes = sole[..., 1] * np.array([1.0, 1.0, 0.0])
+    out = apply(root, np.array([-0.10 if side == "Left" else 0.10, 0.0, 0.0]))
+    bend = frame(down, 0.8 * unit(toes) + root[..., 1] + out)[..., 1]
+    along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
+    knee = joint + along[:, None] * down + np.sqrt(np.maximum(thigh**2 - along**2, 0))[:, None] * bend
+    ankle = joint + reach[:, None] * down
+    hinge = cross(down, bend)
+    rest = [skeleton.at(f"{side}{b}") for b in ("UpLeg", "Leg", "Foot")]
+    upper, lower = _aligned(rest[1] - rest[0], knee - joint, hinge), _aligned(rest[2] - rest[1], ankle - knee, hinge)
+    held = _hip_within(root, upper, rest[1] - rest[0], side)
+    lower = held @ upper.transpose(0, 2, 1) @ lower
+    knee = joint + apply(held, rest[1] - rest[0])
+    return held, lower, knee, knee + apply(lower, rest[2] - rest[1])
+
+
+def hip_angles(relative: Floats, thigh: Floats) -> Floats:
+    """``[F, 3]`` thigh forward, to the right, turned left, from its rotation against the hips and its direction at rest."""
+    way = relative @ thigh
+    swing = _shortest(thigh, way)
+    side = unit(np.array([1.0, 0.0, 0.0]) - thigh[0] * thigh)
+    turned_side = relative @ side
+    cosine = (swing @ side * turned_side).sum(axis=1)
+    sine = (cross(swing @ side, turned_side) * way).sum(axis=1)
+    return np.stack([np.arctan2(way[:, 1], -way[:, 2]), np.arcsin(np.clip(way[:, 0], -1, 1)), -np.arctan2(sine, cosine)], axis=1)
+
+
+def _hip_within(root: Floats, upper: Floats, rest: Floats, side: str) -> Floats:
+    """Thighs turned into the range of the hip."""
+    thigh = unit(rest)
+    relative = root.transpose(0, 2, 1) @ upper
+    angles = hip_angles(relative, thigh)
+    sign = np.array([1.0, 1.0, 1.0] if side == "Right" else [1.0, -1.0, -1.0])
+    kept = sign * np.clip(sign * angles, HIP_LIMITS[:, 0], HIP_LIMITS[:, 1])
+    bad = np.flatnonzero((np.abs(kept - angles) > 1e-9).any(axis=1))
+    if not len(bad):
+        return upper
+    forward, right, turn = kept[bad].T
+    way = np.stack([np.sin(right), np.cos(right) * np.sin(forward), -np.cos(right) * np.cos(forward)], axis=1)
+    out = upper.copy()
+    out[bad] = root[bad] @ exponential(-turn[:, None] * way) @ _shortest(thigh, way)
+    return out
+
+
+def _shortest(a: Floats, b: Floats) -> Floats:
+    """``[F, 3, 3]`` the shortest rotation of ``a`` onto each ``b``."""
+    axis = cross(np.broadcast_to(a, b.shape), b)
+    angle = np.arctan2(np.linalg.norm(axis, axis=1), b @ a)
+    return exponential(unit(axis) * angle[:, None])
+
+
+def _within(shank: Floats, sole: Floats, side: str) -> Floats:
+    """Soles turned into the range of the ankle."""
+    turn, bow, lean = turned_bowed_leant(shank.transpose(0, 2, 1) @ sole)
+    sign = 1.0 if side == "Right" else -1.0
+    up, tilt, out = ANKLE_LIMITS
+    return shank @ yaw_pitch_roll(sign * np.clip(sign * turn, *out), -np.clip(-bow, *up), sign * np.clip(sign * lean, *tilt))
+
+
+def _pitch(sole: Floats) -> Floats:
+    """How far a sole points down [rad]."""
+    return -np.arcsin(np.clip(sole[..., 2, 1], -1, 1))
+
+
+def _above(skeleton: Skeleton) -> Floats:
+    """From the point under the ball to the joint of the toes, about which heels turn."""
+    return np.array([0.0, 0.0, skeleton.at("RightToeBase")[2]])
+
+
+def _arm(skeleton: Skeleton) -> Floats:
+    """From the joint of the toes to the ankle, of a foot that points forward."""
+    arm = skeleton.at("RightFoot") - skeleton.at("RightToeBase")
+    return arm * np.array([0.0, 1.0, 1.0])
 
 
 def _ankle(skeleton: Skeleton, ball: Floats, yaw: Floats, pitch: Floats) -> Floats:
     """``[F, 3]`` the ankle of a foot that stands on its ball, the heel raised by ``pitch``."""
-    # Heels turn about the joint of the toes, which lies a little above the floor.
-    joint = np.array([0.0, 0.0, skeleton.at("RightToeBase")[2]])
-    arm = foot_offset(skeleton) - joint
-    arm[0] = 0.0
-    return ball + joint + apply(turned(yaw) @ about(np.array([-1.0, 0.0, 0.0]), pitch), arm)
+    return ball + _above(skeleton) + apply(turned(yaw) @ about(np.array([-1.0, 0.0, 0.0]), pitch), _arm(skeleton))
 
 
 def _aligned(rest: Floats, way: Floats, hinge: Floats) -> Floats:

@@ -7,13 +7,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.body import Performance, Prepared, perform, prepare
-from shuttle_marl.staging.library import library_of
+from shuttle_marl.staging.arm import arm_of
+from shuttle_marl.staging.body import HELD, Performance, Prepared, perform, prepare
+from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.plan import Plan, Player, plan_rally
 from shuttle_marl.staging.played import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
-from shuttle_marl.staging.shuttle import shuttle_path
+from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
 from shuttle_marl.staging.timeline import Score, Timeline, own_frame
 from shuttle_marl.staging.travel import travel
@@ -109,11 +110,18 @@ def stage(
     shuttle, velocity = shuttle_path(plan, frames, fps)
     rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
     planted = np.empty((frames, 2, 2), dtype=bool)
+    contacts = np.rint(plan.time * fps).astype(np.int64)
     for seat in (0, 1):
         sign = own_frame(seat, right[seat])
         timeline, prepared = _prepared(plan, seat, skeletons[seat], right[seat], frames, fps)
         played = perform(skeletons[seat], timeline, prepared, shuttle * sign)
         rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
+        if seat == rally.server:
+            hand = BONE["LeftHand"]
+            palm = played.position[:, hand] + played.rotation[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
+            release = int(contacts[0]) - round(HELD[plan.stance[0].motion][1] * fps)
+            held(shuttle, palm * sign, int(contacts[0]), release, fps)
+    velocity[: contacts[0]] = np.gradient(shuttle[: contacts[0] + 1], 1 / fps, axis=0)[:-1]
     return Motion(
         fps=fps,
         time=np.arange(frames) / fps,
@@ -122,7 +130,7 @@ def stage(
         rotation=rotation.astype(np.float32),
         position=position.astype(np.float32),
         planted=planted,
-        contact_frame=np.rint(plan.time * fps).astype(np.int64),
+        contact_frame=contacts,
         skeletons=skeletons,
         handedness=handedness,
         plan=plan,

@@ -56,6 +56,15 @@ def yaw_pitch_roll(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
     return turned(yaw) @ about(np.array([-1.0, 0.0, 0.0]), pitch) @ about(np.array([0.0, 1.0, 0.0]), roll)
 
 
+def turned_bowed_leant(m: Floats) -> tuple[Floats, Floats, Floats]:
+    """The angles from which ``yaw_pitch_roll`` makes a rotation."""
+    return (
+        np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
+        -np.arcsin(np.clip(m[..., 2, 1], -1, 1)),
+        np.arctan2(-m[..., 2, 0], m[..., 2, 2]),
+    )
+
+
 def apply(rotation: Floats, v: Floats) -> Floats:
     """Rotate vectors ``[..., 3]`` by matrices ``[..., 3, 3]``."""
     out: Floats = np.matmul(rotation, v[..., None])[..., 0]

@@ -38,6 +38,24 @@ def shuttle_path(plan: Plan, frames: int, fps: int) -> tuple[Floats, Floats]:
     return position, velocity
 
 
+def held(position: Floats, palm: Floats, contact: int, release: int, fps: int) -> None:
+    """Put the shuttle into the server's hand: until frame ``release`` it is at the palm, then it drops to the racket.
+
+    Args:
+        position: ``[F, 3]`` path of the shuttle, changed in place.
+        palm: ``[F, 3]`` the server's free palm [m].
+        contact: frame of the serve.
+        release: frame in which the hand opens.
+        fps: frames a second.
+    """
+    position[: release + 1] = palm[: release + 1]
+    whole = (contact - release) / fps
+    since = np.arange(1, contact - release)[:, None] / fps
+    pull = np.array([0.0, 0.0, -GRAVITY])
+    start = (position[contact] - palm[release] - pull / 2 * whole**2) / whole
+    position[release + 1 : contact] = palm[release] + start * since + pull / 2 * since**2
+
+
 def _roll(position: Floats, velocity: Floats, first: int, start: Floats, into: Floats, time: Floats) -> None:
     """From frame ``first`` on: one small bounce, then a short slide to rest."""
     rows = slice(first, None)

@@ -44,6 +44,14 @@ RACKET_LENGTH: Final = 0.675
 ATHLETES: Final = ("male", "female")
 FOLDER: Final = Path(__file__).parent / "athletes"
 """Folder of the models and skeletons."""
+_FINGERS: Final = {
+    "Index": ((44, 62, 40), (16, 20, 14)),
+    "Middle": ((58, 72, 48), (20, 24, 16)),
+    "Ring": ((62, 74, 50), (24, 26, 18)),
+    "Pinky": ((62, 72, 48), (26, 28, 18)),
+    "Thumb": ((-26, -20, -10), (-6, -8, -6)),
+}
+"""Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
 
 
@@ -117,3 +125,31 @@ def load_skeleton(name: str) -> Skeleton:
         grip_axis=axis,
         grip_normal=normal,
     )
+
+
+def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
+    """How the fingers of an athlete's model are bent, all the time.
+
+    Args:
+        name: the athlete.
+        right_handed: which hand is closed around the handle; the other one is open.
+
+    Returns:
+        Quaternions (x, y, z, w) by bone of the ``.glb`` file, against the parent bone, in the axes of the staging.
+    """
+    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]["bones"]
+    head = {bone: np.array(entry["head"]) for bone, entry in raw.items()}
+    skeleton = load_skeleton(name)
+    along = unit(head["RightHandMiddle1"] - head["RightHand"])
+    palm = unit(np.cross(head["RightHandIndex1"] - head["RightHandPinky1"], along))
+    curl = unit(np.cross(along, palm))
+    out: dict[str, Floats] = {}
+    for side in ("Right", "Left"):
+        closed = (side == "Right") == right_handed
+        sign = np.array([1.0, 1.0, 1.0]) if side == "Right" else np.array([1.0, -1.0, -1.0])
+        for finger, bends in _FINGERS.items():
+            for k, bend in enumerate(bends[0] if closed else bends[1]):
+                axis = (skeleton.grip_axis if closed and k == 0 else along) if finger == "Thumb" else curl
+                half = np.radians(bend) / 2
+                out[f"{side}Hand{finger}{k + 1}"] = np.array([*(np.sin(half) * axis * sign), np.cos(half)])
+    return out
