@@ -157,9 +157,10 @@ class VersusBatch(Batch):
         seats = np.asarray(seat)
         if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
             raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
+        players = pack(opponents, game)
         assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
         self.duel = Duel(
-            players=pack(opponents, game),
+            players=players,
             seat=np.broadcast_to(seats, batch).astype(np.int8),
             opponent=assigned.copy(),
             following=assigned,
