@@ -1,0 +1,182 @@
+"""The recorder with a thread of its own, and what it records."""
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, recover
+from shuttle_marl.recording.parts import unfinished
+
+
+def same(a: Rallies, b: Rallies) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
+
+
+def read(path: Path) -> Rallies:
+    with RallyLog(path) as log:
+        return Rallies.join([batch for _, batch in log.batches()])
+
+
+def test_the_same_bytes_as_without_a_thread(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
+    parts = [rallies(count, seed) for seed, count in enumerate((10, 0, 70, 3, 200))]
+    with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=32) as log:
+        for part in parts:
+            log.append(part)
+    with RallyRecorder.create(tmp_path / "b.mcap", header(), batch_rallies=32) as recorder:
+        for part in parts:
+            recorder.add(part)
+    assert (tmp_path / "b.mcap").read_bytes() == (tmp_path / "a.mcap").read_bytes()
+
+
+def test_a_flush_counts_what_is_safe(tmp_path: Path, rallies, header) -> None:
+    path = tmp_path / "a.mcap"
+    with RallyRecorder.create(path, header(), batch_rallies=64) as recorder:
+        recorder.add(rallies(70))
+        requested = recorder.request_flush(sync=False)
+        recorder.add(rallies(10))
+        assert requested.result() == 70
+        assert recorder.flush() == 80
+        assert recover(unfinished(path), tmp_path / "copy.mcap").rallies == 80
+        assert recorder.flush() == 80
+    assert len(read(path)) == 80
+
+
+def test_too_much_waiting_makes_the_caller_wait(tmp_path: Path, rallies, header, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = rallies(64)
+    gate, most, sizes = threading.Event(), 3 * len(part.stroke), []
+    original = RallyLogWriter.append
+
+    def slow(self: RallyLogWriter, some: Rallies) -> None:
+        gate.wait()
+        original(self, some)
+
+    monkeypatch.setattr(RallyLogWriter, "append", slow)
+    log = RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=64)
+    with RallyRecorder(log, waiting_strokes=most) as recorder:
+
+        def add() -> None:
+            for _ in range(20):
+                recorder.add(part)
+                sizes.append(recorder._waiting)
+
+        caller = threading.Thread(target=add)
+        caller.start()
+        time.sleep(0.1)
+        assert len(sizes) == 4
+        gate.set()
+        caller.join()
+    assert max(sizes) <= most + len(part.stroke)
+    assert len(read(tmp_path / "a.mcap")) == 20 * 64
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), ZeroDivisionError(), KeyboardInterrupt()])
+def test_errors_of_the_thread_reach_the_caller(
+    tmp_path: Path, rallies, header, monkeypatch: pytest.MonkeyPatch, failure: BaseException
+) -> None:
+    expected = RecordingError if isinstance(failure, OSError) else type(failure)
+    recorder = RallyRecorder.create(tmp_path / "a.mcap", header(), batch_rallies=64)
+    recorder.add(rallies(64))
+    assert recorder.flush() == 64
+
+    def fail(*_: object) -> None:
+        raise failure
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shuttle_marl.recording.sink.Sink.commit", fail)
+        recorder.add(rallies(64))
+        with pytest.raises(expected):
+            recorder.flush()
+    with pytest.raises(expected):
+        recorder.add(rallies(64))
+    with pytest.raises(expected):
+        recorder.request_flush().result()
+    with pytest.raises(expected):
+        recorder.close()
+    assert not recorder._thread.is_alive()
+    assert recover(unfinished(tmp_path / "a.mcap")).rallies == 64
+
+
+def test_a_caller_that_waits_for_room_hears_of_the_error(tmp_path: Path, rallies, header, monkeypatch) -> None:
+    part, gate = rallies(64), threading.Event()
+
+    def fail(*_: object) -> None:
+        gate.wait()
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(RallyLogWriter, "append", fail)
+    recorder = RallyRecorder(RallyLogWriter(tmp_path / "a.mcap", header()), waiting_strokes=1)
+    recorder.add(part)
+    threading.Timer(0.05, gate.set).start()
+    with pytest.raises(ZeroDivisionError):
+        recorder.add(part)
+    recorder.abort()
+
+
+def test_an_error_of_the_caller_keeps_what_was_added(tmp_path: Path, rallies, header) -> None:
+    def work() -> None:
+        with RallyRecorder.create(tmp_path / "a.mcap", header(), batch_rallies=16) as recorder:
+            recorder.add(rallies(32))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.part"]
+    assert recover(tmp_path / "a.mcap.part").rallies == 32
+
+
+def test_what_cannot_be_created(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    for record, says in (("none", "leave the recorder out"), ("some", "expected all, none, or sample:N")):
+        with pytest.raises(RecordingError, match=says):
+            RallyRecorder.create(tmp_path / "a.mcap", header(), record)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "a.mcap").write_bytes(b"")
+    with pytest.raises(RecordingError, match="there is a rally log already"):
+        RallyRecorder.create(tmp_path / "a.mcap", header())
+
+
+def test_other_columns_than_the_header_names(tmp_path: Path, rallies, header) -> None:
+    recorder = RallyRecorder.create(tmp_path / "a.mcap", header(columns=("value",)))
+    recorder.add(rallies(3))
+    with pytest.raises(RecordingError, match=r"columns \(\), expected \('value',\)"):
+        recorder.close()
+    for columns in (("speed",), ("value", "update")):
+        with pytest.raises(RecordingError, match="in that order"):
+            header(columns=columns)
+    with pytest.raises(RecordingError, match="draws 'dice'"):
+        header(draws="dice")
+
+
+@pytest.mark.parametrize("columns", [("update",), ("log_probability", "value"), ("update", "log_probability", "value")])
+def test_columns_of_learners_are_kept(tmp_path: Path, rallies, header, columns: tuple[str, ...]) -> None:
+    whole, rng = rallies(300), np.random.default_rng(0)
+    n = len(whole.stroke)
+    made = {
+        "update": rng.integers(0, 2**32, len(whole), dtype=np.uint32),
+        "log_probability": rng.normal(size=n).astype(np.float32),
+        "value": np.where(rng.random(n) < 0.3, np.nan, rng.normal(size=n)).astype(np.float32),
+    }
+    whole = dataclasses.replace(whole, **{name: made[name] for name in columns})
+    assert whole.columns == columns
+    with RallyLogWriter(tmp_path / "a.mcap", header(columns=columns), batch_rallies=64) as log:
+        log.append(whole.part(0, 130))
+        log.append(whole.part(130, 300))
+    found = read(tmp_path / "a.mcap")
+    for name in (f.name for f in dataclasses.fields(Rallies) if getattr(whole, f.name) is not None):
+        assert np.array_equal(getattr(found, name), getattr(whole, name), equal_nan=name == "value"), name
+    with RallyLog(tmp_path / "a.mcap") as read_log:
+        table, strokes = read_log.rally_table(), read_log.stroke_table()
+        assert read_log.rally(200).columns == columns
+    for name in columns:
+        of_strokes = name != "update"
+        values = (strokes if of_strokes else table)[name].to_numpy()
+        assert np.array_equal(values, made[name], equal_nan=of_strokes)
+        assert (name in strokes.column_names) == of_strokes
+    chosen = rng.random(300) < 0.5
+    picked = whole.select(chosen)
+    assert picked.columns == columns
+    assert len(picked.stroke) == whole.length[chosen].sum()

@@ -1,0 +1,123 @@
+"""``--record all|sample:N|none``: which rallies a log holds."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, Sampling
+from shuttle_marl.recording.check import check
+
+GAME = default_game()
+POOL = ("attacking", "safe", "random")
+
+
+@pytest.mark.parametrize("text", ["all", "none", "sample:1000000"])
+def test_what_is_read_is_written_again(text: str) -> None:
+    assert str(Sampling.parse(text)) == text
+
+
+def test_a_sample_of_one_in_one_is_all() -> None:
+    assert Sampling.parse("sample:1") == Sampling.parse("all") == Sampling()
+
+
+@pytest.mark.parametrize("text", ["", "ALL", "sample", "sample:", "sample:0", "sample:-3", "sample:1.5", "sample:1e3", "10"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
+        Sampling.parse(text)
+
+
+def test_one_in_n_by_lot_and_cells_together(header) -> None:
+    """The share is right, matches that share their draws are in together, and the lots of seeds and pairings differ."""
+    match = np.arange(200_000)
+    pairing = np.zeros(len(match), dtype=np.uint32)
+    kept = {}
+    for every in (1, 2, 7, 100):
+        keeps = Sampling(every=every).keeps(header(), pairing, match)
+        cells = keeps.reshape(-1, 2)
+        assert (cells[:, 0] == cells[:, 1]).all()
+        share, sigma = 1 / every, np.sqrt((1 / every) * (1 - 1 / every) / len(cells))
+        assert abs(keeps.mean() - share) <= 4 * sigma
+        kept[every] = keeps
+    # Who serves first alternates from cell to cell; the sample must not prefer either.
+    even = kept[7].reshape(-1, 2)[::2, 0].mean()
+    assert abs(even - 1 / 7) < 4 * np.sqrt(6 / 49 / 50_000)
+    other_seed = Sampling(every=7).keeps(header(seed=8), pairing, match)
+    other_pairing = Sampling(every=7).keeps(header(), pairing + 1, match)
+    for other in (other_seed, other_pairing):
+        assert (other & kept[7]).mean() == pytest.approx(1 / 49, abs=0.005)
+    alone = Sampling(every=7).keeps(header(matches_per_draw=1), pairing, match).reshape(-1, 2)
+    assert (alone[:, 0] != alone[:, 1]).any()
+    assert not Sampling(every=0).keeps(header(), pairing, match).any()
+
+
+def test_the_recorder_keeps_those(tmp_path: Path, rallies, header) -> None:
+    whole = rallies(2000)
+    with RallyRecorder.create(tmp_path / "a.mcap", header(), "sample:5", batch_rallies=64) as recorder:
+        for first in range(0, 2000, 100):
+            recorder.add(whole.part(first, first + 100))
+    expected = whole.select(Sampling(every=5).keeps(header(), whole.pairing, whole.match))
+    with RallyLog(tmp_path / "a.mcap") as log:
+        assert log.header == dataclasses.replace(header(), record="sample:5")
+        found = Rallies.join([batch for _, batch in log.batches()])
+    assert 300 < len(found) < 500
+    assert np.array_equal(found.match, expected.match)
+    assert np.array_equal(found.stroke, expected.stroke)
+
+
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sampled") / "run"
+    run_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=out))
+    return out
+
+
+def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path, tmp_path: Path) -> None:
+    full = LeagueConfig(pool=POOL, matches=60, seed=3, out=tmp_path / "full")
+    run_league(full)
+    assert (sampled / "results.csv").read_bytes() == (tmp_path / "full" / "results.csv").read_bytes()
+    assert check(sampled / "rallies.mcap", GAME).problems == ()
+    with RallyLog(sampled / "rallies.mcap") as log, RallyLog(tmp_path / "full" / "rallies.mcap") as all_of_it:
+        assert log.header.record == "sample:4"
+        some = Rallies.join([batch for _, batch in log.batches()])
+        everything = Rallies.join([batch for _, batch in all_of_it.batches()])
+        expected = everything.select(Sampling(every=4).keeps(log.header, everything.pairing, everything.match))
+    assert 0.1 < len(some) / len(everything) < 0.4
+    for field in ("pairing", "match", "rally", "winner", "stroke"):
+        assert np.array_equal(getattr(some, field), getattr(expected, field))
+    report = (sampled / "report.md").read_text()
+    assert "one match in 4, drawn by lot, stands with all its rallies in `rallies.mcap`" in report
+    counted = sum(row["rallies"] for row in pyarrow.parquet.read_table(sampled / "results.parquet").to_pylist())
+    assert counted == len(everything)
+
+
+@pytest.mark.parametrize("done", [0, 1, 2])
+def test_a_sampled_run_goes_on_to_the_same_bytes(sampled: Path, tmp_path: Path, done: int) -> None:
+    """As after a kill: some pairings are finished, the log may hold more than those."""
+    run = tmp_path / "run"
+    run.mkdir()
+    for name in ("config.json", "pairings.jsonl"):
+        lines = (sampled / name).read_bytes().splitlines(keepends=True)
+        (run / name).write_bytes(b"".join(lines[:done] if name == "pairings.jsonl" else lines))
+    (run / "rallies.mcap.part").write_bytes((sampled / "rallies.mcap").read_bytes()[:-5000])
+    run_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=run, resume=True))
+    for name in ("rallies.mcap", "results.csv", "pairings.jsonl"):
+        assert (run / name).read_bytes() == (sampled / name).read_bytes()
+
+
+def test_rallies_that_do_not_belong_into_the_sample_are_found(tmp_path: Path, sampled: Path) -> None:
+    with RallyLog(sampled / "rallies.mcap") as log:
+        header = dataclasses.replace(log.header, record="sample:5")
+        rallies = Rallies.join([batch for _, batch in log.batches()])
+    with RallyLogWriter(tmp_path / "a.mcap", header) as log_writer:
+        log_writer.append(rallies)
+    assert "does not belong into sample:5" in check(tmp_path / "a.mcap").problems[0]
+
+
+def test_a_header_with_another_sample_is_refused(header) -> None:
+    with pytest.raises(RecordingError, match="sample:N"):
+        LogHeader(seed=0, game="", strokes=(), policies=(), record="half")

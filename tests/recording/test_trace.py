@@ -1,0 +1,280 @@
+"""Rallies of batched environments, from the learner's strokes alone or put together from all strokes."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.kernel import RallyBatch, VersusBatch
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.recording import (
+    SINGLE_RALLY,
+    LogHeader,
+    Player,
+    Rallies,
+    RallyAssembler,
+    RallyLog,
+    RallyLogWriter,
+    RecordingError,
+)
+from shuttle_marl.recording import trace as trace_module
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import replay
+from shuttle_marl.recording.trace import RallyTrace
+
+GAME = default_game()
+NAMES = ("bc", "attacking", "safe")
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def opponents() -> list[TabulatedPolicy]:
+    return [tabulate(resolve(name, GAME), GAME) for name in NAMES]
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """``[T, B]`` what a learner that chooses equally among the legal strokes did and got."""
+
+    stroke: npt.NDArray[np.int64]
+    striker: npt.NDArray[np.int8]
+    number: npt.NDArray[np.int64]
+    reward: npt.NDArray[np.float32]
+
+
+def play(batch: RallyBatch | VersusBatch, steps: int = STEPS) -> Run:
+    rows: list[tuple[npt.NDArray[np.generic], ...]] = []
+    for _ in range(steps):
+        stroke, striker, number = batch.random_strokes(), batch.rows.striker.copy(), batch.rows.rally.copy()
+        rows.append((stroke, striker, number, batch.step(stroke)[0]))
+    return Run(*(np.stack(column) for column in zip(*rows, strict=True)))
+
+
+def header(policies: tuple[str, ...], seed: int, **changes: object) -> LogHeader:
+    return LogHeader(
+        **{
+            "seed": seed,
+            "game": GAME.hash,
+            "strokes": GAME.catalogue.names,
+            "policies": tuple(Player(name=name) for name in policies),
+            "rules": SINGLE_RALLY,
+            "matches_per_draw": 1,
+            "draws": "rally_v0",
+            **changes,
+        }
+    )
+
+
+def in_order(rallies: Rallies) -> Rallies:
+    """By number."""
+    order = np.argsort(rallies.match)
+    return Rallies.join([rallies.part(int(i), int(i) + 1) for i in order])
+
+
+def same(a: Rallies, b: Rallies) -> bool:
+    fields = [f.name for f in dataclasses.fields(Rallies)]
+    return a.columns == b.columns and all(
+        np.array_equal(getattr(a, n), getattr(b, n)) for n in fields if getattr(a, n) is not None
+    )
+
+
+@pytest.mark.parametrize("server", [None, 0, 1])
+@pytest.mark.parametrize("seat", [0, 1])
+@pytest.mark.parametrize("count", [1, 3])
+def test_rallies_against_opponents(tmp_path: Path, opponents, server, seat: int, count: int) -> None:
+    """Everything that the learner did not see is found, and the log plays again with the opponents' choices."""
+    batch = VersusBatch(GAME, 40, opponents=opponents[:count], seed=9, seat=seat, server=server)
+    trace = RallyTrace(GAME, 40, opponents=opponents[:count], seed=9, seat=seat, server=server)
+    run = play(batch)
+    found = Rallies.join([trace.add(part) for part in np.array_split(run.stroke, 7)])
+    path = tmp_path / "a.mcap"
+    with RallyLogWriter(path, header(("learner", *NAMES[:count]), 9), batch_rallies=50) as log:
+        log.append(found)
+    assert check(path, GAME).problems == ()
+    with RallyLog(path) as log:
+        assert replay(log, GAME, dict(zip(NAMES, opponents, strict=True))).wrong == ()
+    # What the learner was paid, rally by rally, and what it never saw.
+    time, row = np.nonzero(run.reward)
+    paid = {int(run.number[t, i]): run.reward[t, i] > 0 for t, i in zip(time, row, strict=True)}
+    won = dict(zip(found.match.tolist(), (found.winner == seat).tolist(), strict=True))
+    assert {number: won[number] for number in paid} == paid
+    unseen = [won[number] for number in won if number not in paid]
+    assert (sum(unseen), len(unseen) - sum(unseen)) == batch.unseen
+    assert (server == seat) == (len(unseen) == 0)
+    assert np.array_equal(np.unique(found.policy[:, 1 - seat]), np.arange(1, count + 1))
+    assert (found.policy[:, seat] == 0).all()
+    assert np.array_equal((found.policy[:, 1 - seat] - 1) % count, found.match % 40 % count)
+
+
+def test_opponents_that_are_assigned(opponents) -> None:
+    batch = VersusBatch(GAME, 30, opponents=opponents, seed=1)
+    trace = RallyTrace(GAME, 30, opponents=opponents, seed=1)
+    rng = np.random.default_rng(0)
+    expected, found = {}, {}
+    for _ in range(20):
+        assigned = rng.integers(0, 3, 30)
+        batch.assign(assigned)
+        trace.assign(assigned)
+        run = play(batch, 3)
+        rallies = trace.add(run.stroke)
+        found |= dict(zip(rallies.match.tolist(), rallies.policy[:, 1].tolist(), strict=True))
+        expected |= dict(zip(batch.rows.rally.tolist(), (1 + batch.duel.opponent).tolist(), strict=True))
+    both = expected.keys() & found.keys()
+    assert len(both) > 30
+    assert {number: found[number] for number in both} == {number: expected[number] for number in both}
+
+
+def test_self_play_by_trace_and_by_assembler(tmp_path: Path) -> None:
+    """Two ways to the same rallies: following the draws, and putting together what the environment reported."""
+    run = play(RallyBatch(GAME, 50, seed=4))
+    trace, assembler = RallyTrace(GAME, 50, seed=4), RallyAssembler(50, GAME.n_strokes)
+    followed, assembled = [], []
+    for first in range(0, STEPS, 9):
+        part = slice(first, first + 9)
+        followed.append(trace.add(run.stroke[part]))
+        assembled.append(
+            assembler.add(stroke=run.stroke[part], striker=run.striker[part], reward=run.reward[part], match=run.number[part])
+        )
+    assert same(Rallies.join(followed), Rallies.join(assembled))
+    with RallyLogWriter(tmp_path / "a.mcap", header(("learner",), 4)) as log:
+        log.append(Rallies.join(followed))
+    assert check(tmp_path / "a.mcap", GAME).problems == ()
+
+
+def test_blocks_do_not_matter(opponents) -> None:
+    run = play(VersusBatch(GAME, 20, opponents=opponents, seed=2))
+    wholes = []
+    for size in (1, 7, STEPS):
+        trace = RallyTrace(GAME, 20, opponents=opponents, seed=2)
+        parts = [trace.add(run.stroke[first : first + size]) for first in range(0, STEPS, size)]
+        wholes.append(in_order(Rallies.join(parts)))
+    assert same(wholes[0], wholes[1])
+    assert same(wholes[0], wholes[2])
+
+
+def test_there_is_always_room(opponents, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rallies longer than the first guess, and more of them than there was room for."""
+    run = play(VersusBatch(GAME, 20, opponents=opponents, seed=2))
+    whole = RallyTrace(GAME, 20, opponents=opponents, seed=2).add(run.stroke)
+    original = RallyTrace._room
+    monkeypatch.setattr(trace_module, "_LONGEST", 2)
+    calls = iter(range(10**6))
+    monkeypatch.setattr(RallyTrace, "_room", lambda self, n, r: original(self, n, r) if next(calls) else original(self, 3, 2))
+    assert same(RallyTrace(GAME, 20, opponents=opponents, seed=2).add(run.stroke), whole)
+
+
+def test_what_the_learner_thought_is_kept(opponents) -> None:
+    run = play(VersusBatch(GAME, 20, opponents=opponents, seed=2))
+    trace = RallyTrace(GAME, 20, opponents=opponents, seed=2, columns=("value", "log_probability", "update"))
+    thought = np.arange(run.stroke.size, dtype=np.float32).reshape(run.stroke.shape)
+    parts = [
+        trace.add(run.stroke[p], value=thought[p], log_probability=-thought[p], update=p.start)
+        for p in (slice(0, 25), slice(25, STEPS))
+    ]
+    found = Rallies.join(parts)
+    assert found.columns == ("update", "log_probability", "value")
+    assert np.array_equal(found.log_probability, -found.value, equal_nan=True)
+    assert set(found.update.tolist()) == {0, 25}
+    own = ~np.isnan(found.value)
+    row = np.repeat(np.arange(len(found)), found.length)
+    position = np.arange(len(row)) - found.first_stroke[row]
+    assert np.array_equal(own, (found.server[row] + position) % 2 == 0)
+    step, column = np.divmod(found.value[own].astype(int), 20)
+    assert np.array_equal(run.stroke[step, column], found.stroke[own])
+    assert np.array_equal(run.number[step, column], found.match[row[own]])
+
+
+def test_another_seed_begins_anew(opponents) -> None:
+    batch, trace = VersusBatch(GAME, 20, opponents=opponents, seed=2), RallyTrace(GAME, 20, opponents=opponents, seed=2)
+    trace.add(play(batch, 7).stroke)
+    batch.reset(5)
+    trace.reset(5)
+    run = play(batch)
+    again = RallyTrace(GAME, 20, opponents=opponents, seed=5).add(run.stroke)
+    assert same(trace.add(run.stroke), again)
+
+
+def test_what_cannot_be_followed(opponents) -> None:
+    run = play(VersusBatch(GAME, 20, opponents=opponents, seed=2))
+    trace = RallyTrace(GAME, 20, opponents=opponents, seed=3)
+    with pytest.raises(RecordingError, match="not legal there"):
+        trace.add(run.stroke)
+    for stroke in (-1, GAME.n_strokes):
+        with pytest.raises(RecordingError, match="row 0: a stroke is not legal there"):
+            RallyTrace(GAME, 20, opponents=opponents, seed=2).add(np.full((1, 20), stroke))
+    with pytest.raises(RecordingError, match=r"expected \(T, 20\)"):
+        trace.add(run.stroke[:, :5])
+    with pytest.raises(RecordingError, match="expected"):
+        trace.add(run.stroke, value=run.reward)
+
+
+class TestAssembler:
+    """What any environment reports, against a plain loop."""
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_rows_with_gaps(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        batch = int(rng.integers(1, 9))
+        assembler = RallyAssembler(batch, GAME.n_strokes, ("value",))
+        going: list[list[int]] = [[] for _ in range(batch)]
+        for _ in range(20):
+            shape = (int(rng.integers(0, 6)), batch)
+            stroke, striker = rng.integers(0, 100, shape), rng.integers(0, 2, shape)
+            reward = rng.choice([0.0, 0.0, 0.0, 1.0, -1.0], shape)
+            match, rally = rng.integers(0, 2**32, shape), rng.integers(0, 100, shape)
+            score, policy = rng.integers(0, 30, (*shape, 4)), rng.integers(0, 9, (batch, 2))
+            played = rng.random(shape) < 0.7
+            found = assembler.add(
+                stroke=stroke, striker=striker, reward=reward, match=match, rally=rally, score=score, policy=policy,
+                pairing=np.arange(batch), played=played, value=stroke / 2,
+            )  # fmt: skip
+            expected = []
+            for b in range(batch):
+                for t in range(shape[0]):
+                    if played[t, b]:
+                        going[b].append(int(stroke[t, b]))
+                        if reward[t, b]:
+                            expected.append((b, t, going[b]))
+                            going[b] = []
+            assert found.length.tolist() == [len(strokes) for _, _, strokes in expected]
+            assert found.stroke.tolist() == [s for _, _, strokes in expected for s in strokes]
+            assert found.value.tolist() == [s / 2 for _, _, strokes in expected for s in strokes]
+            for i, (b, t, strokes) in enumerate(expected):
+                won, seat = reward[t, b] > 0, striker[t, b]
+                assert (found.winner[i], found.reason[i]) == (seat if won else 1 - seat, won)
+                assert found.server[i] == (seat + len(strokes) - 1) % 2
+                assert (found.match[i], found.rally[i], found.pairing[i]) == (match[t, b], rally[t, b], b)
+                assert found.score[i].tolist() == score[t, b].tolist()
+                assert found.policy[i].tolist() == policy[b].tolist()
+
+    def test_rows_that_were_reset(self) -> None:
+        assembler = RallyAssembler(3, GAME.n_strokes)
+        seat = np.zeros((1, 3), dtype=int)
+
+        def add(strokes: list[int], reward: float) -> Rallies:
+            return assembler.add(stroke=np.array([strokes]), striker=seat, reward=np.full((1, 3), reward), match=seat)
+
+        assert len(add([1, 2, 3], 0)) == 0
+        assembler.forget(np.array([True, False, True]))
+        assert add([4, 5, 6], 1).stroke.tolist() == [4, 2, 5, 6]
+        add([1, 2, 3], 0)
+        assembler.forget()
+        assert add([4, 5, 6], 1).stroke.tolist() == [4, 5, 6]
+
+    def test_what_does_not_fit(self) -> None:
+        assembler, some = RallyAssembler(3, GAME.n_strokes, ("value",)), np.zeros((2, 3))
+        with pytest.raises(RecordingError, match=r"columns \(\): expected \('value',\)"):
+            assembler.add(stroke=some, striker=some, reward=some, match=some)
+        with pytest.raises(RecordingError, match=r"reward of shape \(1, 3\): expected \(2, 3\)"):
+            assembler.add(stroke=some, striker=some, reward=some[:1], match=some, value=some)
+
+    def test_updates_are_noted(self) -> None:
+        assembler, one = RallyAssembler(2, 300, ("update",)), np.ones((1, 2), dtype=int)
+        found = assembler.add(stroke=299 * one, striker=one, reward=one, match=one, update=7)
+        assert found.update.tolist() == [7, 7]
+        assert found.stroke.dtype == np.uint16
+        assert found.stroke.tolist() == [299, 299]
