@@ -1,1 +1,44 @@
-"""From a rally to motion."""
+"""From a played rally to motion: one staging, for every renderer.
+
+``stage(rally, seed=…)`` gives the path of the shuttle and the bones of both players, 50 times a second, in the frame of the
+court: metres, seconds, z up, the origin on the floor under the middle of the net, seat 0 at y < 0 looking towards +y. The
+same arguments give the same motion. ``docs/staging.md`` shows how a renderer uses it; ``athletes/`` holds the skinned
+models, and :class:`Skeleton` their rest pose, bone by bone.
+"""
+
+from shuttle_marl.staging.joints import Joint, joints
+from shuttle_marl.staging.metrics import Metrics, measure
+from shuttle_marl.staging.motion import Motion, stage
+from shuttle_marl.staging.plan import ENDS, Plan
+from shuttle_marl.staging.played import PlayedRally, StagingError
+from shuttle_marl.staging.skeleton import (
+    ATHLETES,
+    BONES,
+    RACKET_LENGTH,
+    SWEET_SPOT,
+    Skeleton,
+    finger_pose,
+    load_skeleton,
+    model_file,
+)
+
+__all__ = [
+    "ATHLETES",
+    "BONES",
+    "ENDS",
+    "RACKET_LENGTH",
+    "SWEET_SPOT",
+    "Joint",
+    "Metrics",
+    "Motion",
+    "Plan",
+    "PlayedRally",
+    "Skeleton",
+    "StagingError",
+    "finger_pose",
+    "joints",
+    "load_skeleton",
+    "measure",
+    "model_file",
+    "stage",
+]

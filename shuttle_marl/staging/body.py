@@ -18,7 +18,7 @@ from shuttle_marl.staging.contact import (
     SIDE_BACKHAND,
 )
 from shuttle_marl.staging.feet import Feet, move, steps
-from shuttle_marl.staging.legs import legs, settle
+from shuttle_marl.staging.legs import legs, reach_of, settle
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import CONTACT, KEYS
 from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
@@ -87,9 +87,7 @@ def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> P
     body = _between_keys(timeline, timeline.pose[:, TRUNK], len(hips))
     place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
     root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
-    thigh, shank = skeleton.leg
-    standing = body[:, HIPS_HEIGHT] - 0.05
-    reach = np.sqrt(np.maximum((thigh + shank) ** 2 - (standing - 0.20) ** 2, 0.04)) + 0.12
+    reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
     feet = move(plants, timeline.lift, len(hips), fps)
     place, feet = settle(skeleton, place, root, feet)

@@ -50,6 +50,13 @@ class Legs:
     position: Floats
 
 
+def reach_of(skeleton: Skeleton, height: Floats) -> Floats:
+    """``[F]`` how far from the hips the ball of a foot can stand, for heights of the hips, without pulling them down [m]."""
+    size = skeleton.scale
+    upright = np.maximum(height - 0.17 * size, 0.2 * size)
+    return np.sqrt(np.maximum((_STRETCH * sum(skeleton.leg)) ** 2 - upright**2, 0.04)) + 0.09 * size
+
+
 def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[Floats, Feet]:
     """Raise heels and lower the hips until every planted foot is within reach.
 

@@ -127,6 +127,15 @@ def load_skeleton(name: str) -> Skeleton:
     )
 
 
+def model_file(name: str) -> Path:
+    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones.
+
+    Raises:
+        StagingError: there is none of this name.
+    """
+    return FOLDER / f"{load_skeleton(name).name}.glb"
+
+
 def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
     """How the fingers of an athlete's model are bent, all the time.
 

@@ -1,0 +1,121 @@
+"""Is a staged rally believable? Measured on the motion itself: positions, rotations, and the path of the shuttle."""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
+from shuttle_marl.staging.joints import joints
+from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.staging.motion import Motion
+from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height
+from shuttle_marl.staging.skeleton import BONE
+
+Floats = npt.NDArray[np.float64]
+
+_FINE: float = 2000.0
+"""Instants a second at which flights are looked at where they cross the net."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Metrics:
+    """Measures of one motion; n strokes.
+
+    Attributes:
+        contact: ``[n]`` middle of the strings to the shuttle when each stroke is struck [m].
+        slide: ``[P]`` how far the ball of a planted foot strays from where it was put down, for each of P plants [m].
+        sunk: how far the ball of a foot is below the height it has on the floor at most [m].
+        speed: ``[2]`` greatest speed of the hips of each player over the floor [m/s].
+        acceleration: ``[2]`` greatest acceleration of the hips over the floor [m/s²].
+        joint_excess: greatest angle by which a joint passes its limits [degrees]; 0 if none does.
+        joint: name of the joint that comes closest to or furthest beyond its limits.
+        clearance: height of the shuttle over the net where strokes that cross it do [m].
+        landing: ``[n]`` end of each flight to the point that was chosen [m].
+        timely: for each returned stroke, whether its flight time lies in the data's interquartile range of its shot type.
+        true_end: ``[n]`` whether each stroke ends as it must: in the area it was meant for, out of court, or in the net.
+        seconds: length [s].
+    """
+
+    contact: Floats
+    slide: Floats
+    sunk: float
+    speed: Floats
+    acceleration: Floats
+    joint_excess: float
+    joint: str
+    clearance: Floats
+    landing: Floats
+    timely: npt.NDArray[np.bool_]
+    true_end: npt.NDArray[np.bool_]
+    seconds: float
+
+
+def measure(motion: Motion) -> Metrics:
+    """Measure a motion."""
+    plan, frames = motion.plan, motion.contact_frame
+    striker = plan.rally.striker
+    hips = motion.position[:, :, 0, :2].astype(np.float64)
+    velocity = np.diff(hips, axis=0) * motion.fps
+    ends = np.rint(plan.end_time * motion.fps).astype(np.int64)
+    worst = max((joint for seat in (0, 1) for joint in joints(motion, seat)), key=lambda joint: joint.excess)
+    shot = plan.rally.catalogue.shot[plan.rally.stroke]
+    low, _, high = load_measured().flight_time[shot].T
+    duration = plan.end_time - plan.time
+    returned = plan.end == RETURN
+    slide, sunk = _feet(motion)
+    return Metrics(
+        contact=np.linalg.norm(motion.sweet_spot[frames, striker] - motion.shuttle[frames], axis=1),
+        slide=slide,
+        sunk=sunk,
+        speed=np.linalg.norm(velocity, axis=2).max(axis=0),
+        acceleration=np.linalg.norm(np.diff(velocity, axis=0), axis=2).max(axis=0) * motion.fps,
+        joint_excess=max(0.0, float(np.degrees(worst.excess))),
+        joint=worst.name,
+        clearance=np.array([_clearance(motion, i) for i in np.flatnonzero(plan.end != NET)]),
+        landing=np.linalg.norm(motion.shuttle[ends] - plan.end_point, axis=1),
+        timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
+        true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
+        seconds=float(motion.time[-1]),
+    )
+
+
+def _feet(motion: Motion) -> tuple[Floats, float]:
+    """How far planted feet slide, and how far feet sink into the floor."""
+    slides, sunk = [], 0.0
+    for seat in (0, 1):
+        for foot, side in enumerate(("Left", "Right")):
+            ball = motion.position[:, seat, BONE[f"{side}ToeBase"]].astype(np.float64)
+            sunk = max(sunk, float(motion.skeletons[seat].at("RightToeBase")[2] - ball[:, 2].min()))
+            edges = np.flatnonzero(np.diff(np.r_[0, motion.planted[:, seat, foot].astype(np.int8), 0])).reshape(-1, 2)
+            slides += [float(np.linalg.norm(ball[a:b, :2] - ball[a, :2], axis=1).max()) for a, b in edges]
+    return np.array(slides), sunk
+
+
+def _clearance(motion: Motion, i: int) -> float:
+    """Height over the net of a stroke that crosses it [m]."""
+    plan = motion.plan
+    since = np.arange(0, plan.end_time[i] - plan.time[i], 1 / _FINE)
+    path, _ = plan.flight.at(i, since)
+    over = np.flatnonzero(np.diff(np.sign(path[:, 1])) != 0)
+    return float((path[over, 2] - net_height(path[over, 0])).min()) if len(over) else -np.inf
+
+
+def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
+    """Whether a stroke ends as it must."""
+    plan, stroke = motion.plan, motion.plan.rally.stroke[i]
+    x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([facing(int(plan.rally.striker[i]))] * 2 + [1.0])
+    meant = int(area_of(np.array(x), np.array(y))) == plan.rally.catalogue.area[stroke]
+    serve = bool(plan.rally.catalogue.is_serve[stroke])
+    in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
+    if plan.end[i] == RETURN:
+        # Serves are struck on from where the server may not stand, so their place is moved into the service court.
+        return meant or serve
+    if plan.end[i] == WIN:
+        return bool((meant or serve) and in_box and z < 0.05)
+    if plan.end[i] == OUT:
+        return bool(not in_box and z < 0.05)
+    after = motion.shuttle[frame:].astype(np.float64)
+    touched = abs(y) < 0.05 and z < float(net_height(x))
+    stays = (after[:, 1] * facing(int(plan.rally.striker[i])) < 0.05).all()
+    return bool(touched and stays and after[-1, 2] < 0.05)
