@@ -113,7 +113,7 @@ def perform(skeleton: Skeleton, timeline: Timeline, prepared: Prepared, shuttle:
     arm = arm_of(skeleton)
     racket = arm.pose(arm.clipped(pose[:, RACKET_ARM]))
     collar = collar_of(skeleton, chest, middle)
-    names = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
+    names: tuple[str, ...] = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
     _put(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
     free = arm.pose(arm.clipped(pose[:, FREE_ARM]))
     flip = np.diag(FLIP)

@@ -100,7 +100,7 @@ def quaternion(rotation: Floats) -> Floats:
     return np.where(q[..., 3:] < 0, -q, q)
 
 
-def matrix(q: Floats) -> Floats:
+def matrix(q: npt.NDArray[np.floating]) -> Floats:
     """``[..., 3, 3]`` matrices of unit quaternions (x, y, z, w)."""
     x, y, z, w = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
     rows = [
