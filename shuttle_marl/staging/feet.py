@@ -19,6 +19,10 @@ _STRIDE: Final = 0.85
 """Distance that a pair of steps is meant to cover at most, per step [m]."""
 _STEP_TIME: Final = 0.15
 """Least time of a step [s]."""
+_SWING: Final = 0.28
+"""Longest time for which a foot is off the floor in a step [s]."""
+_STAYS: Final = 0.07
+"""A foot that is meant to go no further than this stays where it is [m]."""
 _CROSSED: Final = 0.30
 """How far a foot may stand beyond the middle of the body [m]."""
 _WIDTH: Final = 0.15
@@ -87,43 +91,72 @@ def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: in
         Plants of the left and of the right foot, in order of time.
     """
     feet: tuple[list[Plant], list[Plant]] = ([], [])
+    landing = [0, 0]
     for k, stand in enumerate(stands):
         for foot in (LEFT, RIGHT):
-            feet[foot].append(Plant(stand.begin, stand.end, stand.place[foot], float(stand.yaw[foot])))
+            own = feet[foot]
+            if own and landing[foot] < 0:
+                # The foot has stayed where it was.
+                own[-1].end = max(own[-1].end, stand.end)
+            else:
+                begin = stand.begin if k == 0 or stand.hop else landing[foot]
+                own.append(Plant(begin, max(stand.end, begin), stand.place[foot], float(stand.yaw[foot])))
         if k + 1 < len(stands):
-            _between(stand, stands[k + 1], feet, hips, yaw, fps)
+            landing = _between(stand, stands[k + 1], feet, hips, yaw, fps)
     return (
         _reachable(sorted(feet[LEFT], key=lambda p: p.begin), hips, yaw, reach, -1.0),
         _reachable(sorted(feet[RIGHT], key=lambda p: p.begin), hips, yaw, reach, 1.0),
     )
 
 
-def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> None:
-    """Add the steps from one stand to the next; the feet stay where they are already close."""
+def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> list[int]:
+    """Add the steps from one stand to the next; returns the frames in which the feet land there, -1 where one has stayed."""
+    landing = [there.begin, there.begin]
+    if there.hop:
+        return landing
     gap = there.begin - here.end
-    way = np.linalg.norm(there.place - here.place, axis=1)
-    if there.hop or gap < 2:
-        return
-    if way.max() < 0.10:
-        return
-    most = max(2, int(gap / (_STEP_TIME * fps)))
-    n = int(np.clip(np.ceil(way.max() / _STRIDE) + 1, 2, most))
-    slot = gap / n
-    order = [(there.last + n - 1 - k) % 2 for k in range(n)]
-    for k in range(n):
-        foot = order[k]
-        begin, end = here.end + k * slot - (0.2 * slot if k else 0.0), here.end + (k + 1) * slot
+    way = np.array([np.hypot(*(there.place[foot] - feet[foot][-1].place)) for foot in (LEFT, RIGHT)])
+    if way.max() < _STAYS:
+        return [-1, -1]
+    most = max(1, int(gap / (_STEP_TIME * fps)))
+    if way.min() < _STAYS and way.max() < 1.5 * _STRIDE:
+        moving = int(way.argmax())
+        landing[1 - moving] = -1
+        order = [moving]
+    else:
+        n = int(np.clip(np.ceil(way.max() / _STRIDE) + 1, 2, max(2, most)))
+        order = [(there.last + n - 1 - k) % 2 for k in range(n)]
+    n = len(order)
+    swing = _swings(here.end, there.begin, n, hips, fps)
+    for k, foot in enumerate(order):
+        up, down = swing[k]
         plants = feet[foot]
-        plants[-1].end = max(plants[-1].end, int(np.ceil(begin)))
-        if foot in order[k + 1 :]:
-            # The foot stands for about one step, while the other swings; it is put where the hips are in the middle of it.
-            lift = here.end + (k + 2) * slot - 0.2 * slot
-            middle = round((end + lift) / 2)
+        plants[-1].end = max(plants[-1].begin, up)
+        later = [j for j in range(k + 1, n) if order[j] == foot]
+        if later:
+            middle = round((down + swing[later[0]][0]) / 2)
             side = _WIDTH if foot == RIGHT else -_WIDTH
-            c, s = np.cos(yaw[middle]), np.sin(yaw[middle])
-            place = hips[middle] + np.array([c * side, s * side])
-            plants.append(Plant(round(end), round(lift), place, float(yaw[middle]) + (-0.2 if foot == RIGHT else 0.2)))
-    return
+            place = hips[middle] + side * np.array([np.cos(yaw[middle]), np.sin(yaw[middle])])
+            plants.append(Plant(down, swing[later[0]][0], place, float(yaw[middle]) + (-0.2 if foot == RIGHT else 0.2)))
+        else:
+            landing[foot] = down
+    return landing
+
+
+def _swings(begin: int, end: int, n: int, hips: Floats, fps: int) -> list[tuple[int, int]]:
+    """Frames of lift-off and landing of n steps between two frames: each falls where the hips make their share of the way."""
+    gap = end - begin
+    path = np.r_[0, np.cumsum(np.hypot(*np.diff(hips[begin : end + 1], axis=0).T))]
+    progress = 0.8 * path / max(path[-1], 1e-6) + 0.2 * np.linspace(0, 1, gap + 1)
+    middle = begin + np.interp((np.arange(n) + 0.5) / n, progress / progress[-1], np.arange(gap + 1))
+    apart = np.diff(middle)
+    out = []
+    for k in range(n):
+        room = min([_SWING * fps, 2 * (middle[k] - begin), 2 * (end - middle[k])])
+        near = [apart[j] for j in (k - 1, k) if 0 <= j < len(apart)]
+        half = max(2.0, min([room, *(1.25 * a for a in near)])) / 2
+        out.append((int(np.clip(round(middle[k] - half), begin, end - 2)), int(np.clip(round(middle[k] + half), begin + 2, end))))
+    return out
 
 
 def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, side: float) -> list[Plant]:
