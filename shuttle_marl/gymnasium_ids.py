@@ -27,18 +27,26 @@ def register() -> None:
 
 
 class _AfterGymnasium(MetaPathFinder):
-    """Lets Python find Gymnasium as always, once, and registers when it has been imported."""
+    """Lets Python find Gymnasium as always, and registers when it has been imported, not when it was only looked for."""
+
+    def __init__(self) -> None:
+        self._asked = False
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:  # noqa: ARG002
-        if name != "gymnasium":
+        if name != "gymnasium" or self._asked:
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
+        self._asked = True
+        try:
+            spec = importlib.util.find_spec(name)
+        finally:
+            self._asked = False
         if spec is None or spec.loader is None:
             return spec
         loader, run = spec.loader, spec.loader.exec_module
 
         def run_and_register(module: ModuleType) -> None:
+            if self in sys.meta_path:
+                sys.meta_path.remove(self)
             loader.exec_module = run  # type: ignore[method-assign]
             run(module)
             register()

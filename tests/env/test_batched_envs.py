@@ -1,0 +1,257 @@
+"""The batched TorchRL environments against ``rally_v0``, and TorchRL's own checks."""
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torchrl.envs.utils import check_env_specs
+
+from shuttle_marl import rally_v0
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.env.base import ShuttleEnv
+from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.env.observation import stroke_features
+from shuttle_marl.kernel import IllegalStrokeError, KernelError
+from shuttle_marl.policy.base import PolicyError, States
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.rally import ROOT
+from tests.exact.exact_games import random_game, random_policy
+
+GAME = default_game()
+EITHER = pytest.mark.parametrize("make", [RallyEnv, VersusEnv])
+ONE_HOTS = stroke_features(GAME)
+
+Env = RallyEnv | VersusEnv
+
+
+def steps(env: Env, n: int, *, fused: bool = True) -> Iterator[tuple[Any, Any]]:
+    """Tensordicts before and with each of n steps of random legal strokes; rows whose rally is over begin the next one."""
+    now = env.reset()
+    for _ in range(n):
+        acted = env.rand_action(now)
+        if fused:
+            stepped, following = env.step_and_maybe_reset(acted)
+        else:
+            stepped = env.step(acted)
+            following = env.maybe_reset(stepped["next"].clone())
+        yield now, stepped
+        now = following
+
+
+@EITHER
+@pytest.mark.parametrize("batch", [1, 8, 1024])
+def test_specs(make: type[Env], batch: int) -> None:
+    env = make(batch)
+    check_env_specs(env, seed=0)
+    assert env.batch_size == torch.Size([batch])
+
+
+@EITHER
+def test_rollouts_of_torchrl(make: type[Env]) -> None:
+    env = make(16)
+    rollout = env.rollout(50, break_when_any_done=False)
+    assert rollout.batch_size == torch.Size([16, 50])
+    reward, over = rollout["next", "reward"], rollout["next", "terminated"]
+    assert torch.equal(reward != 0, over)
+    assert set(reward.unique().tolist()) == {-1.0, 0.0, 1.0}
+    legal = rollout["action_mask"].gather(-1, rollout["action"].unsqueeze(-1))
+    assert legal.all()
+
+
+@EITHER
+@pytest.mark.parametrize("threads", [1, 2])
+def test_stock_and_fused_reset_agree(make: type[Env], threads: int) -> None:
+    batch = 2500
+    stock, fused = make(batch, seed=3, threads=threads), make(batch, seed=3, threads=threads)
+    for (now, stepped), (now_too, stepped_too) in zip(steps(stock, 12, fused=False), steps(fused, 12), strict=True):
+        for key in ("observation", "action_mask", "action"):
+            assert torch.equal(now[key], now_too[key]), key
+        for key in ("reward", "terminated", "done"):
+            assert torch.equal(stepped["next", key], stepped_too["next", key]), key
+        goes_on = ~stepped["next", "done"].squeeze(-1)
+        for key in ("observation", "action_mask"):
+            assert torch.equal(stepped["next", key][goes_on], stepped_too["next", key][goes_on]), key
+
+
+@EITHER
+def test_seeds(make: type[Env]) -> None:
+    def play(env: Env) -> list[int]:
+        return [x for _, stepped in steps(env, 6) for x in stepped["next", "observation"].flatten().tolist()]
+
+    first = play(make(8, seed=1))
+    assert play(make(8, seed=1)) == first
+    assert play(make(8, seed=2)) != first
+    env = make(8)
+    env.set_seed(1)
+    assert play(env) == first
+    assert play(env) != first, "a second reset goes on"
+    env.set_seed(1)
+    assert play(env) == first
+
+
+@EITHER
+def test_partial_resets_go_on_with_the_next_rally_of_the_row(make: type[Env]) -> None:
+    env = make(6, server=0)
+    first = env.reset()
+    wanted = torch.tensor([True, False, False, True, False, False]).unsqueeze(-1)
+    first.set("_reset", wanted)
+    env.reset(first)
+    rows = env._batch.rows
+    assert rows.rally.tolist() == [6, 1, 2, 9, 4, 5]
+    assert (rows.state == ROOT).all()
+
+
+@EITHER
+def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> None:
+    env = make(8)
+    now = env.reset()
+    action = env.rand_action(now.clone())["action"]
+    before = [array.copy() for array in env._batch.rows]
+    wrong = action.clone()
+    wrong[5] = int((~now["action_mask"][5]).nonzero()[0])
+    for stroke in (wrong, torch.full_like(action, -1)):
+        with pytest.raises(IllegalStrokeError, match=r"row [05]: "):
+            env.step(now.clone().set("action", stroke))
+    assert all(np.array_equal(a, b) for a, b in zip(before, env._batch.rows, strict=True))
+    env.step(now.set("action", action))
+
+
+class ReadsScore:
+    reads_score = True
+
+    def probabilities(self, states: States) -> Any:
+        return states.mask / states.mask.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"opponents": "bcc"}, PolicyError, "no policy 'bcc'; did you mean bc"),
+        ({"opponents": ["bc", ReadsScore()]}, PolicyError, "'ReadsScore' reads the score"),
+        ({"opponents": []}, KernelError, "no policy: expected one or more"),
+        ({"seat": 5}, KernelError, "seat 5: expected 0 or 1"),
+        ({"server": 5}, KernelError, "server 5"),
+        ({"batch": 0}, KernelError, "batch 0"),
+        ({"threads": 0}, KernelError, "threads 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        VersusEnv(**{"batch": 4, **options})
+
+
+def test_an_opponent_of_another_game_is_tabulated_for_this_one_or_refused() -> None:
+    """A table of another game raises where it is asked for this one's states."""
+    with pytest.raises(PolicyError, match="tabulated for another game"):
+        VersusEnv(4, opponents=random_policy(random_game(1), 0))
+
+
+def test_opponents_by_name_by_object_and_several() -> None:
+    bc = tabulate(resolve("bc", GAME), GAME)
+    for opponents in ("bc", bc, [resolve("bc", GAME)], ("bc", bc)):
+        env = VersusEnv(4, opponents=opponents)
+        assert env.versus.n_opponents == (2 if isinstance(opponents, tuple) else 1)
+        assert (env.versus.duel.players.cumulative == bc.cumulative).all()
+
+
+def test_other_games_are_played() -> None:
+    game = random_game(5, 7)
+    env = RallyEnv(8, game=game)
+    check_env_specs(env, seed=0)
+    versus = VersusEnv(8, game=game, opponents=random_policy(game, 1))
+    check_env_specs(versus, seed=0)
+    assert env.action_spec.n == versus.action_spec.n == game.n_strokes
+
+
+def compare(env: ShuttleEnv, seen: tuple[np.ndarray, np.ndarray]) -> None:
+    """Tokens and mask of a row against what the striker sees in the AEC environment."""
+    tokens, mask = seen
+    observation = env.observe(env.agent_selection)
+    vector = observation["observation"]
+    assert np.array_equal(vector[:27], ONE_HOTS[tokens[0]])
+    assert np.array_equal(vector[27:54], ONE_HOTS[tokens[1]])
+    assert vector[54] == tokens[2]
+    assert vector[55] == (tokens[1] == GAME.n_strokes)
+    assert np.array_equal(observation["action_mask"], mask)
+
+
+def differ(rallies: int, batch: int, seed: int) -> tuple[int, int]:
+    """Play rallies of ``RallyEnv`` in ``rally_v0``, comparing everything; returns rallies and strokes."""
+    env = RallyEnv(batch, seed=seed, threads=2)
+    log: dict[int, list[tuple[np.ndarray, ...]]] = {}
+    row_rally = np.arange(batch)
+    for now, stepped in steps(env, 10**9):
+        columns = [x.numpy() for x in (now["observation"], now["action_mask"], now["action"], stepped["next", "reward"])]
+        over = stepped["next", "terminated"].squeeze(-1).numpy()
+        for row in np.flatnonzero(row_rally < rallies):
+            log.setdefault(int(row_rally[row]), []).append(tuple(column[row] for column in columns))
+        row_rally = np.where(over, row_rally + batch, row_rally)
+        if row_rally.min() >= rallies:
+            break
+    raw = rally_v0.raw_env()
+    strokes = 0
+    for rally in range(rallies):
+        raw.reset(seed=seed if rally == 0 else None)
+        turns = log.pop(rally)
+        for number, (tokens, mask, action, reward) in enumerate(turns):
+            compare(raw, (tokens, mask))
+            striker = raw.agent_selection
+            raw.step(int(action))
+            assert raw.rewards[striker] == reward[0]
+            assert raw.terminations[striker] == (number == len(turns) - 1)
+        strokes += len(turns)
+    return rallies, strokes
+
+
+def test_rallies_are_those_of_the_environment() -> None:
+    assert differ(3000, 1024, seed=1)[1] > 10_000
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_rallies_are_those_of_the_environment() -> None:
+    rallies = strokes = 0
+    for seed in range(10, 20):
+        more = differ(10_000, 2048, seed)
+        rallies, strokes = rallies + more[0], strokes + more[1]
+    assert rallies == 100_000
+    assert strokes > 400_000
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
+    """The learner's rows are those moments of ``rally_v0`` in which the learner is to strike."""
+    batch, seed, rallies = 64, 5, 1500
+    bc = tabulate(resolve("bc", GAME), GAME)
+    env = VersusEnv(batch, opponents="bc", seat=seat, seed=seed)
+    log: dict[int, list[tuple[np.ndarray, ...]]] = {}
+    now = env.reset()
+    while (row_rally := env.versus.rows.rally.copy()).min() < rallies:
+        now, following = env.step_and_maybe_reset(env.rand_action(now))
+        columns = [x.numpy() for x in (now["observation"], now["action_mask"], now["action"], now["next", "reward"])]
+        for row in np.flatnonzero(row_rally < rallies):
+            log.setdefault(int(row_rally[row]), []).append(tuple(column[row] for column in columns))
+        now = following
+    raw = rally_v0.raw_env()
+    learner = f"player_{seat}"
+    choose = functools.partial(np.searchsorted, side="right")
+    for rally in range(rallies):
+        raw.reset(seed=seed if rally == 0 else None)
+        logged = log.pop(rally, [])
+        turns, last = iter(logged), 0.0
+        while not raw.terminations[learner]:
+            if raw.agent_selection == learner:
+                tokens, mask, action, reward = next(turns)
+                compare(raw, (tokens, mask))
+                assert last == 0
+                last = reward[0]
+                raw.step(int(action))
+            else:
+                first, end = GAME.pair_start[raw.state_number], GAME.pair_start[raw.state_number + 1]
+                raw.step(int(GAME.pair_stroke[first + choose(bc.cumulative[first:end], raw.choice_draw())]))
+        assert next(turns, None) is None
+        assert last == (raw.rewards[learner] if logged else 0.0)
+    assert not log
