@@ -180,9 +180,13 @@ def _shortest(a: Floats, b: Floats) -> Floats:
 
 def _within(shank: Floats, sole: Floats, side: str) -> Floats:
     """Soles turned into the range of the ankle."""
+    up, tilt, out = ANKLE_LIMITS
+    # Rising about the ball comes first: far outside the range the three angles would not be independent.
+    axis = -(sole.transpose(0, 2, 1) @ shank)[..., 2]
+    bent = np.arctan2(-axis[:, 1], -axis[:, 2])
+    sole = sole @ about(np.array([-1.0, 0.0, 0.0]), bent - np.clip(bent, *up))
     turn, bow, lean = turned_bowed_leant(shank.transpose(0, 2, 1) @ sole)
     sign = 1.0 if side == "Right" else -1.0
-    up, tilt, out = ANKLE_LIMITS
     return shank @ yaw_pitch_roll(sign * np.clip(sign * turn, *out), -np.clip(-bow, *up), sign * np.clip(sign * lean, *tilt))
 
 
