@@ -47,17 +47,17 @@ class RallyAssembler:
         Everything but the strokes is read where a rally ends, as it was before the next one began.
 
         Args:
-            stroke: ``[T, B]`` catalogue index of the strokes.
-            striker: ``[T, B]`` seat that struck, 0 or 1.
-            reward: ``[T, B]`` of the striker: above 0 for a winner, below for a fault, 0 where the rally goes on.
-            match: ``[T, B]`` number of the match, or of the rally where each stands for itself.
-            rally: ``[T, B]`` number of the rally in its match.
-            score: ``[T, B, 4]`` points of both seats and games of both seats before the rally.
+            stroke: ``[B, T]`` catalogue index of the strokes.
+            striker: ``[B, T]`` seat that struck, 0 or 1.
+            reward: ``[B, T]`` of the striker: above 0 for a winner, below for a fault, 0 where the rally goes on.
+            match: ``[B, T]`` number of the match, or of the rally where each stands for itself.
+            rally: ``[B, T]`` number of the rally in its match.
+            score: ``[B, T, 4]`` points of both seats and games of both seats before the rally.
             policy: ``[B, 2]`` who sits at each seat, an index into the policies of the log.
             pairing: ``[B]`` index into the pairings of the log.
             update: how many updates the learner has made.
-            played: ``[T, B]`` where there is a stroke at all; None: everywhere.
-            **recorded: ``[T, B]`` each, ``log_probability`` and ``value``.
+            played: ``[B, T]`` where there is a stroke at all; None: everywhere.
+            **recorded: ``[B, T]`` each, ``log_probability`` and ``value``.
 
         Returns:
             The rallies that ended, row after row.
@@ -65,15 +65,15 @@ class RallyAssembler:
         Raises:
             RecordingError: a shape that does not fit, or a column that was not asked for, or one that is missing.
         """
-        shape = (len(stroke), len(self._length))
+        shape = (len(self._length), np.shape(stroke)[-1])
         if set(recorded) != set(self._columns) - {"stroke"}:
             raise RecordingError(f"columns {tuple(recorded)}: expected {self._columns[1:]}")
         named = {"stroke": stroke, "striker": striker, "reward": reward, "match": match, **recorded}
         for name, array in named.items():
             if np.shape(array) != shape:
                 raise RecordingError(f"{name} of shape {np.shape(array)}: expected {shape}")
-        there = np.ones(shape[::-1], dtype=np.bool_) if played is None else np.ascontiguousarray(played.T)
-        row, time = np.nonzero((reward.T != 0) & there)
+        there = np.ones(shape, dtype=np.bool_) if played is None else played
+        row, time = np.nonzero((reward != 0) & there)
         count = there.sum(axis=1)
         # Row after row: first what the row has kept, then the new strokes.
         end = np.cumsum(self._length + count)
@@ -93,21 +93,21 @@ class RallyAssembler:
             kind = self._rest[name].dtype
             all_of_it = np.empty(len(gone), dtype=kind)
             all_of_it[at_rest] = self._rest[name]
-            all_of_it[at_new] = np.asarray(named[name]).T[there]
+            all_of_it[at_new] = np.asarray(named[name])[there]
             ended[name], self._rest[name] = all_of_it[gone], all_of_it[stay]
         if self._update:
             ended["update"] = np.full(len(row), update, dtype=np.uint32)
         length = last - begin + 1
-        seat, won = striker[time, row].astype(np.int64), reward[time, row] > 0
+        seat, won = striker[row, time].astype(np.int64), reward[row, time] > 0
         return Rallies(
-            pairing=np.broadcast_to(pairing, shape[1])[row].astype(np.uint32),
-            match=match[time, row].astype(np.uint32),
-            rally=np.broadcast_to(rally, shape)[time, row].astype(np.uint16),
-            policy=np.broadcast_to(policy, (shape[1], 2))[row].astype(np.uint16),
+            pairing=np.broadcast_to(pairing, shape[0])[row].astype(np.uint32),
+            match=match[row, time].astype(np.uint32),
+            rally=np.broadcast_to(rally, shape)[row, time].astype(np.uint16),
+            policy=np.broadcast_to(policy, (shape[0], 2))[row].astype(np.uint16),
             server=((seat + length - 1) & 1).astype(np.uint8),
             winner=np.where(won, seat, 1 - seat).astype(np.uint8),
             reason=won.astype(np.uint8),
-            score=np.broadcast_to(score, (*shape, 4))[time, row].astype(np.uint8),
+            score=np.broadcast_to(score, (*shape, 4))[row, time].astype(np.uint8),
             length=length.astype(np.int32),
             **ended,
         )

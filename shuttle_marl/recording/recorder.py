@@ -3,6 +3,7 @@
 import dataclasses
 import queue
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,14 @@ from shuttle_marl.recording.writer import RallyLogWriter
 
 WAITING_STROKES: Final = 1 << 24
 """So many strokes may wait to be written before :meth:`RallyRecorder.add` waits too."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Work:
+    """Rallies to be written, once they are made."""
+
+    strokes: int
+    make: Callable[[], Rallies]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,7 +56,7 @@ class RallyRecorder:
         self.path = log.path
         self.sampling = Sampling.parse(log.header.record)
         self._log, self._limit = log, waiting_strokes
-        self._queue: queue.SimpleQueue[Rallies | _Flush | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_Work | _Flush | None] = queue.SimpleQueue()
         self._waiting = 0
         self._changed = threading.Condition()
         self._error: BaseException | None = None
@@ -81,13 +90,22 @@ class RallyRecorder:
             RecordingError: the log cannot be written any further; every batch before is there.
         """
         chosen = self.sampling.of(self._log.header, rallies)
-        if not len(chosen):
-            return
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
-            self._waiting += len(chosen.stroke)
-        self._raise()
-        self._queue.put(chosen)
+        if len(chosen):
+            self._enqueue(_Work(strokes=len(chosen.stroke), make=lambda: chosen))
+
+    def add_later(self, make: Callable[[], Rallies], strokes: int) -> None:
+        """Record rallies that the thread itself makes, such as those of :class:`shuttle_marl.recording.trace.RallyTrace`.
+
+        Args:
+            make: makes the finished rallies; called once, in the order in which it was handed over, in the thread.
+            strokes: about how many strokes that takes, to count what waits.
+
+        Raises:
+            RecordingError: the log cannot be written any further; every batch before is there. What ``make`` raises is raised
+                by a later call.
+        """
+        header = self._log.header
+        self._enqueue(_Work(strokes=strokes, make=lambda: self.sampling.of(header, make())))
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Have everything added so far written, the last batch shorter than others if need be, and go on meanwhile.
@@ -140,6 +158,13 @@ class RallyRecorder:
         else:
             self.abort()
 
+    def _enqueue(self, work: _Work) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
+            self._waiting += work.strokes
+        self._raise()
+        self._queue.put(work)
+
     def _join(self) -> None:
         if self._thread.is_alive():
             self._queue.put(None)
@@ -162,11 +187,11 @@ class RallyRecorder:
                 assert self._error is not None
                 item.done.set_exception(self._error)
 
-    def _do(self, item: Rallies | _Flush) -> None:
+    def _do(self, item: _Work | _Flush) -> None:
         if isinstance(item, _Flush):
             item.done.set_result(self._log.flush(sync=item.sync))
             return
-        self._log.append(item)
+        self._log.append(item.make())
         with self._changed:
-            self._waiting -= len(item.stroke)
+            self._waiting -= item.strokes
             self._changed.notify_all()

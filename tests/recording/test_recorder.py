@@ -1,6 +1,7 @@
 """The recorder with a thread of its own, and what it records."""
 
 import dataclasses
+import functools
 import threading
 import time
 from collections.abc import Callable
@@ -127,6 +128,26 @@ def test_an_error_of_the_caller_keeps_what_was_added(tmp_path: Path, rallies, he
         work()
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.part"]
     assert recover(tmp_path / "a.mcap.part").rallies == 32
+
+
+def test_rallies_that_the_thread_makes(tmp_path: Path, rallies, header) -> None:
+    whole, threads = rallies(300), []
+
+    def make(first: int) -> Rallies:
+        threads.append(threading.current_thread())
+        return whole.part(first, first + 50)
+
+    with RallyRecorder.create(tmp_path / "a.mcap", header(), "sample:3", batch_rallies=32) as recorder:
+        for first in range(0, 300, 50):
+            recorder.add_later(functools.partial(make, first), 50)
+    assert set(threads) == {recorder._thread}
+    expected = recorder.sampling.of(header(), whole)
+    assert 50 < len(expected) < 150
+    assert same(read(tmp_path / "a.mcap"), expected)
+    failing = RallyRecorder.create(tmp_path / "b.mcap", header())
+    failing.add_later(lambda: 1 / 0, 1)
+    with pytest.raises(ZeroDivisionError):
+        failing.close()
 
 
 def test_what_cannot_be_created(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
