@@ -72,7 +72,7 @@ def measure(motion: Motion) -> Metrics:
         acceleration=np.linalg.norm(np.diff(velocity, axis=0), axis=2).max(axis=0) * motion.fps,
         joint_excess=max(0.0, float(np.degrees(worst.excess))),
         joint=worst.name,
-        clearance=np.array([_clearance(motion, i) for i in np.flatnonzero(plan.end != NET)]),
+        clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(plan.end != NET)]),
         landing=np.linalg.norm(motion.shuttle[ends] - plan.end_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
