@@ -1,6 +1,6 @@
 """Exact values of the game: minimax, best responses, exploitability, cross-play, regret, visits. See ``docs/exact.md``.
 
-Names are imported when first used, because the solvers need numba and scipy, which take longer to import than a command's help.
+Names are imported when first used, because the solvers need numba, which takes longer to import than a command's help.
 """
 
 import importlib

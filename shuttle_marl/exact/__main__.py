@@ -40,9 +40,9 @@ def solve(
         own: the striker's own last stroke in the picture; default: the mean over all.
         json_output: print JSON.
     """
-    from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  scipy
+    from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
     from shuttle_marl.exact import solve as solve_game  # noqa: PLC0415  numba
-    from shuttle_marl.exact.bellman import warm_up  # noqa: PLC0415
+    from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
     from shuttle_marl.exact.text import facts, percent, shares  # noqa: PLC0415
     from shuttle_marl.stroke import SHOTS  # noqa: PLC0415
 
@@ -220,7 +220,7 @@ def crossplay(policies: Policies, *, game: str = "default", json_output: Json = 
 
 
 def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | None) -> None:
-    from shuttle_marl.exact import visits  # noqa: PLC0415  scipy
+    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
     from shuttle_marl.exact.plot import plot, stroke_index  # noqa: PLC0415
 
     if path is None:

@@ -1,14 +1,13 @@
 """A fixed policy turns a player's strokes into a Markov chain."""
 
 import dataclasses
-import functools
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from shuttle_marl.exact.contraction import FIRST_RALLY_STATE
 from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.exact.sweeps import mean_following, pushed
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import ONE, Game
 
@@ -20,18 +19,28 @@ class InducedChain:
     """What happens when one player strikes by a policy.
 
     Attributes:
+        game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: chance of a winner minus chance of a fault.
-        go_on: ``[S, S]`` sparse, chance that the receiver strikes next, in each state.
+        weight: ``[2 P]`` chance that a legal pair is played and the receiver strikes next, from below and from above in turn.
         contraction: the largest chance to go on in a rally state.
     """
 
+    game: Game
     reward: Floats
-    go_on: csr_matrix
+    weight: Floats
     contraction: float
+
+    def go_on(self, following: Floats) -> Floats:
+        """``[S]`` C following: the mean of what follows each state, the end of the rally counting as 0."""
+        return mean_following(self.game, self.weight, following)
+
+    def lead_to(self, visits: Floats) -> Floats:
+        """``[S]`` C' visits: how often each state follows, given how often the striker is in each state."""
+        return pushed(self.game, self.weight, visits)
 
     def values(self, following: Floats) -> Floats:
         """``[S]`` value of every state to the striker, ``following`` the value of the next states to the receiver."""
-        return np.asarray(self.reward - self.go_on @ following)
+        return self.reward - self.go_on(following)
 
 
 def induced(policy: TabulatedPolicy) -> InducedChain:
@@ -42,29 +51,14 @@ def induced(policy: TabulatedPolicy) -> InducedChain:
     """
     game = policy.game
     chance = policy.pair_probabilities()
-    threshold = game.threshold.astype(np.float64) / ONE
-    fault, winner, below = threshold.T
+    fault, winner, below = game.threshold.astype(np.float64).T / ONE
     reward = np.asarray(np.bincount(game.pair_state, chance * (winner - 2 * fault), game.n_states), dtype=np.float64)
     continuation = np.bincount(game.pair_state, chance * (1 - winner), game.n_states)[FIRST_RALLY_STATE:]
     if continuation.max(initial=0.0) >= 1:
         state = FIRST_RALLY_STATE + int(continuation.argmax())
         raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
     weight = np.stack([chance * (below - winner), chance * (1 - below)], axis=1).ravel()
-    successor, row_start = _successors(game)
-    go_on = csr_matrix((weight, successor, row_start), shape=(game.n_states, game.n_states))
-    # Policies that play few strokes get matrices of their own; the others share the indices, half of the memory.
-    if np.count_nonzero(weight) < len(weight) // 2:
-        go_on = go_on.copy()
-        go_on.eliminate_zeros()
-    return InducedChain(reward=reward, go_on=go_on, contraction=float(continuation.max(initial=0.0)))
-
-
-@functools.lru_cache(maxsize=2)
-def _successors(game: Game) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """``[2 P]`` next states of the legal pairs, contact below and above, and ``[S + 1]`` where those of a state begin."""
-    successor = np.repeat(2 * game.pair_edge, 2)
-    successor[1::2] += 1
-    return successor, 2 * game.pair_start
+    return InducedChain(game=game, reward=reward, weight=weight, contraction=float(continuation.max(initial=0.0)))
 
 
 def check_same_layout(first: Game, second: Game) -> None:

@@ -12,10 +12,10 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.bellman import stroke_values
 from shuttle_marl.exact.contraction import TOLERANCE
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.sweeps import stroke_values
 from shuttle_marl.policy.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]

@@ -85,12 +85,12 @@ def visits(
     """
     check_same_layout(policy.game, opponent.game)
     chains = [induced(policy), induced(opponent)]
-    backward = [chain.go_on.T for chain in chains]
+    backward = [chain.lead_to for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]
     contraction = chains[0].contraction * chains[1].contraction
-    constant = backward[1] @ (start[1] + backward[0] @ start[0])
+    constant = backward[1](start[1] + backward[0](start[0]))
 
     def bound(residual: float, w: Floats) -> float:
         # All terms are positive, so rounding is relative to their sum.
@@ -99,10 +99,10 @@ def visits(
 
     z, _, error = solve_linear(
         constant,
-        lambda w: backward[1] @ (backward[0] @ w),
+        lambda w: backward[1](backward[0](w)),
         norm=lambda r: float(np.abs(r).sum()),
         bound=bound,
         tolerance=tolerance,
     )
     first = start[0] + z
-    return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0] @ first), error_bound=error)
+    return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0](first)), error_bound=error)

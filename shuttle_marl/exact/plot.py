@@ -21,9 +21,9 @@ from shuttle_marl.court import (
     WIDTH,
     area_centre,
 )
-from shuttle_marl.exact.bellman import stroke_values
 from shuttle_marl.exact.errors import ExactError
 from shuttle_marl.exact.minimax import Solution
+from shuttle_marl.exact.sweeps import stroke_values
 from shuttle_marl.files import replace_file
 from shuttle_marl.rally import Game
 from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError

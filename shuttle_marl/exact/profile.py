@@ -66,11 +66,11 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     # Eliminating the second player: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
     z, residual, bound = solve_linear(
         first.values(second.reward),
-        lambda x: first.go_on @ (second.go_on @ x),
+        lambda x: first.go_on(second.go_on(x)),
         norm=lambda r: float(np.abs(r[FIRST_RALLY_STATE:]).max(initial=0.0)),
         bound=lambda residual, _: error_bound(residual, contraction),
         tolerance=tolerance,
     )
     y = second.values(z)
-    z[ROOT] = first.reward[ROOT] - (first.go_on[[ROOT]] @ y)[0]
+    z[ROOT] = first.values(y)[ROOT]
     return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 
-from shuttle_marl.exact.bellman import best_values
 from shuttle_marl.exact.contraction import TOLERANCE, largest_continuation
 from shuttle_marl.exact.induced import check_same_layout, induced
 from shuttle_marl.exact.minimax import greedy_policy, iterate
 from shuttle_marl.exact.profile import ProfileValue
+from shuttle_marl.exact.sweeps import best_values
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import ROOT, Game
 
