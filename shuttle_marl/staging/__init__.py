@@ -10,7 +10,7 @@ from shuttle_marl.staging.joints import Joint, joints
 from shuttle_marl.staging.metrics import Metrics, measure
 from shuttle_marl.staging.motion import Motion, stage
 from shuttle_marl.staging.plan import ENDS, Plan
-from shuttle_marl.staging.played import PlayedRally, StagingError
+from shuttle_marl.staging.played import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,
     BONES,
@@ -40,5 +40,6 @@ __all__ = [
     "load_skeleton",
     "measure",
     "model_file",
+    "play_rallies",
     "stage",
 ]

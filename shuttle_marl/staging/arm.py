@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.rotation import about, apply, cross, exponential, frame, skewed, unit
+from shuttle_marl.staging.rotation import Hinge, cross, exponential, frame, skewed, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 
 Floats = npt.NDArray[np.float64]
@@ -95,36 +95,48 @@ class Arm:
         self.across = unit(np.cross(lower, self.palm))
         # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
         self.to_middle = frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, self.hinge).T
+        axes = {
+            RAISE: np.array([0.0, -1.0, 0.0]),
+            FORWARD: np.array([0.0, 0.0, 1.0]),
+            TWIST: MIDDLE,
+            ELBOW: self.hinge,
+            PRONATION: -lower,
+            BEND: self.across,
+            DEVIATION: self.palm,
+            ROLL: self.axis,
+        }
+        self.axes = axes
+        self.turn = {angle: Hinge(axis) for angle, axis in axes.items()}
         self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
 
     def pose(self, angles: Floats) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
         n = len(angles)
-        raise_axis, forward_axis = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-        collar = about(forward_axis, angles[:, FORWARD]) @ about(raise_axis, angles[:, RAISE])
+        turn = {angle: self.turn[angle](angles[:, angle] - (self.rest_bend if angle == ELBOW else 0.0)) for angle in self.turn}
+        half = self.turn[PRONATION](angles[:, PRONATION] / 2)
+        collar = turn[FORWARD] @ turn[RAISE]
         swing = angles[:, SWING_1 : SWING_2 + 1] @ self.swing
         swung = collar @ exponential(swing)
-        upper = swung @ about(MIDDLE, angles[:, TWIST]) @ self.to_middle
-        bent = upper @ about(self.hinge, angles[:, ELBOW] - self.rest_bend)
-        half = about(self.lower, -angles[:, PRONATION] / 2)
+        upper = swung @ turn[TWIST] @ self.to_middle
+        bent = upper @ turn[ELBOW]
         fore = bent @ half
         turned = fore @ half
-        flexed = turned @ about(self.across, angles[:, BEND])
-        hand = flexed @ about(self.palm, angles[:, DEVIATION])
-        racket = hand @ about(self.axis, angles[:, ROLL])
-        shoulder = apply(collar, self.offset[0])
-        elbow = shoulder + apply(upper, self.offset[1])
-        wrist = elbow + apply(fore, self.offset[2])
-        grip = wrist + apply(hand, self.offset[3])
+        flexed = turned @ turn[BEND]
+        hand = flexed @ turn[DEVIATION]
+        racket = hand @ turn[ROLL]
+        shoulder = collar @ self.offset[0]
+        elbow = shoulder + upper @ self.offset[1]
+        wrist = elbow + fore @ self.offset[2]
+        grip = wrist + hand @ self.offset[3]
         zero = np.zeros((n, 3))
         axes = np.empty((n, 10, 3))
-        axes[:, FORWARD], axes[:, RAISE] = forward_axis, apply(about(forward_axis, angles[:, FORWARD]), raise_axis)
+        axes[:, FORWARD], axes[:, RAISE] = self.axes[FORWARD], turn[FORWARD] @ self.axes[RAISE]
         jacobian = collar @ _left_jacobian(swing)
-        axes[:, SWING_1], axes[:, SWING_2] = apply(jacobian, self.swing[0]), apply(jacobian, self.swing[1])
-        axes[:, TWIST] = apply(swung, MIDDLE)
-        axes[:, ELBOW], axes[:, PRONATION] = apply(upper, self.hinge), -apply(bent, self.lower)
-        axes[:, BEND], axes[:, DEVIATION] = apply(turned, self.across), apply(flexed, self.palm)
-        axes[:, ROLL] = apply(hand, self.axis)
+        axes[:, SWING_1], axes[:, SWING_2] = jacobian @ self.swing[0], jacobian @ self.swing[1]
+        axes[:, TWIST] = swung @ MIDDLE
+        axes[:, ELBOW], axes[:, PRONATION] = upper @ self.hinge, bent @ self.axes[PRONATION]
+        axes[:, BEND], axes[:, DEVIATION] = turned @ self.across, flexed @ self.palm
+        axes[:, ROLL] = hand @ self.axis
         pivot = np.stack([zero, zero, *([shoulder] * 3), *([elbow] * 2), *([wrist] * 2), grip], axis=1)
         return ArmPose(
             rotation=np.stack([collar, upper, fore, hand, racket]),
@@ -192,7 +204,7 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
     identity = np.eye(10)
     for step in range(rounds):
         pose = arm.pose(x)
-        shaft, normal = apply(pose.rotation[4], arm.axis), apply(pose.rotation[4], arm.normal)
+        shaft, normal = pose.rotation[4] @ arm.axis, pose.rotation[4] @ arm.normal
         point = pose.position[4] + goal.reach[:, None] * shaft
         upper = unit(pose.position[2] - pose.position[1])
         residual = np.concatenate(
@@ -226,7 +238,7 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
         move = np.linalg.solve(square, slope * free[..., None])[..., 0]
         before = x
         x = arm.clipped(x + np.clip(move, -0.5, 0.5))
-        if step > rounds // 2 and np.abs(x - before).max() < 1e-4:
+        if step > rounds // 3 and np.abs(x - before).max() < 2e-4:
             break
     return x
 
@@ -242,7 +254,7 @@ def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats
     many = Goal(**{f.name: np.concatenate([getattr(goal, f.name)] * s) for f in dataclasses.fields(Goal)})
     found = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
     pose = arm.pose(found)
-    shaft, upper = apply(pose.rotation[4], arm.axis), unit(pose.position[2] - pose.position[1])
+    shaft, upper = pose.rotation[4] @ arm.axis, unit(pose.position[2] - pose.position[1])
     errors = (pose.position[4] + many.reach[:, None] * shaft - many.point, shaft - many.shaft, upper - many.elbow)
     weights = many.weight[:, (0, 1, 3)]
     cost = (np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1) * weights) ** 2
@@ -252,7 +264,7 @@ def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats
 
 def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
     """``[N, 3]`` middle of the strings."""
-    return pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)
+    return pose.position[4] + SWEET_SPOT * pose.rotation[4] @ arm.axis
 
 
 def _columns(pose: ArmPose, point: Floats) -> Floats:

@@ -182,8 +182,8 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
         return in_chest(chest, collar, found)
 
     everyone = np.arange(n)
-    for step in range(5):
-        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=12 if not step else 4)
+    for step in range(4):
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=10 if not step else 4)
         poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
     exact = goal((60.0, 0.15, 0.15, 0.1), everyone)
     angles = solve(arm, exact, angles, rounds=14)
@@ -193,7 +193,7 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
         # Caught between limits: begin again from other poses of the same stroke.
         starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
         starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
-        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts)
+        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
         better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
         angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles
@@ -221,7 +221,7 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses
         elbow=np.tile(unit(np.array([0.62, 0.2, -0.75])), (n, 1)),
         weight=np.tile((10.0, 0.0, 0.0, 0.2), (n, 1)),
     )
-    found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=30)
+    found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=14)
     poses[keys[above], FREE_ARM] = found[above]
 
 

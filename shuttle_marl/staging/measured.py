@@ -59,6 +59,8 @@ class Measured:
 
 def quantile(knots: Floats, u: Floats) -> Floats:
     """Values ``[...]`` at shares ``u`` from quantiles ``[..., 5]`` at :data:`QUANTILES`, linear in between, held outside."""
+    if np.ndim(u) == 0:
+        return np.asarray(np.interp(u, QUANTILES, knots))
     u = np.clip(u, QUANTILES[0], QUANTILES[-1])
     k = np.clip(np.searchsorted(QUANTILES, u, side="right") - 1, 0, len(QUANTILES) - 2)
     levels = np.array(QUANTILES)

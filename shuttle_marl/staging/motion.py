@@ -11,7 +11,7 @@ from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import HELD, Performance, Prepared, perform, prepare
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
-from shuttle_marl.staging.plan import Plan, Player, plan_rally
+from shuttle_marl.staging.plan import Plan, Player, plan_rally, with_contacts_moved
 from shuttle_marl.staging.played import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
@@ -24,6 +24,7 @@ Floats32 = npt.NDArray[np.float32]
 
 HANDS: Final = ("right", "left")
 _ATTEMPTS: Final = 5
+_REPLANS: Final = 3
 _TOLERANCE: Final = 3e-3
 _TAIL: Final = 1.4
 """Time after the end of the last flight [s]."""
@@ -107,14 +108,19 @@ def stage(
     players = (_player(skeletons[0], right[0]), _player(skeletons[1], right[1]))
     plan = plan_rally(rally, load_measured(), players, seed=seed, fps=fps)
     frames = round((plan.end_time[-1] + _TAIL) * fps) + 1
+    for _ in range(_REPLANS):
+        ready = [_prepared(plan, seat, skeletons[seat], right[seat], frames, fps) for seat in (0, 1)]
+        missed = _missed(ready, right)
+        if not missed:
+            break
+        plan = with_contacts_moved(plan, missed)
     shuttle, velocity = shuttle_path(plan, frames, fps)
     rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
     planted = np.empty((frames, 2, 2), dtype=bool)
     contacts = np.rint(plan.time * fps).astype(np.int64)
     for seat in (0, 1):
         sign = own_frame(seat, right[seat])
-        timeline, prepared = _prepared(plan, seat, skeletons[seat], right[seat], frames, fps)
-        played = perform(skeletons[seat], timeline, prepared, shuttle * sign)
+        played = perform(skeletons[seat], *ready[seat], shuttle * sign)
         rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
         if seat == rally.server:
             hand = BONE["LeftHand"]
@@ -152,6 +158,16 @@ def _prepared(plan: Plan, seat: int, skeleton: Skeleton, right_handed: bool, fra
         # A little further than the miss, or the last millimetres would take many attempts.
         shift[strokes[missed]] += 1.15 * prepared.miss[missed]
     return timeline, prepared
+
+
+def _missed(ready: list[tuple[Timeline, Prepared]], right: tuple[bool, bool]) -> dict[int, Floats]:
+    """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
+    return {
+        hit.stroke: -miss * own_frame(seat, right[seat])
+        for seat, (timeline, prepared) in enumerate(ready)
+        for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
+        if np.linalg.norm(miss) > 2 * _TOLERANCE
+    }
 
 
 def _player(skeleton: Skeleton, right_handed: bool) -> Player:

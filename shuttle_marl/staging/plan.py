@@ -37,7 +37,7 @@ _REACTION: Final = 0.10
 _HEIGHT_OF_CORK: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 _SHORT_SERVE: Final = SHOTS.index("short-serve")
-_SLOT: Final = 32
+_SLOT: Final = 8
 """Draws set aside for each try of a stroke."""
 
 
@@ -66,6 +66,26 @@ class Plan:
     flight: Flights
     stance: tuple[Stance, ...]
     base: Floats
+
+
+def with_contacts_moved(plan: Plan, by: dict[int, Floats]) -> Plan:
+    """A plan in which some strokes are met elsewhere, at the same time; the flights to and from there follow.
+
+    Args:
+        plan: the rally.
+        by: ``[3]`` in the frame of the court, by number of the stroke [m].
+    """
+    contact, end_point = plan.contact.copy(), plan.end_point.copy()
+    for k, change in by.items():
+        contact[k] += change
+        if k:
+            end_point[k - 1] += change
+    rows = sorted({row for k in by for row in (k - 1, k) if row >= 0})
+    again = shoot(contact[rows], end_point[rows], (plan.end_time - plan.time)[rows])
+    fields = {f.name: getattr(plan.flight, f.name).copy() for f in dataclasses.fields(Flights)}
+    for name, value in fields.items():
+        value[rows] = getattr(again, name)
+    return dataclasses.replace(plan, contact=contact, end_point=end_point, flight=Flights(**fields))
 
 
 def facing(seat: int) -> float:
@@ -133,13 +153,17 @@ class _Planner:
         self, rally: PlayedRally, measured: Measured, players: tuple[Player, Player], key: draws.UInt64s, fps: int
     ) -> None:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
+        self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
         self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
 
     def uniform(self, stroke: int, number: int) -> float:
         """A draw from [0, 1), named by stroke and number."""
-        return float(draws.draw(draws.extend(self.key, stroke), number)[0] >> np.uint64(11)) * 2.0**-53
+        if stroke not in self.drawn:
+            bits = draws.draw(draws.extend(self.key, stroke), np.arange(_SLOT * (_TRIES + 1)))
+            self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
+        return float(self.drawn[stroke][number])
 
     def plan(self) -> Plan:
         rally, n = self.rally, len(self.rally)

@@ -7,8 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl import draws
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.rally import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.policy.base import Policy, States, checked_probabilities
+from shuttle_marl.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
 from shuttle_marl.stroke import Catalogue
 
 
@@ -86,3 +88,43 @@ class PlayedRally:
         """``[n]`` outcome of each stroke, index into ``shuttle_marl.rally.OUTCOMES``."""
         following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
         return np.r_[following, self.ending]
+
+
+def play_rallies(game: Game, policies: tuple[Policy, Policy], n: int, *, seed: int) -> list[PlayedRally]:
+    """Play n rallies, to have some to stage.
+
+    Args:
+        game: the tables.
+        policies: of seats 0 and 1; they read no score.
+        n: how many.
+        seed: names all draws; who serves is drawn too.
+    """
+    key = draws.stream(seed, np.arange(n))
+    server = (draws.draw(key, 0) & np.uint64(1)).astype(np.int64)
+    state, seat = np.full(n, ROOT, dtype=np.int32), server.copy()
+    strokes: list[list[int]] = [[] for _ in range(n)]
+    ending = np.zeros(n, dtype=np.int64)
+    alive, turn = np.arange(n), 0
+    while len(alive):
+        turn += 1
+        stroke = np.zeros(len(alive), dtype=np.int64)
+        bits = draws.draw(key[alive], turn)
+        for player in (0, 1):
+            rows = np.flatnonzero(seat[alive] == player)
+            chances = checked_probabilities(policies[player], States(game=game, state=state[alive[rows]]), f"seat {player}")
+            choice = (bits[rows] >> np.uint64(32)) * 2.0**-32
+            total = np.cumsum(chances, axis=1)
+            stroke[rows] = (total <= (choice * total[:, -1])[:, None]).sum(axis=1)
+        edge = game.edge_incoming[state[alive] >> 1]
+        rank = game.reply_rank[edge, state[alive] & 1, stroke]
+        outcome, following = strike(game, state[alive], rank, draws.outcome_draw(bits))
+        for row, played in zip(alive.tolist(), stroke.tolist(), strict=True):
+            strokes[row].append(played)
+        ending[alive] = outcome
+        state[alive] = following
+        seat[alive] = 1 - seat[alive]
+        alive = alive[outcome >= RETURNED_BELOW]
+    return [
+        PlayedRally(catalogue=game.catalogue, server=int(server[k]), stroke=np.array(strokes[k]), ending=int(ending[k]))
+        for k in range(n)
+    ]

@@ -20,12 +20,25 @@ def cross(a: Floats, b: Floats) -> Floats:
     return out
 
 
+class Hinge:
+    """Rotations about one unit axis ``[3]`` (Rodrigues), for many angles."""
+
+    def __init__(self, axis: Floats) -> None:
+        x, y, z = axis
+        self._sine = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        self._cosine = self._sine @ self._sine
+        self._rest = _IDENTITY + self._cosine
+
+    def __call__(self, angle: Floats | float) -> Floats:
+        """``[..., 3, 3]`` rotations by angles ``[...]`` [rad]."""
+        angle = np.asarray(angle, dtype=np.float64)[..., None, None]
+        out: Floats = self._rest + np.sin(angle) * self._sine - np.cos(angle) * self._cosine
+        return out
+
+
 def about(axis: Floats, angle: Floats | float) -> Floats:
-    """``[..., 3, 3]`` rotation by angles ``[...]`` [rad] about one unit axis ``[3]`` (Rodrigues)."""
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.asarray(angle, dtype=np.float64)[..., None, None]
-    return _IDENTITY + np.sin(angle) * skew + (1 - np.cos(angle)) * (skew @ skew)
+    """``[..., 3, 3]`` rotation by angles ``[...]`` [rad] about one unit axis ``[3]``."""
+    return Hinge(axis)(angle)
 
 
 def exponential(v: Floats) -> Floats:
@@ -45,7 +58,7 @@ def skewed(v: Floats) -> Floats:
 
 def turned(angle: Floats | float) -> Floats:
     """``[..., 3, 3]`` rotation about the vertical, anticlockwise seen from above [rad]."""
-    return about(np.array([0.0, 0.0, 1.0]), angle)
+    return _TURN(angle)
 
 
 def yaw_pitch_roll(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
@@ -53,7 +66,7 @@ def yaw_pitch_roll(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
 
     The axes are the body's own: x to the right, y forward, z up.
     """
-    return turned(yaw) @ about(np.array([-1.0, 0.0, 0.0]), pitch) @ about(np.array([0.0, 1.0, 0.0]), roll)
+    return _TURN(yaw) @ _BOW(pitch) @ _LEAN(roll)
 
 
 def turned_bowed_leant(m: Floats) -> tuple[Floats, Floats, Floats]:
@@ -109,3 +122,6 @@ def matrix(q: npt.NDArray[np.floating]) -> Floats:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+_TURN, _BOW, _LEAN = (Hinge(np.array(axis)) for axis in ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
