@@ -86,8 +86,9 @@ class LogHeader:
             raise RecordingError(f"draws {self.draws!r}: expected {', '.join(get_args(Draws))}")
         if self.columns != tuple(name for name in EXTRA_COLUMNS if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {EXTRA_COLUMNS}, in that order")
-        if self.matches_per_draw < 1 or self.part < 0 or self.first_rally < 0:
-            raise RecordingError("matches_per_draw, part or first_rally: expected numbers from 1, 0 and 0 on")
+        for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
+            if not least <= getattr(self, name) < limit:
+                raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
         Sampling.parse(self.record)
 
     def rally_key(self, rallies: Rallies) -> UInt64s:

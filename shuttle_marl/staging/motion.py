@@ -69,13 +69,21 @@ class Motion:
     def sweet_spot(self) -> Floats:
         """``[F, 2, 3]`` the middle of the strings of both rackets."""
         racket = BONE["Racket"]
-        axis = np.stack([_shaft(s, h == "right") for s, h in zip(self.skeletons, self.handedness, strict=True)])
+        axis = np.stack([self.racket(seat)[0] for seat in (0, 1)])
         turn = matrix(self.rotation[:, :, racket])
         return self.position[:, :, racket] + SWEET_SPOT * apply(turn, np.broadcast_to(axis, (*turn.shape[:2], 3)))
 
     def parents(self, seat: int) -> npt.NDArray[np.int64]:
         """``[23]`` parent of every bone of a player, -1 for the hips."""
         return self.skeletons[seat].parents(right_handed=self.handedness[seat] == "right")
+
+    def rest(self, seat: int) -> Floats:
+        """``[23, 3]`` where every bone of a player begins at rest [m]."""
+        return self.skeletons[seat].rest_pose(right_handed=self.handedness[seat] == "right")
+
+    def racket(self, seat: int) -> tuple[Floats, Floats]:
+        """Shaft and forehand side of the strings of a player's racket at rest, ``[3]`` each."""
+        return self.skeletons[seat].racket(right_handed=self.handedness[seat] == "right")
 
 
 def stage(
@@ -189,8 +197,3 @@ def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.
     # What is left of the signs after the mirror is a turn of the whole player.
     turn = np.diag([sign[1], sign[1], 1.0])
     return quaternion(turn @ rotation), position, planted
-
-
-def _shaft(skeleton: Skeleton, right_handed: bool) -> Floats:
-    axis = skeleton.grip_axis
-    return axis if right_handed else axis * np.array([-1.0, 1.0, 1.0])

@@ -90,6 +90,15 @@ class Skeleton:
         out[BONE["Racket"]] = BONE["RightHand" if right_handed else "LeftHand"]
         return out
 
+    def rest_pose(self, *, right_handed: bool) -> Floats:
+        """``[23, 3]`` where each bone begins at rest, the racket in the hand that plays [m]."""
+        return self.rest if right_handed else self.rest[MIRROR] * np.array([-1.0, 1.0, 1.0])
+
+    def racket(self, *, right_handed: bool) -> tuple[Floats, Floats]:
+        """Direction of the shaft, and of the side of the strings that a forehand strikes with, at rest: ``[3]`` each."""
+        side = np.array([1.0 if right_handed else -1.0, 1.0, 1.0])
+        return self.grip_axis * side, self.grip_normal * side
+
     @functools.cached_property
     def leg(self) -> tuple[float, float]:
         """Lengths of thigh and shank [m]."""

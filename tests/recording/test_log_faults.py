@@ -1,5 +1,6 @@
 """Files that were cut off or changed, processes that were killed, disks that are full."""
 
+import json
 import os
 import shutil
 import signal
@@ -11,18 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.records import Message
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.batch import decode, encode
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.container import UNDECODABLE
 from shuttle_marl.recording.parts import unfinished
 from shuttle_marl.recording.salvage import salvage
 from shuttle_marl.recording.schema import DamagedLogError
-
-LENGTHS = (0, 2**31, 2**32, 2**63 - 1, 2**64 - 1)
 
 
 def read_all(path: Path) -> int:
@@ -36,72 +32,23 @@ def read_all(path: Path) -> int:
         return log.n_rallies
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """One of the usual accidents: bits flipped, bytes overwritten, a stretch cut out or doubled, the end cut off."""
-    data = bytearray(content)
-    at = int(rng.integers(len(data)))
-    match rng.integers(6):
-        case 0:
-            data[at] ^= 1 << rng.integers(8)
-        case 1:
-            data[at : at + 8] = bytes(rng.integers(0, 256, 8, dtype=np.uint8))
-        case 2:
-            del data[at : at + int(rng.integers(1, 200))]
-        case 3:
-            data[at:at] = data[at : at + int(rng.integers(1, 200))]
-        case 4:
-            del data[at:]
-        case _:
-            data[at : at + 8] = LENGTHS[rng.integers(len(LENGTHS))].to_bytes(8, "little")
-    return bytes(data)
-
-
 @pytest.mark.slow
-def test_damaged_files_are_read_right_or_refused(log_file: Path, tmp_path: Path) -> None:
-    """Whatever is still read, by number or recovered, is what was written; everything else is a RecordingError."""
-    content = log_file.read_bytes()
-    with RallyLog(log_file) as log:
-        expected = {first: batch.stroke.tobytes() for first, batch in log.batches()}
-    rng = np.random.default_rng(0)
-    read = refused = 0
-    path, saved = tmp_path / "mutated.mcap", tmp_path / "saved.mcap"
-    for _ in range(400):
-        path.write_bytes(mutated(content, rng))
-        begun = time.monotonic()
-        try:
-            read_all(path)
-            with RallyLog(path) as log:
-                assert all(batch.stroke.tobytes() == expected[first] for first, batch in log.batches())
-            read += 1
-        except RecordingError:
-            refused += 1
-        try:
-            recover(path, saved)
-            with RallyLog(saved) as log:
-                assert all(batch.stroke.tobytes() == expected[first] for first, batch in log.batches())
-        except RecordingError:
-            pass
-        saved.unlink(missing_ok=True)
-        assert time.monotonic() - begun < 5
-    assert read > 0
-    assert refused > 100
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on memory")
+def test_bad_files_are_read_right_or_refused(tmp_path: Path) -> None:
+    """Damaged and hostile files, in a process with little memory: nothing but the reader's own error, and nothing wrong.
 
-
-def test_messages_with_right_checksums_and_wrong_contents(header, rallies) -> None:
-    """What a hostile writer could send: checksums do not help against it, so the decoder has to."""
-    data = encode(0, rallies(64), len(header().strokes))
-    rng = np.random.default_rng(0)
-    refused = 0
-    for _ in range(2000):
-        changed = mutated(data, rng)
-        message = Message(channel_id=1, log_time=0, data=changed, publish_time=0, sequence=0)
-        try:
-            _, read = decode(message, header())
-            assert read.stroke.max() < len(header().strokes)
-            assert read.length.min() >= 1
-        except (DamagedLogError, *UNDECODABLE):
-            refused += 1
-    assert 200 < refused < 2000
+    The environment variable SHUTTLE_MUTATIONS says how many files.
+    """
+    count = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
+    command = [sys.executable, str(Path(__file__).with_name("mutate.py")), str(tmp_path), str(count), "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["files"] == count
+    assert found["slowest_s"] < 5
+    for kind in ("accident", "accident_to_a_part", "message", "index", "head"):
+        assert found[f"{kind}: not read"] > 0
+        assert found[f"{kind}: recovered"] > 0
 
 
 def test_a_change_of_any_byte_is_found_by_the_check(log_file: Path, tmp_path: Path) -> None:

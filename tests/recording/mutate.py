@@ -1,0 +1,199 @@
+"""Reads, checks and recovers logs with accidents and with malice in them, in a process with little memory.
+
+    python mutate.py FOLDER COUNT SEED
+
+Prints how many were read and how many refused. Whatever is not a RecordingError ends the process: another exception, a crash,
+half a minute without a result, a result that was not written.
+"""
+
+import dataclasses
+import faulthandler
+import hashlib
+import json
+import resource
+import sys
+import time
+import zlib
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex
+
+from conftest import a_header, some_rallies
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording.batch import encode
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.container import INDEX_NAME, read_record, read_summary, stream
+from shuttle_marl.recording.file_writer import LogFileWriter
+from shuttle_marl.recording.parts import part_path, unfinished
+
+MEMORY = 768 << 20
+"""More address space than the process has after its imports [bytes]; reading a log of this size needs a few megabytes."""
+LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)
+JUNK = (None, True, -1, 0, 2**40, 2**70, 1.5, "", "x", [], [1, "a"], {}, {"a": 1}, ["smash:front-left:above:forehand"] * 300)
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """One to three of the usual accidents: bits flipped, bytes overwritten, a stretch cut out or doubled, the end cut off."""
+    data = bytearray(content)
+    for _ in range(rng.integers(1, 4)):
+        at = int(rng.integers(max(1, len(data))))
+        match rng.integers(7):
+            case 0:
+                data[at : at + 1] = bytes(byte ^ 1 << rng.integers(8) for byte in data[at : at + 1])
+            case 1:
+                data[at : at + 8] = rng.bytes(8)
+            case 2:
+                del data[at : at + int(rng.integers(1, 200))]
+            case 3:
+                data[at:at] = data[at : at + int(rng.integers(1, 200))]
+            case 4:
+                del data[at:]
+            case 5:
+                data[at : at + 8] = LENGTHS[rng.integers(len(LENGTHS))].to_bytes(8, "little")
+            case _:
+                data[at : at + 4] = (LENGTHS[rng.integers(len(LENGTHS))] & 0xFFFFFFFF).to_bytes(4, "little")
+    return bytes(data)
+
+
+class Mutator:
+    """Makes bad logs out of good ones.
+
+    Args:
+        folder: an empty folder to work in.
+        seed: of the mutations.
+    """
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.path = folder / "bad.mcap"
+        self.header = a_header(columns=("update", "value"))
+        n = int((whole := some_rallies(60)).length.sum())
+        extra = {"update": np.arange(60, dtype=np.uint32), "value": np.linspace(-1, 1, n, dtype=np.float32)}
+        self.rallies: Rallies = dataclasses.replace(whole, **extra)
+        self.good = folder / "good.mcap"
+        with RallyLogWriter(self.good, self.header, batch_rallies=16, max_bytes=12_000) as log:
+            log.append(self.rallies)
+        self.files = [self.good, part_path(self.good, 1)]
+        self.contents = [file.read_bytes() for file in self.files]
+        self.strokes = {first: batch.stroke.tobytes() for first, batch in RallyLog(self.good).batches()}
+        assert len(self.strokes) == 4
+
+    def make(self, kind: str) -> None:
+        """Write the bad log of a kind."""
+        for number in range(4):
+            for path in (part_path(self.path, number), unfinished(part_path(self.path, number))):
+                path.unlink(missing_ok=True)
+        getattr(self, kind)()
+
+    def accident(self) -> None:
+        """A file that was damaged."""
+        self.path.write_bytes(mutated(self.contents[0], self.rng))
+
+    def accident_to_a_part(self) -> None:
+        """A log of two files, one of which was damaged."""
+        bad = self.rng.integers(2)
+        for number, content in enumerate(self.contents):
+            part_path(self.path, number).write_bytes(mutated(content, self.rng) if number == bad else content)
+
+    def message(self) -> None:
+        """A wrong message with a right checksum."""
+        log = LogFileWriter(self.path, self.header, fsync_seconds=60)
+        part = self.rallies.part(0, 30)
+        log.write(0, mutated(encode(0, part, len(self.header.strokes)), self.rng), part)
+        log.close()
+
+    def index(self) -> None:
+        """A wrong index with a right checksum."""
+        content = bytearray(self.contents[0])
+        with self.good.open("rb") as file:
+            places = [
+                found.offset
+                for opcode, body in read_summary(file, len(content))
+                if opcode == Opcode.ATTACHMENT_INDEX and (found := AttachmentIndex.read(stream(body))).name == INDEX_NAME
+            ]
+            body = bytearray(read_record(file, places[0], len(content), Opcode.ATTACHMENT))
+        at = int(self.rng.integers(len(body) - 4))
+        value = LENGTHS[self.rng.integers(len(LENGTHS))].to_bytes(8, "little")[: len(body) - 4 - at]
+        body[at : at + len(value)] = value
+        body[-4:] = zlib.crc32(body[:-4]).to_bytes(4, "little")
+        content[places[0] + 9 : places[0] + 9 + len(body)] = body
+        self.path.write_bytes(content)
+
+    def head(self) -> None:
+        """A wrong header with a right checksum."""
+        header = StrangeHeader(**{f.name: getattr(self.header, f.name) for f in dataclasses.fields(LogHeader)})
+        name = str(self.rng.choice([f.name for f in dataclasses.fields(LogHeader)]))
+        header.strange[name] = JUNK[self.rng.integers(len(JUNK))]
+        log = LogFileWriter(self.path, header, fsync_seconds=60)
+        log.write(0, encode(0, self.rallies.part(0, 30), len(self.header.strokes)), self.rallies.part(0, 30))
+        log.close()
+
+
+class StrangeHeader(LogHeader):
+    """A header that is written with other values in some fields."""
+
+    @property
+    def strange(self) -> dict[str, Any]:
+        return self.__dict__.setdefault("_strange", {})
+
+    def to_metadata(self) -> dict[str, str]:
+        metadata = super().to_metadata()
+        fields = {**json.loads(metadata["header"]), **self.strange}
+        text = json.dumps(fields)
+        return {**metadata, "header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+
+
+def read_all(path: Path) -> dict[int, bytes]:
+    """Everything that can be asked of a log; the strokes of its batches."""
+    with RallyLog(path) as log:
+        found = {first: batch.stroke.tobytes() for first, batch in log.batches()}
+        log.rally_table()
+        log.stroke_table()
+        if log.n_rallies:
+            log.rally(int(log.first_rally[-1]))
+        log.numbers_of_match(0, 7)
+        return found
+
+
+def main(folder: Path, count: int, seed: int) -> None:
+    game = default_game()
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, resource.RLIM_INFINITY))
+    mutator = Mutator(folder, seed)
+    kinds = ("accident", "accident", "accident_to_a_part", "message", "index", "head")
+    results: Counter[str] = Counter()
+    slowest, saved = 0.0, folder / "saved.mcap"
+    for number in range(count):
+        kind = kinds[number % len(kinds)]
+        mutator.make(kind)
+        faulthandler.dump_traceback_later(30, exit=True)
+        begun = time.monotonic()
+        for what, work in (
+            ("read", lambda: read_all(mutator.path)),
+            ("checked", lambda: check(mutator.path, game)),
+            ("recovered", lambda: read_all(recover(mutator.path, saved).path)),
+        ):
+            try:
+                found = work()
+            except RecordingError:
+                results[f"{kind}: not {what}"] += 1
+                continue
+            results[f"{kind}: {what}"] += 1
+            if "accident" in kind and isinstance(found, dict):
+                assert all(mutator.strokes[first] == strokes for first, strokes in found.items()), (
+                    f"{kind} {number}: {what} wrongly"
+                )
+        slowest = max(slowest, time.monotonic() - begun)
+        saved.unlink(missing_ok=True)
+    faulthandler.cancel_dump_traceback_later()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    sys.stdout.write(json.dumps({"files": count, "slowest_s": slowest, "peak_kib": peak, **dict(sorted(results.items()))}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
