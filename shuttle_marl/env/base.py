@@ -106,6 +106,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.agent_selection = AGENTS[0]
         self.infos: dict[str, dict[str, Any]] = {}
         self._state = ROOT
+        self._live = False
         self._striker = 0
         self._source = EpisodeDraws(0)
         self._rally = 0
@@ -159,7 +160,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self.render()
 
     def observe(self, agent: str) -> Observation:
-        """Observation and action mask of an agent; the mask of the one not to hit is zero."""
+        """Observation and action mask of an agent; the mask of the one not to hit is zero, as are both before the first reset."""
         player = _INDEX[agent]
         row = self._tables.rows[self._state]
         if player == self._striker:

@@ -67,6 +67,7 @@ class raw_env(ShuttleEnv):
         self.first_server = first_server
         self.reward = reward
         self.rules = rules
+        self._clear_match(server=0)
 
     def score_of(self, player: int) -> tuple[int, int, int, int]:
         """Own points, the opponent's points, own games and the opponent's games before the current rally."""
@@ -77,12 +78,15 @@ class raw_env(ShuttleEnv):
         assert self.last_seed is not None
         self._source = EpisodeDraws(self.last_seed, self.episode)
         self._rally = 0
+        server = self._source.first_server(0) if self.first_server is None else self.first_server
+        self._clear_match(server)
+        return server
+
+    def _clear_match(self, server: int) -> None:
         self._by_game: list[list[int]] = [[0, 0]]
         self._games = [0, 0]
         self._match_winner: int | None = None
-        server = self._source.first_server(0) if self.first_server is None else self.first_server
         self._note_score(server)
-        return server
 
     def _end_rally(self, winner: int) -> None:
         points = self._by_game[-1]

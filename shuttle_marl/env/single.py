@@ -76,7 +76,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return won, lost
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """``[n]`` legal strokes, by the name under which sb3-contrib asks for them."""
+        """``[n]`` legal strokes, none before the first reset; sb3-contrib asks for them by this name."""
         return self.raw.observe(self._agent)["action_mask"].astype(bool)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:

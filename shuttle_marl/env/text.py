@@ -45,6 +45,8 @@ def standing(snapshot: Snapshot) -> str:
     names = snapshot.names
     if snapshot.striker is not None and snapshot.reason is None:
         return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}"
+    if snapshot.reason is None:
+        return "no rally has begun"
     if snapshot.winner is None:
         return f"no result: {snapshot.reason}"
     text = f"{names[snapshot.winner]} wins the rally ({snapshot.reason})"

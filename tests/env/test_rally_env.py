@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl import rally_v0
+from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.court import AREAS
 from shuttle_marl.draws import draw, outcome_draw, stream
 from shuttle_marl.dynamics import default_game, model_folder
@@ -239,6 +239,16 @@ def test_the_order_of_calls_is_checked():
     env.reset(seed=0)
     with pytest.raises(AssertionError, match="need to call step"):
         list(env.agent_iter())
+
+
+@pytest.mark.parametrize("module", [rally_v0, match_v0])
+def test_nothing_is_legal_before_the_first_reset(module):
+    env = module.raw_env(render_mode="ansi")
+    for agent in env.possible_agents:
+        seen = env.observe(agent)
+        assert env.observation_space(agent).contains(seen)
+        assert not seen["action_mask"].any()
+    assert env.render().endswith("no rally has begun\n")
 
 
 def test_done_agents_take_no_stroke(play):

@@ -1,0 +1,134 @@
+"""Libraries as they come, unmodified, on the environments: sb3-contrib, TorchRL's wrappers."""
+
+from types import ModuleType
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.evaluation import evaluate_policy
+from sb3_contrib.common.maskable.utils import is_masking_supported
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.env_util import make_vec_env
+from torchrl.envs.libs.gym import GymEnv, GymWrapper
+from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+from torchrl.envs.utils import check_env_specs
+
+from shuttle_marl import exact, match_v0, rally_v0
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.env.observation import features
+from shuttle_marl.policy.base import Policy, States
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+
+GAME = default_game()
+NAMES = ("shuttle_marl/Rally-v0", "shuttle_marl/Match-v0")
+
+
+class Learned:
+    """What a MaskablePPO plays, as a policy, so that its winning chances can be computed instead of sampled."""
+
+    def __init__(self, model: MaskablePPO) -> None:
+        self._model, self._features = model, features(GAME)
+
+    def probabilities(self, states: States) -> np.ndarray:
+        seen = {
+            "observation": torch.from_numpy(self._features[states.state]),
+            "action_mask": torch.from_numpy(states.mask.astype(np.int8)),
+        }
+        with torch.no_grad():
+            found = self._model.policy.get_distribution(seen, action_masks=states.mask)
+        p: np.ndarray = found.distribution.probs.double().numpy() * states.mask
+        return p / p.sum(axis=1, keepdims=True)
+
+
+def chance_against_bc(policy: Policy) -> float:
+    """Exact chance to win a rally against ``bc``."""
+    return exact.evaluate(tabulate(policy, GAME), tabulate(resolve("bc", GAME), GAME)).odds().rally
+
+
+@pytest.mark.slow
+def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
+    """Winning chances are exact, so neither luck nor noise of a sample decides; 32 thousand steps, one fixed seed."""
+    torch.set_num_threads(1)
+    env = make_vec_env(NAMES[0], n_envs=16, seed=0, env_kwargs={"opponent": "bc"})
+    model = MaskablePPO(
+        "MultiInputPolicy",
+        env,
+        seed=0,
+        n_steps=128,
+        batch_size=512,
+        n_epochs=4,
+        gamma=1.0,
+        learning_rate=1e-3,
+        policy_kwargs={"net_arch": [64]},
+    )
+    model.learn(32_768)
+    random = chance_against_bc(resolve("random", GAME))
+    assert chance_against_bc(Learned(model)) > random + 0.06
+    reward, _ = evaluate_policy(model, gymnasium.make(NAMES[0]), n_eval_episodes=50, deterministic=False, warn=False)
+    assert -1 <= reward <= 1
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("name", NAMES)
+def test_stable_baselines_finds_the_environment_in_order(name: str) -> None:
+    env = gymnasium.make(name)
+    check_env(env, warn=True)
+    assert is_masking_supported(env)
+    vector = make_vec_env(name, n_envs=2)
+    assert is_masking_supported(vector)
+    assert not np.any(vector.env_method("action_masks")), "no rally has begun"
+    vector.reset()
+    masks = np.stack(vector.env_method("action_masks"))
+    assert masks.shape == (2, GAME.n_strokes)
+    assert masks.any(axis=1).all()
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("module", [rally_v0, match_v0])
+def test_torchrl_rolls_pettingzoo_out(module: ModuleType) -> None:
+    env = PettingZooWrapper(module.env(), use_mask=True)
+    env.set_seed(3)
+    rewards: dict[str, list[float]] = {"player_0": [], "player_1": []}
+    for _ in range(20):
+        rollout = env.rollout(100)
+        for player, found in rewards.items():
+            now, following = rollout[player], rollout["next", player]
+            acts = now["mask"].squeeze(-1)
+            legal = now["action_mask"].squeeze(1).gather(1, now["action"]).squeeze(1)
+            assert legal[acts].all()
+            found.append(float(following["reward"].sum()))
+        acting = torch.cat([rollout[player]["mask"] for player in rewards], dim=1)
+        assert (acting.sum(dim=1) == 1).all(), "one of the two strikes"
+    if module is rally_v0:
+        assert rewards["player_0"] == [-reward for reward in rewards["player_1"]]
+        assert set(rewards["player_0"]) == {-1.0, 1.0}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("make", [GymEnv, lambda name, **kwargs: GymWrapper(gymnasium.make(name, **kwargs))])
+def test_torchrl_rolls_gymnasium_out(make: Any, name: str) -> None:
+    env = make(name, opponent="bc")
+    check_env_specs(env, seed=0)
+    rollout = env.rollout(100, break_when_any_done=False)
+    assert rollout.batch_size == torch.Size([100])
+    assert rollout["action_mask"].shape == (100, GAME.n_strokes)
+    over = rollout["next", "terminated"]
+    assert over.any()
+    assert torch.equal(rollout["next", "reward"] != 0, over)
+
+
+def test_gymnasiums_wrappers_fit() -> None:
+    env: Any = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.make(NAMES[0]))
+    env = gymnasium.wrappers.FlattenObservation(gymnasium.wrappers.TransformReward(env, lambda reward: reward / 2))
+    seen, _ = env.reset(seed=1)
+    over = False
+    while not over:
+        masks = env.get_wrapper_attr("action_masks")()
+        assert seen.shape == (GAME.n_strokes + 56,)
+        seen, reward, over, _, info = env.step(int(masks.argmax()))
+    assert abs(reward) == 0.5
+    assert abs(info["episode"]["r"]) == 1
