@@ -22,10 +22,11 @@ METADATA: Final = "shuttle_marl.rally_log"
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs in which every rally stands for itself: a match of one point."""
 
-Draws = Literal["league", "rally_v0", "match_v0", "unknown"]
+Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 """What names the draws of a rally, beside the seed.
 
 ``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
+``training``: match, but the key of the pairing takes the place of the seed, because a run names its draws anew now and then;
 ``unknown``: the draws cannot be made again.
 """
 
@@ -105,6 +106,12 @@ class LogHeader:
             return draw_stream(self.seed, match)
         if self.draws == "match_v0":
             return draw_stream(self.seed, match, rally)
+        if self.draws == "training":
+            keys = np.empty(len(rallies), dtype=np.uint64)
+            for pairing in np.unique(rallies.pairing):
+                mine = rallies.pairing == pairing
+                keys[mine] = draw_stream(self.pairings[pairing], match[mine])
+            return keys
         raise RecordingError("the draws of this log are unknown")
 
     def to_metadata(self) -> dict[str, str]:

@@ -5,6 +5,7 @@ numbers of the rallies. All of that follows from the seed, because the environme
 compiled, at the ends of rallies alone. Needs numba, so it is imported where it is used.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final, Literal, NamedTuple
 
@@ -355,8 +356,7 @@ class RallyTrace:
             how, *now = _follow(self._setting, self._rows, ended, played, self._seed_key, at)
             at = (now[0], now[1], now[2])
             if how == _DONE:
-                found = [*self._unseen, self._rallies(ended, at[1], at[2], update)]
-                self._unseen = []
+                found = [*self._begun(update), self._rallies(ended, at[1], at[2], update)]
                 return Rallies.join(found) if len(found) > 1 else found[0]
             if how == _WRONG:
                 raise RecordingError(f"row {at[0]}: its strokes do not follow from the seed; the environment plays other rallies")
@@ -370,6 +370,11 @@ class RallyTrace:
                 for field, old in ended._asdict().items():
                     getattr(larger, field)[..., : old.shape[-1]] = old
                 ended = larger
+
+    def _begun(self, update: int) -> list[Rallies]:
+        """The rallies that were over as the rows began, once."""
+        begun, self._unseen = self._unseen, []
+        return [dataclasses.replace(r, update=np.full(len(r), update, np.uint32)) if self._update else r for r in begun]
 
     def _room(self, strokes: int, rallies: int) -> _Ended:
         return _Ended(

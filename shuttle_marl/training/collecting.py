@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import torch
 from tensordict import TensorDictBase
+from torchrl._utils import seed_generator
 from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
@@ -16,6 +17,14 @@ from shuttle_marl.training.config import TrainingConfig
 
 _SEEDS = 1 << 31
 """TorchRL hands seeds to numpy and torch, which take 32 bits."""
+
+
+def seeds(seed: int, processes: int) -> tuple[int, ...]:
+    """Seeds of the environments of all processes, of which :meth:`Strokes.begin` is given one number."""
+    found = [seed % _SEEDS]
+    while len(found) < processes:
+        found.append(seed_generator(found[-1]))  # as TorchRL hands them on
+    return tuple(found)
 
 
 class Strokes:
@@ -49,8 +58,7 @@ class Strokes:
             self._collector = self._several()
             self._collector.set_seed(seed)
         else:
-            self._collector.set_seed(seed)
-            self._collector.reset()
+            self._collector.set_seed(seed)  # which also begins anew
 
     def collect(self) -> TensorDictBase:
         """``[rows, steps]`` strokes by the present weights."""

@@ -37,6 +37,8 @@ class TrainingConfig:
     """Go on with the run in --out (or the default folder) from its last checkpoint."""
     overwrite: bool = False
     """Replace the run that stands in --out."""
+    record: str = "all"
+    """Which rallies go into the run's rally log: all, none, or sample:N for one rally in N; never changes the weights."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     warm_start: str | None = None
@@ -65,6 +67,9 @@ class TrainingConfig:
     """Threads of PyTorch in this process; part of what decides a run, because sums are split by it."""
 
     def __post_init__(self) -> None:
+        from shuttle_marl.recording.sampling import Sampling  # noqa: PLC0415  pyarrow; not for a help page
+
+        Sampling.parse(self.record)
         for name in ("strokes", "rows", "steps", "width", "evaluate_every", "checkpoint_every", "processes", "threads"):
             if getattr(self, name) < 1:
                 raise TrainingError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected 1 or more")

@@ -23,12 +23,13 @@ from shuttle_marl.rally import Game
 from shuttle_marl.training.a2c import A2C
 from shuttle_marl.training.agents import save_agent
 from shuttle_marl.training.checkpoints import finite, last_checkpoint, save_checkpoint
-from shuttle_marl.training.collecting import Strokes
+from shuttle_marl.training.collecting import Strokes, seeds
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.inference import imitate, logit_network, tabulated
 from shuttle_marl.training.learner import Learner, NotFiniteError, Tensors
 from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.recorded import RALLIES, NoLog, RunLog, open_log
 from shuttle_marl.training.sac import SAC
 
 AGENT: Final = "agent"
@@ -68,6 +69,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         GameError: the model cannot be found; nothing was written.
         RunError: the run folder cannot be used.
         TrainingError: learning went astray, or a checkpoint cannot be written; the last checkpoint is whole.
+        RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
     """
     console = console or Console(quiet=True)
     game = load_game(config.game)
@@ -96,8 +98,11 @@ class _Run:
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
         self.strokes = Strokes(config, game, opponents, self.learner.actor)
+        self.opponents = opponents
         self.iteration, self.seconds = 0, 0.0
         self.stopped = False
+        self.rallies = 0
+        """Rallies in the log at the last checkpoint."""
 
     def go(self) -> TrainingRun:
         config = self.config
@@ -125,23 +130,39 @@ class _Run:
                     evaluation = self._evaluate(losses, board)
                     bar.update(task, now=self._now(evaluation))
 
+            log = self._open_log()
             try:
                 while self.iteration < config.iterations and not self.stopped:
-                    self._segment(after)
+                    self._segment(after, log)
+            except BaseException:
+                log.abort()
+                raise
             finally:
                 self.strokes.close()
+            log.close()
         return self._finish(about)
 
-    def _segment(self, after: Callable[[dict[str, float]], None]) -> None:
+    def _open_log(self) -> RunLog:
+        config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
+        if ended and (self.folder / RALLIES).exists():
+            return NoLog()
+        segments = range(-(-config.iterations // config.checkpoint_every))
+        environments = [seeds(self._seed(_SEGMENT, segment), config.processes) for segment in segments]
+        return open_log(self.folder, config, self.game, self.opponents, environments, rallies=self.rallies)
+
+    def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog) -> None:
         """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
         config = self.config
-        self.strokes.begin(self._seed(_SEGMENT, self.iteration // config.checkpoint_every))
+        segment = self.iteration // config.checkpoint_every
+        self.strokes.begin(self._seed(_SEGMENT, segment))
+        log.begin(segment)
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             data = self.strokes.collect()
             try:
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
             except NotFiniteError as error:
                 raise self._astray(str(error)) from error
+            log.add(data, self.iteration)
             self.iteration += 1
             after(losses)
             if self.stopped:
@@ -149,7 +170,10 @@ class _Run:
         state = self.learner.state()
         if not finite(state):
             raise self._astray("a weight is no finite number")
-        save_checkpoint(self.folder, self.iteration, state, {"seconds": self.seconds, "stopped": self.stopped})
+        # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
+        self.rallies = log.flush()
+        about = {"seconds": self.seconds, "stopped": self.stopped, "rallies": self.rallies}
+        save_checkpoint(self.folder, self.iteration, state, about)
 
     def _astray(self, what: str) -> NotFiniteError:
         saved = last_checkpoint(self.folder)
@@ -187,6 +211,7 @@ class _Run:
             return None
         about, state = saved
         self.iteration, self.seconds, self.stopped = about["iteration"], about["seconds"], about["stopped"]
+        self.rallies = about["rallies"]
         self.learner.restore(state)
         path = self.folder / METRICS
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []

@@ -35,6 +35,10 @@ def weights(run: Path) -> bytes:
     return (run / "agent" / "network.safetensors").read_bytes()
 
 
+def rallies(run: Path) -> bytes:
+    return (run / "rallies.mcap").read_bytes()
+
+
 def metrics(run: Path) -> list[dict[str, float]]:
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
@@ -63,6 +67,7 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
     assert weights(resumed.folder) == weights(whole.folder)
+    assert rallies(resumed.folder) == rallies(whole.folder)
     assert metrics(resumed.folder) == metrics(whole.folder)
     assert (resumed.policy.cumulative == whole.policy.cumulative).all()
     other = train(dataclasses.replace(config, out=tmp_path / "other", seed=1))
@@ -86,6 +91,7 @@ def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None
     assert not (tmp_path / "killed" / "agent").exists()
     subprocess.run([*command, "--out", str(tmp_path / "killed"), "--resume"], check=True, timeout=300, env=environment)
     assert weights(tmp_path / "killed") == weights(tmp_path / "whole")
+    assert rallies(tmp_path / "killed") == rallies(tmp_path / "whole")
 
 
 def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:

@@ -1,0 +1,205 @@
+"""The rally log of a training run: every rally that the collectors play, without a share in what is learned.
+
+The learner sees its own strokes alone; :class:`~shuttle_marl.recording.trace.RallyTrace` works out the rest, in the recorder's
+thread. A run names its draws anew with every checkpoint, so a pairing of the log is what one process plays between two
+checkpoints, and its key is the seed of that environment. Rallies that a checkpoint interrupts are played no further, and are
+not recorded.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from tensordict import TensorDictBase
+
+from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.rally import Game
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
+from shuttle_marl.recording.resume import resume
+from shuttle_marl.recording.trace import RallyTrace
+from shuttle_marl.training.config import TrainingConfig
+
+RALLIES: Final = "rallies.mcap"
+"""The rally log in the folder of a run."""
+_ENTRIES: Final = {"log_probability": "action_log_prob", "value": "state_value"}
+"""Columns of the log, and what they are called in what is collected."""
+_COLUMNS: Final = {"ppo": ("update", *_ENTRIES), "a2c": ("update", *_ENTRIES), "sac": ("update",)}
+_STROKES_A_STEP: Final = 2
+"""The learner's stroke and the reply to it, to count what waits."""
+
+
+class RunLog(Protocol):
+    """Where the rallies of a run go."""
+
+    def begin(self, segment: int) -> None:
+        """From here on rallies belong to what follows the given checkpoint, counted from 0."""
+        ...
+
+    def add(self, data: TensorDictBase, update: int) -> None:
+        """Record ``[rows, steps]`` strokes after the learner has learned from them.
+
+        Raises:
+            RecordingError: the log cannot be written any further; every rally before is there.
+        """
+        ...
+
+    def flush(self) -> int:
+        """Have everything on the disk; returns the number of rallies there."""
+        ...
+
+    def close(self) -> None:
+        """Move the log into place."""
+        ...
+
+    def abort(self) -> None:
+        """Leave the log unfinished, for a run that goes on with it."""
+        ...
+
+
+class NoLog:
+    """Records nothing."""
+
+    def begin(self, segment: int) -> None:
+        """Nothing."""
+
+    def add(self, data: TensorDictBase, update: int) -> None:
+        """Nothing."""
+
+    def flush(self) -> int:
+        """No rally."""
+        return 0
+
+    def close(self) -> None:
+        """Nothing."""
+
+    def abort(self) -> None:
+        """Nothing."""
+
+
+def open_log(
+    folder: Path,
+    config: TrainingConfig,
+    game: Game,
+    opponents: Sequence[TabulatedPolicy],
+    seeds: Sequence[Sequence[int]],
+    *,
+    rallies: int,
+) -> RunLog:
+    """The log of a run, or of the rest of one.
+
+    Rallies on a Ray cluster are not recorded: which of its processes a stroke comes from is not known here.
+
+    Args:
+        folder: of the run.
+        config: of the run.
+        game: the tables.
+        opponents: in the order of ``config.opponent``.
+        seeds: of the environments, by segment and process.
+        rallies: how many are in the log at the checkpoint that is gone on from.
+
+    Raises:
+        RecordingError: the log cannot be written, or holds fewer rallies than that.
+    """
+    if not Sampling.parse(config.record).every or config.collector == "ray":
+        return NoLog()
+    names = () if config.self_play else config.opponent
+    header = LogHeader(
+        seed=config.seed,
+        game=game.hash,
+        strokes=game.catalogue.names,
+        policies=(
+            Player(name=f"{config.algorithm}-{config.seed}"),
+            *(
+                Player(name=name, hash=hashlib.sha256(policy.cumulative.tobytes()).hexdigest())
+                for name, policy in zip(names, opponents, strict=True)
+            ),
+        ),
+        pairings=tuple(seed for segment in seeds for seed in segment),
+        matches_per_draw=1,
+        rules=SINGLE_RALLY,
+        draws="training",
+        record=config.record,
+        columns=_COLUMNS[config.algorithm],
+    )
+    traces = [
+        RallyTrace(game, config.rows // config.processes, opponents=opponents, columns=header.columns)
+        for _ in range(config.processes)
+    ]
+    return _Log(RallyRecorder(resume(folder / RALLIES, header, rallies)), traces, seeds, header.columns)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Collected:
+    """``[rows, steps, …]`` arrays of an iteration, and when that was."""
+
+    segment: int
+    update: int
+    stroke: npt.NDArray[np.int64]
+    reward: npt.NDArray[np.float32]
+    observation: npt.NDArray[np.int32]
+    extra: dict[str, npt.NDArray[np.float32]]
+
+
+class _Log:
+    def __init__(
+        self, recorder: RallyRecorder, traces: list[RallyTrace], seeds: Sequence[Sequence[int]], columns: tuple[str, ...]
+    ) -> None:
+        self._recorder, self._traces, self._seeds = recorder, traces, seeds
+        self._entries = {name: entry for name, entry in _ENTRIES.items() if name in columns}
+        self._segment = 0
+        self._traced = -1
+        """Segment that the traces are in; they live in the recorder's thread."""
+
+    def begin(self, segment: int) -> None:
+        self._segment = segment
+
+    def add(self, data: TensorDictBase, update: int) -> None:
+        collected = _Collected(
+            segment=self._segment,
+            update=update,
+            stroke=_copy(data["action"]),
+            reward=_copy(data["next", "reward"])[..., 0],
+            observation=_copy(data["observation"]),
+            extra={name: _copy(data[entry]).reshape(data.shape) for name, entry in self._entries.items()},
+        )
+        self._recorder.add_later(functools.partial(self._rallies, collected), _STROKES_A_STEP * data.numel())
+
+    def flush(self) -> int:
+        return self._recorder.flush()
+
+    def close(self) -> None:
+        self._recorder.close()
+
+    def abort(self) -> None:
+        self._recorder.abort()
+
+    def _rallies(self, collected: _Collected) -> Rallies:
+        """The rallies that ended in an iteration, process after process."""
+        segment, share = collected.segment, len(collected.stroke) // len(self._traces)
+        found = []
+        for p, (trace, seed) in enumerate(zip(self._traces, self._seeds[segment], strict=True)):
+            if segment != self._traced:
+                trace.reset(seed)
+            rows = slice(p * share, (p + 1) * share)
+            rallies = trace.add(
+                collected.stroke[rows],
+                collected.reward[rows],
+                collected.observation[rows],
+                update=collected.update,
+                **{name: column[rows] for name, column in collected.extra.items()},
+            )
+            pairing = np.full(len(rallies), segment * len(self._traces) + p, dtype=np.uint32)
+            found.append(dataclasses.replace(rallies, pairing=pairing))
+        self._traced = segment
+        return Rallies.join(found)
+
+
+def _copy(tensor: Any) -> npt.NDArray[Any]:
+    """An array that nobody changes any more."""
+    array: npt.NDArray[Any] = tensor.detach().cpu().numpy().copy()
+    return array

@@ -1,0 +1,114 @@
+"""What a training run leaves in its rally log, and that nothing of the learning depends on it."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
+
+GAME = default_game()
+SMALL = {"rows": 64, "steps": 4, "width": 16, "evaluate_every": 100, "checkpoint_every": 3, "strokes": 256 * 8}
+LOG = "rallies.mcap"
+
+
+def read(path: Path) -> Rallies:
+    with RallyLog(path) as log:
+        return Rallies.join([batch for _, batch in log.batches()])
+
+
+@pytest.mark.parametrize(
+    ("config", "names"),
+    [
+        (PPOConfig(**SMALL), ("bc",)),
+        (PPOConfig(**SMALL, opponent=("random", "safe", "bc")), ("random", "safe", "bc")),
+        (PPOConfig(**SMALL, opponent=("self",)), ()),
+        (SACConfig(**SMALL), ("bc",)),
+    ],
+)
+def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp_path: Path) -> None:
+    done = train(dataclasses.replace(config, out=tmp_path / "run"))
+    path = done.folder / LOG
+    assert check(path, GAME).problems == ()
+    opponents = {name: tabulate(resolve(name, GAME), GAME, name) for name in names}
+    with RallyLog(path) as log:
+        assert replay(log, GAME, opponents).wrong == ()
+        assert [player.name for player in log.policies] == [f"{config.algorithm}-0", *names]
+        # Three iterations between checkpoints, eight in all.
+        assert len(log.pairings) == 3
+    found = read(path)
+    # Every stroke of the learner is in the log but for those of rallies that a checkpoint broke off.
+    row = np.repeat(np.arange(len(found)), found.length)
+    seat = (found.server[row] + np.arange(len(row)) - found.first_stroke[row]) & 1
+    own = found.policy[row, seat] == 0
+    assert 0.4 * done.iterations * config.frames < own.sum() <= done.iterations * config.frames
+    assert set(np.unique(found.update)) == set(range(8))
+    assert (found.update // 3 == found.pairing).all()
+    if config.algorithm == "ppo":
+        assert np.isfinite(found.log_probability[own]).all()
+        assert (found.log_probability[own] <= 0).all()
+        assert np.isnan(found.log_probability[~own]).all()
+        assert np.isfinite(found.value[own]).all()
+        assert found.value[own].std() > 0
+    else:
+        assert found.columns == ("update",)
+
+
+def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
+    """Before the first update the policy is known: that of a run that learned next to nothing."""
+    config = PPOConfig(**{**SMALL, "strokes": 256}, learning_rate=1e-12, out=tmp_path / "run")
+    done = train(config)
+    with RallyLog(done.folder / LOG) as log:
+        from shuttle_marl.recording import Derived
+
+        table = log.stroke_table(Derived(log, GAME, {"ppo-0": done.policy})).to_pandas()
+    own = table[table.policy == "ppo-0"]
+    assert len(own) > 50
+    assert np.allclose(np.exp(own.log_probability), own.probability, atol=2e-4)
+
+
+def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
+    weights = []
+    for record in ("all", "sample:3", "none"):
+        done = train(PPOConfig(**SMALL, record=record, out=tmp_path / record))
+        weights.append((done.folder / "agent" / "network.safetensors").read_bytes())
+    assert weights[0] == weights[1] == weights[2]
+    assert not (tmp_path / "none" / LOG).exists()
+    assert check(tmp_path / "sample:3" / LOG, GAME).problems == ()
+    every, some = read(tmp_path / "all" / LOG), read(tmp_path / "sample:3" / LOG)
+    assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
+    assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
+
+
+def test_what_the_checkpoint_counts_must_be_there(tmp_path: Path) -> None:
+    config = PPOConfig(**SMALL, out=tmp_path / "run")
+    done = train(config)
+    before = (done.folder / LOG).read_bytes()
+    train(dataclasses.replace(config, resume=True))
+    assert (done.folder / LOG).read_bytes() == before
+    (done.folder / LOG).unlink()
+    with pytest.raises(RecordingError, match="is gone, with the"):
+        train(dataclasses.replace(config, resume=True))
+
+
+def test_flags_that_cannot_be_meant() -> None:
+    with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
+        PPOConfig(record="some")
+
+
+@pytest.mark.slow
+def test_processes_record_side_by_side(tmp_path: Path) -> None:
+    done = train(PPOConfig(**SMALL, opponent=("bc", "random"), processes=2, out=tmp_path / "run"))
+    path = done.folder / LOG
+    assert check(path, GAME).problems == ()
+    opponents = {name: tabulate(resolve(name, GAME), GAME, name) for name in ("bc", "random")}
+    with RallyLog(path) as log:
+        assert replay(log, GAME, opponents).wrong == ()
+    assert set(np.unique(read(path).pairing)) == set(range(6))
