@@ -106,6 +106,13 @@ def recording_log(_: Path) -> str:
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
+def exact_values(_: Path) -> str:
+    """Time of the exact solvers, from ``benchmarks/results/exact_values.json``."""
+    result = _result("exact_values")
+    rows = [(row["what"], f"{row['seconds']:.2f}", f"{row['cpu_s']:.2f}") for row in result["solvers"]]
+    return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{_machine(result)}"
+
+
 def _result(name: str) -> dict[str, Any]:
     result: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     return result
@@ -131,6 +138,7 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("README.md", "ranking"): ranking,
     ("benchmarks/README.md", "aec"): aec,
     ("benchmarks/README.md", "startup"): startup,
+    ("docs/exact.md", "exact_values"): exact_values,
     ("docs/rally_log.md", "recording_log"): recording_log,
 }
 """Page and name of every table, and what makes it from the run folder of the ranking."""

@@ -1,0 +1,113 @@
+"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, visits, and a cross-play of 30 policies.
+
+    python -m benchmarks.exact_values [--repeat N] [--json]
+
+Wall-clock and CPU seconds, the medians of N calls in one process after compilation; the cross-play is called once, on all cores. On
+a machine that does nothing else the CPU seconds of a solver are its wall-clock seconds, and those of the cross-play are as many
+times larger as there are cores. The time to compile is that of the first sweep in a fresh interpreter with an empty cache.
+"""
+
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact import best_response, crossplay, evaluate, regret, solve, visits
+from shuttle_marl.exact.sweeps import warm_up
+from shuttle_marl.policy import registry
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import Game
+
+_POLICIES = 30
+_COMPILE = """
+import time
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact.sweeps import warm_up
+game = default_game()
+begun = time.perf_counter(), time.process_time()
+warm_up(game)
+print(time.perf_counter() - begun[0], time.process_time() - begun[1])
+"""
+Times = tuple[float, float]
+"""Wall-clock and CPU seconds."""
+
+
+def thirty_policies(game: Game) -> list[TabulatedPolicy]:
+    """The behaviour-cloned players, the styles and random, and the same at other temperatures until there are 30."""
+    families = ("bc", "attacking", "defensive", "safe", "random")
+    names = [name for name in registry.names() if name.partition(":")[0] in families]
+    names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
+    return [tabulate(registry.resolve(name, game), game, name) for name in names[:_POLICIES]]
+
+
+def median_seconds(call: Callable[[], Any], repeat: int) -> Times:
+    """Median times of a call."""
+    wall, cpu = [], []
+    for _ in range(repeat):
+        begun = time.perf_counter(), time.process_time()
+        call()
+        wall.append(time.perf_counter() - begun[0])
+        cpu.append(time.process_time() - begun[1])
+    return statistics.median(wall), statistics.median(cpu)
+
+
+def compile_seconds() -> Times:
+    """Times of the first sweep when nothing is compiled yet."""
+    with tempfile.TemporaryDirectory() as empty:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": empty}
+        done = subprocess.run([sys.executable, "-c", _COMPILE], env=environment, capture_output=True, text=True, check=True)
+    wall, cpu = map(float, done.stdout.split())
+    return wall, cpu
+
+
+def measure(repeat: int) -> list[dict[str, Any]]:
+    """All measurements: what was called, and its times."""
+    game = default_game()
+    warm_up(game)
+    bc, other = (tabulate(registry.resolve(name, game), game, name) for name in ("bc", "attacking"))
+    solution = solve(game)
+    calls: dict[str, Callable[[], Any]] = {
+        f"minimax, error bound {solution.error_bound:.0e}": lambda: solve(game),
+        "value of a profile": lambda: evaluate(bc, other),
+        "best response": lambda: best_response(bc),
+        "visits": lambda: visits(bc, other),
+        "regret": lambda: regret(bc, solution=solution),
+    }
+    times = {what: median_seconds(call, repeat) for what, call in calls.items()}
+    policies = thirty_policies(game)
+    times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)
+    times["compiling, once"] = compile_seconds()
+    return [{"what": what, "seconds": wall, "cpu_s": cpu} for what, (wall, cpu) in times.items()]
+
+
+def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure and print.
+
+    Args:
+        repeat: calls of each solver.
+        as_json: print JSON instead of a table.
+    """
+    found = measure(repeat)
+    if as_json:
+        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
+        print(json.dumps({**machine, "solvers": found}, indent=2))
+        return
+    table = Table("solver", "seconds", "CPU seconds")
+    for row in found:
+        table.add_row(row["what"], f"{row['seconds']:.2f}", f"{row['cpu_s']:.2f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
