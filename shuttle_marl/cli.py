@@ -11,7 +11,14 @@ from shuttle_marl.errors import ShuttleError
 
 Command = Callable[..., Any]
 
-_EXTRAS: Final = {"lightgbm": "train", "matplotlib": "plot", "pygame": "render", "torch": "train"}
+_EXTRAS: Final = {
+    "foxglove": "scene",
+    "lightgbm": "train",
+    "matplotlib": "plot",
+    "mcap_protobuf": "scene",
+    "pygame": "render",
+    "torch": "train",
+}
 """Which extra of the package installs a library that not every command needs."""
 
 

@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.recording info | check | recover | export | show``."""
+"""``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
 import json
 import sys
@@ -17,6 +17,7 @@ from shuttle_marl.recording.recover import recover as recover_log
 from shuttle_marl.recording.recover import recover_folder, unfinished_files
 from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.text import describe, score_line
+from shuttle_marl.scene.command import scene
 
 File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -122,12 +123,20 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         _say(f"games: {score_line(log, numbers)}")
 
 
-COMMANDS: Final[dict[str, cli.Command]] = {"info": info, "check": check, "recover": recover, "export": export, "show": show}
+COMMANDS: Final[dict[str, cli.Command]] = {
+    "info": info,
+    "check": check,
+    "recover": recover,
+    "export": export,
+    "show": show,
+    "scene": scene,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description="Read, check and mend rally logs.", argv=argv)
+    description = "Read, check and mend rally logs, and show their rallies in 3D."
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
 
 
 def _say(text: str) -> None:

@@ -18,6 +18,10 @@ _FINE: float = 2000.0
 """Instants a second at which flights are looked at where they cross the net."""
 
 
+_ROUNDING: float = 2e-6
+"""Angle that comes of keeping rotations in 32 bits [rad]."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Metrics:
     """Measures of one motion; n strokes.
@@ -70,7 +74,7 @@ def measure(motion: Motion) -> Metrics:
         sunk=sunk,
         speed=np.linalg.norm(velocity, axis=2).max(axis=0),
         acceleration=np.linalg.norm(np.diff(velocity, axis=0), axis=2).max(axis=0) * motion.fps,
-        joint_excess=max(0.0, float(np.degrees(worst.excess))),
+        joint_excess=float(np.degrees(worst.excess)) if worst.excess > _ROUNDING else 0.0,
         joint=worst.name,
         clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(plan.end != NET)]),
         landing=np.linalg.norm(motion.shuttle[ends] - plan.end_point, axis=1),

@@ -1,0 +1,108 @@
+"""Writes scenes: an MCAP file with the messages that Foxglove and Lichtblick show."""
+
+import io
+import json
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+import pyarrow as pa
+from foxglove import Context, open_mcap
+from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+
+from shuttle_marl import __version__
+from shuttle_marl.rally import Game
+from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.tables import rally_rows
+from shuttle_marl.scene import layout, still, topics
+from shuttle_marl.scene.drawing import SECOND, update
+from shuttle_marl.scene.moving import Take, messages
+from shuttle_marl.scene.story import Teller
+from shuttle_marl.staging import stage
+
+EPOCH: Final = 1_735_689_600 * SECOND
+"""When every scene begins: rallies are played at no date, and viewers want one (2025-01-01)."""
+METADATA: Final = "shuttle_marl.scene"
+_CHUNK: Final = 1 << 20
+
+
+def film(
+    log: RallyLog,
+    numbers: Sequence[int],
+    game: Game,
+    *,
+    athletes: tuple[str, str] = ("male", "male"),
+    handedness: tuple[str, str] = ("right", "right"),
+    fps: int = 50,
+    progress: Callable[[Sequence[int]], Iterable[int]] = iter,
+) -> tuple[bytes, dict[str, str]]:
+    """Rallies of a log, one after the other, as the bytes of an MCAP file.
+
+    Args:
+        log: whose rallies they are.
+        numbers: of the rallies in the log, at least one.
+        game: the game that was played on.
+        athletes: ``male`` or ``female``, of seats 0 and 1.
+        handedness: ``right`` or ``left``, of seats 0 and 1.
+        fps: frames a second, 25 to 50; viewers warn about more.
+        progress: wraps the numbers while they are worked through.
+
+    Returns:
+        The file, and why a policy could not be loaded, by its name: then the scene says nothing of its choices.
+
+    Raises:
+        RecordingError: the log has no such rally, is damaged, or was played on another game.
+        SceneError: a rally of it cannot have been played.
+        StagingError: an option of the staging that is none.
+    """
+    teller = Teller(log, game)
+    context, buffer = Context(), io.BytesIO()
+    options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
+    writer = open_mcap(buffer, context=context, writer_options=options)
+    to, start = topics.Topics(context), EPOCH
+    names: tuple[str, str] | None = None
+    for i, number in enumerate(progress(numbers)):
+        story = teller.tell(int(number))
+        motion = stage(story.played, seed=story.key, athletes=athletes, handedness=handedness, fps=fps)
+        take = Take(story=story, motion=motion, start=start)
+        if not i:
+            to.scenes[topics.COURT].log(update(start, still.court(start)), log_time=start)
+        if not i or names != story.names:
+            names = story.names
+            to.scenes[topics.PLAYERS].log(update(start, still.players(start, motion, names)), log_time=start)
+        for time, send in messages(take):
+            send(to, time)
+        # The next rally begins a frame later: a cut, as in a broadcast.
+        start = take.end + round(SECOND / fps)
+    for name, content in layout.FILES.items():
+        writer.attach(log_time=EPOCH, create_time=EPOCH, name=name, media_type="application/json", data=content())
+    rows = _rows(log, numbers)
+    writer.attach(
+        log_time=EPOCH, create_time=EPOCH, name="rallies.arrow", media_type="application/vnd.apache.arrow.file", data=rows
+    )
+    writer.write_metadata(METADATA, _facts(log, numbers, game))
+    writer.close()
+    return buffer.getvalue(), teller.unknown
+
+
+def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
+    """The rallies as they stand in the log, as an Arrow IPC file."""
+    table = pa.concat_tables([rally_rows(log, int(number), log.rally(int(number))) for number in numbers])
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as file:
+        file.write_table(table.unify_dictionaries())
+    return sink.getvalue().to_pybytes()
+
+
+def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
+    """Where the rallies come from, so that they can be found and played again."""
+    headers = [file.header for file in log.files]
+    seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
+    players = [log.policies[i] for i in seated]
+    return {
+        "software": f"shuttle_marl {__version__}",
+        "log": log.path.name,
+        "rallies": " ".join(str(int(number)) for number in numbers),
+        "game": game.hash,
+        "seeds": " ".join(dict.fromkeys(str(header.seed) for header in headers)),
+        "policies": json.dumps({player.name: player.hash for player in players}, ensure_ascii=False),
+    }

@@ -1,0 +1,201 @@
+"""Triangle meshes and their binary glTF: what viewers are given as models.
+
+Meshes have the axes of the staging, z up. glTF has y up, and viewers turn it back by a quarter turn about x.
+"""
+
+import dataclasses
+import json
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.rotation import cross, frame, unit
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_FLOAT, _UINT = 5126, 5125
+_ARRAY, _ELEMENTS = 34962, 34963
+_ROUGHNESS: Final = 0.8
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Mesh:
+    """Triangles of one colour.
+
+    Attributes:
+        vertices: ``[V, 3]`` [m].
+        normals: ``[V, 3]`` unit.
+        triangles: ``[T, 3]`` vertices, anticlockwise seen from outside.
+        colour: red, green, blue, linear, 0 to 1.
+        two_sided: whether the inside is seen too.
+    """
+
+    vertices: Floats
+    normals: Floats
+    triangles: Ints
+    colour: tuple[float, float, float]
+    two_sided: bool = False
+
+
+def lathe(profile: Sequence[tuple[float, float]], colour: tuple[float, float, float], sides: int = 16) -> Mesh:
+    """A body of revolution about z.
+
+    Args:
+        profile: radius and height from bottom to top [m].
+        colour: of the body.
+        sides: of the polygon that stands for the circle.
+    """
+    radius, height = np.array(profile, dtype=np.float64).T
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    vertices = np.concatenate(
+        [radius[:, None, None] * ring, np.broadcast_to(height[:, None, None], (len(radius), sides, 1))], axis=-1
+    )
+    slope = np.stack([np.gradient(height), -np.gradient(radius)], axis=-1)
+    normals = np.concatenate([slope[:, None, :1] * ring, np.broadcast_to(slope[:, None, 1:], (len(radius), sides, 1))], axis=-1)
+    row, side = np.meshgrid(np.arange(len(radius) - 1), np.arange(sides), indexing="ij")
+    a, b = row * sides + side, row * sides + (side + 1) % sides
+    quads = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1)
+    return Mesh(
+        vertices=vertices.reshape(-1, 3),
+        normals=unit(normals.reshape(-1, 3)),
+        triangles=quads.reshape(-1, 3),
+        colour=colour,
+    )
+
+
+def tube(path: Floats, radius: float, colour: tuple[float, float, float], sides: int = 6) -> Mesh:
+    """A tube of constant radius [m] along a path ``[P, 3]`` [m] that bends gently."""
+    along = unit(np.gradient(path, axis=0))
+    aside = np.array([0.0, 0.0, 1.0]) if abs(along[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    basis = frame(along, np.broadcast_to(aside, along.shape))
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    normals = np.cos(angle)[:, None] * basis[:, None, :, 1] + np.sin(angle)[:, None] * basis[:, None, :, 2]
+    row, side = np.meshgrid(np.arange(len(path) - 1), np.arange(sides), indexing="ij")
+    a, b = row * sides + side, row * sides + (side + 1) % sides
+    quads = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1)
+    return Mesh(
+        vertices=(path[:, None] + radius * normals).reshape(-1, 3),
+        normals=normals.reshape(-1, 3),
+        triangles=quads.reshape(-1, 3),
+        colour=colour,
+    )
+
+
+def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
+    """The same triangles, one mesh for each colour."""
+    groups: dict[tuple[tuple[float, float, float], bool], list[Mesh]] = {}
+    for mesh in meshes:
+        groups.setdefault((mesh.colour, mesh.two_sided), []).append(mesh)
+    out = []
+    for (colour, two_sided), group in groups.items():
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in group)])
+        out.append(
+            Mesh(
+                vertices=np.concatenate([mesh.vertices for mesh in group]),
+                normals=np.concatenate([mesh.normals for mesh in group]),
+                triangles=np.concatenate([mesh.triangles + at for mesh, at in zip(group, first, strict=False)]),
+                colour=colour,
+                two_sided=two_sided,
+            )
+        )
+    return out
+
+
+def moved(mesh: Mesh, turn: Floats, offset: Floats) -> Mesh:
+    """A mesh turned by ``[3, 3]``, then moved by ``[3]`` [m]."""
+    return dataclasses.replace(mesh, vertices=mesh.vertices @ turn.T + offset, normals=mesh.normals @ turn.T)
+
+
+def normals_of(vertices: Floats, triangles: Ints) -> Floats:
+    """``[V, 3]`` mean normal of the triangles around each vertex, by their area."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    area = cross(b - a, c - a)
+    out = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(out, triangles[:, k], area)
+    return unit(out)
+
+
+def glb(meshes: Sequence[Mesh]) -> bytes:
+    """The meshes as one binary glTF 2.0."""
+    data = bytearray()
+    views: list[dict[str, int]] = []
+    accessors: list[dict[str, Any]] = []
+
+    def add(array: npt.NDArray[Any], component: int, kind: str, target: int, **extra: Any) -> int:
+        content = np.ascontiguousarray(array).tobytes()
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(content), "target": target})
+        data.extend(content)
+        count = len(array)
+        accessors.append({"bufferView": len(views) - 1, "componentType": component, "count": count, "type": kind, **extra})
+        return len(accessors) - 1
+
+    primitives, materials = [], []
+    for mesh in meshes:
+        vertices, normals = (_y_up(v).astype("<f4") for v in (mesh.vertices, mesh.normals))
+        bounds = {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
+        attributes = {
+            "POSITION": add(vertices, _FLOAT, "VEC3", _ARRAY, **bounds),
+            "NORMAL": add(normals, _FLOAT, "VEC3", _ARRAY),
+        }
+        indices = add(mesh.triangles.astype("<u4").ravel(), _UINT, "SCALAR", _ELEMENTS)
+        look = {"baseColorFactor": [*mesh.colour, 1], "metallicFactor": 0, "roughnessFactor": _ROUGHNESS}
+        materials.append({"pbrMetallicRoughness": look, "doubleSided": mesh.two_sided})
+        primitives.append({"attributes": attributes, "indices": indices, "material": len(materials) - 1})
+    document = {
+        "asset": {"version": "2.0", "generator": "shuttle_marl.scene"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": primitives}],
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(data)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + bytes(data)
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(body)) + body
+
+
+def read_glb(content: bytes) -> list[Mesh]:
+    """The meshes of a file that :func:`glb` wrote."""
+    (length,) = struct.unpack_from("<I", content, 12)
+    document = json.loads(content[20 : 20 + length])
+    data = content[28 + length :]
+
+    def read(number: int) -> npt.NDArray[Any]:
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind, width = ("<f4", 3) if accessor["componentType"] == _FLOAT else ("<u4", 1)
+        out = np.frombuffer(data, kind, accessor["count"] * width, view["byteOffset"])
+        return out.reshape(-1, 3)
+
+    out = []
+    for primitive in document["meshes"][0]["primitives"]:
+        material = document["materials"][primitive["material"]]
+        red, green, blue, _ = material["pbrMetallicRoughness"]["baseColorFactor"]
+        out.append(
+            Mesh(
+                vertices=_z_up(read(primitive["attributes"]["POSITION"]).astype(np.float64)),
+                normals=_z_up(read(primitive["attributes"]["NORMAL"]).astype(np.float64)),
+                triangles=read(primitive["indices"]).astype(np.int64),
+                colour=(red, green, blue),
+                two_sided=material["doubleSided"],
+            )
+        )
+    return out
+
+
+def _y_up(v: Floats) -> Floats:
+    return np.stack([v[:, 0], v[:, 2], -v[:, 1]], axis=1)
+
+
+def _z_up(v: Floats) -> Floats:
+    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)
