@@ -116,17 +116,25 @@ class PPOConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
+    strokes: int = 4_000_000
+    """Strokes of the learner to train on."""
+    rows: int = 2048
+    """Rallies that are played side by side."""
+    evaluate_every: int = 5
+    """Iterations between two exact evaluations."""
+    checkpoint_every: int = 10
+    """Iterations between two checkpoints; also how often all draws are named anew, so it is part of what decides a run."""
     learning_rate: float = 2e-3
     """Of Adam; falls linearly to a fiftieth."""
     clip: float = 0.2
     """The ratio of chances is clipped to 1 - clip and 1 + clip."""
-    lmbda: float = 0.95
+    lmbda: float = 0.7
     """Lambda of the generalised advantages."""
     entropy: float = 0.01
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: float = 1.0
     """Weight of the value loss."""
-    epochs: int = 4
+    epochs: int = 1
     """Passes over what was collected."""
     minibatch: int = 4096
     """Strokes in one gradient step."""
@@ -142,7 +150,9 @@ class A2CConfig(TrainingConfig):
 
     strokes: int = 6_000_000
     """Strokes of the learner to train on."""
-    steps: int = 8
+    rows: int = 2048
+    """Rallies that are played side by side."""
+    steps: int = 4
     """Strokes of each row that are collected before the learner learns."""
     evaluate_every: int = 50
     """Iterations between two exact evaluations."""
@@ -150,9 +160,9 @@ class A2CConfig(TrainingConfig):
     """Iterations between two checkpoints; also how often all draws are named anew, so it is part of what decides a run."""
     learning_rate: float = 2e-3
     """Of Adam; falls linearly to a fiftieth."""
-    lmbda: float = 0.95
+    lmbda: float = 0.7
     """Lambda of the generalised advantages."""
-    entropy: float = 0.005
+    entropy: float = 0.03
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: float = 1.0
     """Weight of the value loss."""

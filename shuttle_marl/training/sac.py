@@ -5,6 +5,8 @@ policy" is over the legal strokes, so the target is a share of their mean entrop
 reached. In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1.
 """
 
+import logging
+
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -24,6 +26,7 @@ from shuttle_marl.training.learner import (
 )
 from shuttle_marl.training.networks import make_actor, make_quality
 
+logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports that a buffer was made
 _LEAST_SHARE = 0.02
 """Share of the entropy that is left at the end."""
 _STORED = ("observation", "action", "following", "reward", "terminated")

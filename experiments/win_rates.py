@@ -1,0 +1,303 @@
+"""The paper's second table: agents trained against a fixed opponent, and how many of 1,000 matches each then wins.
+
+    python -m experiments.win_rates [--quick] [--out FOLDER] [--resume] [--json FILE]
+
+Every algorithm is trained with its default settings and several seeds against one opponent, the behaviour-cloned average
+player `bc`, then plays 1,000 matches against it, every rally of which is recorded. Beside what was sampled stands what is
+exact: the chance of a rally and of a match, the normalised score (0 for `bc`, 1 for the best response), exploitability, and
+the same against opponents that no agent was trained against. Self-play is trained without any opponent.
+
+The run folder holds the training runs, the matches, and `results.json`; a run that is broken off goes on with --resume.
+"""
+
+import dataclasses
+import json as json_format
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from experiments.spread import IQM, mean_and_deviation
+from shuttle_marl import exact, runs
+from shuttle_marl.cli import run as run_command
+from shuttle_marl.dynamics import load_game
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.run import run_league
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import Game
+from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, train
+
+PAPER: Final = {"bc": (33.2, 1.2), "a2c": (65.8, 2.0), "ppo": (98.3, 2.5), "sac": (90.5, 7.7)}
+"""Matches won in per cent, mean and standard deviation, in ShuttleEnv (arXiv 2603.17324): its own models and opponent."""
+AGENTS: Final[dict[str, TrainingConfig]] = {
+    "a2c": A2CConfig(),
+    "ppo": PPOConfig(),
+    "sac": SACConfig(),
+    "ppo, self-play": PPOConfig(opponent=("self",)),
+}
+FIXED: Final = {"bc": "bc@1", "best response": "best-response:{opponent}", "minimax": "minimax"}
+"""Rows that nobody trains; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:
+each match is played twice with the seats swapped and the same draws."""
+OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
+QUICK_STROKES: Final = {"a2c": 300_000, "ppo": 300_000, "sac": 60_000, "ppo, self-play": 300_000}
+_WIDTH: Final = 130
+"""Columns of what is printed into a file or a pipe."""
+_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WinRates:
+    """What to train and to play."""
+
+    opponent: str = "bc"
+    """Who the agents are trained against, and play."""
+    agents: tuple[str, ...] = tuple(AGENTS)
+    """Which of them to train."""
+    seeds: int = 5
+    """Training runs of every agent."""
+    matches: int = 1000
+    """Matches that every trained agent plays against the opponent; an even number."""
+    quick: bool = False
+    """Two seeds, 100 matches and a tenth of the training or less: to see that all works, not to compare."""
+    jobs: int = os.cpu_count() or 1
+    """Training runs side by side; changes no result."""
+    out: Path | None = None
+    """Run folder; default runs/win_rates, with a number behind it if that exists."""
+    resume: bool = False
+    """Go on with the run in --out."""
+    overwrite: bool = False
+    """Replace the run that stands in --out."""
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.agents if name not in AGENTS]
+        if unknown or not self.agents:
+            raise ShuttleError(f"--agents {' '.join(unknown)}: expected some of {', '.join(map(repr, AGENTS))}")
+        if self.seeds < 2 or self.jobs < 1:
+            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+
+    def sized(self) -> "WinRates":
+        """These settings with what --quick changes."""
+        return dataclasses.replace(self, seeds=2, matches=100) if self.quick else self
+
+    def fixed(self) -> dict[str, Any]:
+        """What decides the result, as JSON."""
+        return {
+            "opponent": self.opponent,
+            "agents": list(self.agents),
+            "seeds": self.seeds,
+            "matches": self.matches,
+            "quick": self.quick,
+        }
+
+    def training(self, folder: Path) -> dict[tuple[str, int], TrainingConfig]:
+        """The training runs, by agent and seed."""
+        configs = {}
+        for agent in self.agents:
+            base = AGENTS[agent]
+            changes: dict[str, Any] = {} if base.self_play else {"opponent": (self.opponent,)}
+            if self.quick:
+                changes["strokes"] = QUICK_STROKES[agent]
+            for seed in range(self.seeds):
+                out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
+                configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, **changes)
+        return configs
+
+
+def _train(config: TrainingConfig) -> None:
+    assert config.out is not None
+    train(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
+
+
+def train_all(configs: Iterable[TrainingConfig], jobs: int, console: Console) -> None:
+    """Run, or go on with, every training run; each ends with the same weights whatever runs beside it."""
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(_train, config) for config in configs]
+        try:
+            for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
+                done.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def share_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
+    """Share of the matches that a policy wins against the opponent, every rally recorded."""
+    out = folder / "matches" / f"{name.replace(':', '-').replace('/', '-')}-{seed}"
+    league = LeagueConfig(
+        pool=(name, config.opponent),
+        matches=config.matches,
+        seed=seed,
+        out=out,
+        resume=(out / runs.CONFIG).exists(),
+    )
+    (result,) = run_league(league).results
+    if result.forfeit:
+        raise ShuttleError(f"{' v '.join(result.names)}: {result.reason}")
+    won = result.seen_by(name)
+    return won["wins"] / won["matches"]
+
+
+def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
+    """Play the matches and compute the exact figures of every agent."""
+    game = load_game("default")
+    evaluator = Evaluator(game, [tabulate(resolve(config.opponent, game), game, config.opponent)])
+    others = {name: tabulate(resolve(name, game), game, name) for name in dict.fromkeys((config.opponent, *OPPONENTS))}
+    training = config.training(folder)
+    named: dict[str, list[str]] = {
+        row: [name.format(opponent=config.opponent)] * config.seeds
+        for row, name in FIXED.items()
+        if not (row == "bc" and config.opponent != "bc")
+    }
+    for (agent, _), run in training.items():
+        named.setdefault(agent, []).append(f"agent:{run.out}/agent")
+    rows, matrix = [], {}
+    for row, names in track(named.items(), "matches", console=console, transient=True):
+        found, against = [], []
+        for seed, name in enumerate(names):
+            policy = tabulate(resolve(name, game), game, name)
+            figures = dataclasses.asdict(evaluator.evaluate(policy))
+            found.append({"seed": seed, "matches_won": share_won(name, config, seed, folder), **figures})
+            against.append(_match_odds(policy, others))
+        rows.append(_row(row, found, [run for (agent, _), run in training.items() if agent == row]))
+        matrix[row] = {name: float(np.mean([odds[name] for odds in against])) for name in others}
+    return {
+        **runs.describe(_PACKAGES),
+        "game": game.hash,
+        **config.fixed(),
+        "rows": rows,
+        "exact_match_win_against": matrix,
+        "exploitability_of_bc": _exploitability(game, "bc"),
+        "curves": _curves(training),
+    }
+
+
+def _row(agent: str, found: list[dict[str, float]], training: list[TrainingConfig]) -> dict[str, Any]:
+    columns = ("matches_won", "match_win", "rally_win", "normalised_score", "exploitability")
+    spread = {name: mean_and_deviation([seed[name] for seed in found]) for name in columns}
+    row: dict[str, Any] = {"agent": agent, **spread, "seeds": found}
+    if training:
+        row["normalised_score"]["iqm"] = IQM.of([[seed["normalised_score"] for seed in found]]).as_json()
+        cards = [json_format.loads((_out(run) / "agent" / "card.json").read_text(encoding="utf-8")) for run in training]
+        row["strokes"] = cards[0]["strokes"]
+        row["seconds"] = mean_and_deviation([card["seconds"] for card in cards])
+        row["config"] = {name: value for name, value in training[0].fixed().items() if name != "seed"}
+    return row
+
+
+def _out(run: TrainingConfig) -> Path:
+    assert run.out is not None
+    return run.out
+
+
+def _match_odds(policy: TabulatedPolicy, others: dict[str, TabulatedPolicy]) -> dict[str, float]:
+    return {name: exact.evaluate(policy, other).odds().match() for name, other in others.items()}
+
+
+def _exploitability(game: Game, name: str) -> float:
+    return exact.best_response(tabulate(resolve(name, game), game, name)).value.odds().value
+
+
+def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[list[dict[str, float]]]]:
+    """The exact figures of every evaluation, by agent and seed."""
+    kept = ("strokes", "seconds", "match_win", "normalised_score", "exploitability")
+    curves: dict[str, list[list[dict[str, float]]]] = {}
+    for (agent, _), run in training.items():
+        lines = (_out(run) / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+        points = [json_format.loads(line) for line in lines]
+        curves.setdefault(agent, []).append([{name: round(point[name], 5) for name in kept} for point in points])
+    return curves
+
+
+def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Cells of the table: agent, matches won, the paper's figure, exact chances, score, exploitability, training."""
+    for row in result["rows"]:
+        paper = PAPER.get(row["agent"]) if result["opponent"] == "bc" else None
+        iqm = row["normalised_score"].get("iqm")
+        yield (
+            row["agent"],
+            _percent(row["matches_won"]),
+            f"{paper[0]:.1f} ± {paper[1]:.1f}" if paper else "",
+            _percent(row["match_win"], 2),
+            _percent(row["rally_win"], 2),
+            f"{row['normalised_score']['mean']:.3f} ± {row['normalised_score']['deviation']:.3f}",
+            f"{iqm['value']:.3f} ({iqm['low']:.3f} to {iqm['high']:.3f})" if iqm else "",
+            f"{row['exploitability']['mean']:.3f}",
+            f"{row['strokes'] / 1e6:.1f} M" if "strokes" in row else "",
+        )
+
+
+HEADINGS: Final = (
+    "agent",
+    "matches won, %",
+    "paper, %",
+    "exact match, %",
+    "exact rally, %",
+    "normalised score",
+    "its IQM (95 %)",
+    "exploitability",
+    "strokes",
+)
+
+
+def _percent(spread: dict[str, float], digits: int = 1) -> str:
+    return f"{100 * spread['mean']:.{digits}f} ± {100 * spread['deviation']:.{digits}f}"
+
+
+def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = None) -> None:
+    """Train, play, and print the table.
+
+    Args:
+        config: what to train and to play.
+        json: write the results here too.
+    """
+    config = config.sized()
+    console = Console(stderr=True, highlight=False)
+    folder = runs.open_folder(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite)
+    with runs.locked(folder):
+        train_all(config.training(folder).values(), config.jobs, console)
+        result = measure(config, folder, console)
+        runs.write_json(folder / "results.json", result)
+        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **runs.describe(_PACKAGES)})
+    if json is not None:
+        replace_file(json, (json_format.dumps(result, indent=1) + "\n").encode())
+    _print(result, config)
+    Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
+
+
+def _print(result: dict[str, Any], config: WinRates) -> None:
+    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
+    table = Table(title=f"{config.matches:,} matches against {config.opponent}, {config.seeds} seeds: mean ± standard deviation")
+    for heading in HEADINGS:
+        table.add_column(heading, justify="left" if heading == "agent" else "right")
+    for cells in table_rows(result):
+        table.add_row(*cells)
+    out.print(table)
+    against = result["exact_match_win_against"]
+    matrix = Table(title="Exact chance to win a match, %, mean of the seeds; nobody was trained against any but the first")
+    for heading in ("agent", *next(iter(against.values()))):
+        matrix.add_column(heading, justify="left" if heading == "agent" else "right")
+    for agent, odds in against.items():
+        matrix.add_row(agent, *(f"{100 * chance:.1f}" for chance in odds.values()))
+    out.print(matrix)
+    out.print("The paper's agents played its own models and its own opponent, so its column stands beside, not against, ours.")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run_command(win_rates, prog="experiments.win_rates", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
