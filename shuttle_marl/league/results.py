@@ -97,18 +97,18 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
         rallies: whole cells of it in order; as they were played, or as they were read back from the rally log.
         first_policy: number of the first entrant in ``rallies.policy``.
     """
-    seat = (rallies.policy[:, 1] == first_policy).astype(np.int64)
+    seat = rallies.policy[:, 1] == first_policy
     won = rallies.winner == seat
     last_of_match = np.r_[rallies.match[1:] != rallies.match[:-1], True]
-    row = np.arange(len(rallies))
     # A game ends where the next rally is at love all, and with the match.
-    last_of_game = last_of_match | np.r_[(rallies.score[1:, :2] == 0).all(axis=1), True]
+    last_of_game = last_of_match | np.r_[(rallies.score[1:, 0] | rallies.score[1:, 1]) == 0, True]
 
     def count(where: npt.NDArray[np.bool_]) -> list[int]:
-        return [int(n) for n in np.bincount(seat[where], minlength=2)]
+        at_one = int(np.count_nonzero(where & seat))
+        return [int(np.count_nonzero(where)) - at_one, at_one]
 
-    everything = np.ones(len(row), dtype=bool)
-    strokes = np.bincount(seat, weights=rallies.length, minlength=2)
+    # Without strokes kept, their number is still known.
+    strokes, strokes_at_one = (int(rallies.length.sum(dtype=np.int64, where=where)) for where in (True, seat))
     counts = {
         "matches": count(last_of_match),
         "wins": count(last_of_match & won),
@@ -118,8 +118,8 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
         "points_lost": count(~won),
         "served": count(rallies.server == seat),
         "served_won": count((rallies.server == seat) & won),
-        "rallies": count(everything),
-        "strokes": [int(n) for n in strokes],
+        "rallies": count(np.ones(len(rallies), dtype=np.bool_)),
+        "strokes": [strokes - strokes_at_one, strokes_at_one],
     }
     match_won = won[last_of_match].astype(np.int64)
     per_cell = np.bincount((rallies.match[last_of_match] - rallies.match[0]) >> 1, weights=match_won)
