@@ -23,6 +23,7 @@ _MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2: Final = np.uint64(0x94D049BB133111EB)
 _LOW_16: Final = np.uint64(0xFFFF)
 _CHOICE_ONE: Final = np.uint64(65535)
+_VECTOR: Final = 32
 _GUIDES: Final = 16
 _GUIDE_SHIFT: Final = np.uint16(12)
 
@@ -51,7 +52,7 @@ class Tables(NamedTuple):
         incoming: ``[E]`` int16 incoming stroke of an edge.
         own: ``[E]`` int16 own last stroke of an edge.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal ones, -1 where it is not legal.
-        mask: ``[2 (n + 1), n]`` bool legal strokes.
+        mask: ``[2 (n + 1), m]`` bool legal strokes; m is n and what is missing to whole vectors of the processor, False.
     """
 
     limits: npt.NDArray[np.uint64]
@@ -77,7 +78,7 @@ def tables_of(game: Game) -> Tables:
         incoming=game.edge_incoming.astype(np.int16),
         own=game.edge_own.astype(np.int16),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
-        mask=np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes)),
+        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, -game.n_strokes % _VECTOR))),
     )
 
 
@@ -128,13 +129,15 @@ def uniform_choice(count: Any, bits: Any) -> Any:
 def table_choice(players: Any, player: Any, s: Any, start: Any, bits: Any) -> Any:
     """The stroke that a tabulated policy plays, by the upper half of a draw: the first entry above it."""
     u = np.uint16(((bits >> np.uint64(32)) * _CHOICE_ONE) >> np.uint64(32))
-    k = np.int64(players.guide[player, s, u >> _GUIDE_SHIFT])
+    # Indices without a sign need not be checked for counting from the end.
+    who, first = np.uint64(player), np.uint64(start)
+    k = np.uint64(players.guide[who, np.uint64(s), u >> _GUIDE_SHIFT])
     # Seven in eight choices need two steps or fewer; as additions they cost no mispredicted branch.
-    k += np.int64(players.cumulative[player, start + k] <= u)
-    k += np.int64(players.cumulative[player, start + k] <= u)
-    while players.cumulative[player, start + k] <= u:
-        k += 1
-    return k
+    k += np.uint64(players.cumulative[who, first + k] <= u)
+    k += np.uint64(players.cumulative[who, first + k] <= u)
+    while players.cumulative[who, first + k] <= u:
+        k += np.uint64(1)
+    return np.int64(k)
 
 
 class Players(NamedTuple):

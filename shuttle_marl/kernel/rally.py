@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import draws
-from shuttle_marl.kernel.core import Players, Tables, compiled, draw, outcome_of, pack, table_choice, uniform_choice
-from shuttle_marl.kernel.rows import BLOCK, UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, show
+from shuttle_marl.kernel.core import Players, Tables, compiled, pack, table_choice, uniform_choice
+from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
+from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 
@@ -36,29 +37,25 @@ def _step(
     first: int,
     last: int,
 ) -> None:
-    # Reading and deciding are passes of their own without branches, so that the reads of many rows are under way at once.
-    limits, edges, ended = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int64)
+    block = new_block()
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
-        for i in range(begin_block, end_block):
-            j, s = i - begin_block, rows.state[i]
-            limits[j], edges[j] = tables.limits[tables.head[s, 0] + rank[i]], tables.head[s, 2] + rank[i]
-        over = 0
-        for i in range(begin_block, end_block):
-            j = i - begin_block
-            outcome = outcome_of(limits[j], draw(rows.key[i], rows.stroke[i]))
-            rows.state[i] = 2 * edges[j] + max(outcome - 2, 0)
-            rows.stroke[i] += 1
-            rows.striker[i] ^= 1
-            ends = outcome < 2
-            rows.live[i] = not ends
-            done[i] = ends
-            reward[i] = (2 * outcome - 1) * ends
-            ended[over] = i
-            over += ends
+        part = part_of(rows, begin_block, end_block)
+        count = end_block - begin_block
+        draw_strokes(part, block.bits)
+        played, rewards, over = rank[begin_block:end_block], reward[begin_block:end_block], done[begin_block:end_block]
+        for j in range(count):
+            find_pair(tables, block, j, part.state[j], played[j])
+        read_limits(tables, block, count)
+        play(part, block)
+        for j in range(count):
+            ends = block.outcome[j] < 2
+            part.live[j] = not ends
+            over[j] = ends
+            rewards[j] = (2 * block.outcome[j] - 1) * ends
         if reset:
-            for j in range(over):
-                begin(rows, ended[j], seed_key, server)
+            for j in range(list_where(block, count, over=True)):
+                begin(rows, begin_block + block.listed[j], seed_key, server)
         if seen.mask.shape[0] > 0:
             show(tables, rows, seen, begin_block, end_block)
 
@@ -80,33 +77,30 @@ def _run(
     A block of rows stays in the first cache while it plays all its strokes.
     """
     tabulated = players.cumulative.shape[1] > 0
-    limits, edges = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32)
-    bits, ended = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int64)
+    block = new_block()
     for begin_block in range(first, last, BLOCK):
-        end_block = min(begin_block + BLOCK, last)
+        part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
+        count = part.state.size
         for _ in range(strokes):
-            for i in range(begin_block, end_block):
-                j = i - begin_block
-                s = rows.state[i]
-                start, count = tables.head[s, 0], tables.head[s, 1]
-                bits[j] = draw(rows.key[i], rows.stroke[i])
-                k = table_choice(players, rows.striker[i], s, start, bits[j]) if tabulated else uniform_choice(count, bits[j])
-                limits[j], edges[j] = tables.limits[start + k], tables.head[s, 2] + k
-            over = 0
-            for i in range(begin_block, end_block):
-                j = i - begin_block
-                outcome = outcome_of(limits[j], bits[j])
-                rows.state[i] = 2 * edges[j] + max(outcome - 2, 0)
-                rows.stroke[i] += 1
-                rows.striker[i] ^= 1
-                ended[over] = 2 * i + outcome
-                over += outcome < 2
-            for j in range(over):
-                i, won = ended[j] >> 1, ended[j] & 1
+            draw_strokes(part, block.bits)
+            if tabulated:
+                for j in range(count):
+                    s = part.state[j]
+                    k = table_choice(players, part.striker[j], s, tables.head[np.uint64(s), 0], block.bits[j])
+                    find_pair(tables, block, j, s, k)
+            else:
+                for j in range(count):
+                    s = part.state[j]
+                    find_pair(tables, block, j, s, uniform_choice(tables.head[np.uint64(s), 1], block.bits[j]))
+            read_limits(tables, block, count)
+            play(part, block)
+            for i in range(list_where(block, count, over=True)):
+                j = block.listed[i]
+                won = block.outcome[j]
                 tally[0] += won
                 tally[1] += 1 - won
-                tally[2] += rows.striker[i] == won
-                begin(rows, i, seed_key, server)
+                tally[2] += part.striker[j] == won
+                begin(rows, begin_block + j, seed_key, server)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

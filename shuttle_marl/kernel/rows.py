@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
+from shuttle_marl.kernel.passes import BLOCK, draw_strokes, new_block
 from shuttle_marl.rally import Game
 
-BLOCK: Final = 256
-"""Rows that go through the passes of a step together, so that what one pass leaves is in the first cache for the next."""
 BY_LOT: Final = -1
 """Who serves: drawn by lot."""
 _LEAST_ROWS: Final = 1024
@@ -74,6 +73,19 @@ def new_rows(batch: int) -> Rows:
 
 
 @inlined
+def part_of(rows: Any, first: Any, last: Any) -> Any:
+    """The rows ``first`` up to ``last``, in place."""
+    return Rows(
+        rows.state[first:last],
+        rows.striker[first:last],
+        rows.stroke[first:last],
+        rows.rally[first:last],
+        rows.key[first:last],
+        rows.live[first:last],
+    )
+
+
+@inlined
 def begin(rows: Any, i: Any, seed_key: Any, server: Any) -> Any:
     """Start the next rally of row i; returns its first draw."""
     rows.rally[i] += rows.rally.size
@@ -96,7 +108,7 @@ def find_ranks(
     for i in range(first, last):
         if not rows.live[i] or stroke[i] < 0 or stroke[i] >= n:
             return i
-        rank[i] = tables.rank[tables.head[rows.state[i], 3], stroke[i]]
+        rank[i] = tables.rank[np.uint64(tables.head[np.uint64(rows.state[i]), 3]), np.uint64(stroke[i])]
         if rank[i] < 0:
             return i
     return -1
@@ -121,15 +133,23 @@ UNSEEN: Final = Seen(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
 @inlined
 def show(tables: Any, rows: Any, seen: Any, first: Any, last: Any) -> None:
     """Write what the strikers of rows ``first`` up to ``last`` see."""
+    n = seen.mask.shape[1]
+    flat = seen.mask.reshape(seen.mask.size)
     for i in range(first, last):
-        s = rows.state[i]
-        seen.tokens[i, 0] = tables.own[s >> 1]
-        seen.tokens[i, 1] = tables.incoming[s >> 1]
-        seen.tokens[i, 2] = s & 1
-        # Column by column: assigning a slice costs six times as much.
-        row = tables.head[s, 3]
-        for j in range(seen.mask.shape[1]):
-            seen.mask[i, j] = tables.mask[row, j]
+        edge = np.uint64(rows.state[i] >> 1)
+        seen.tokens[i, 0] = tables.own[edge]
+        seen.tokens[i, 1] = tables.incoming[edge]
+        seen.tokens[i, 2] = rows.state[i] & 1
+    # Whole vectors, of which the next row overwrites what is too much; what lies behind the last row is not ours to write.
+    width = tables.mask.shape[1]
+    exact = max(first, last - (width + n - 1) // n + 1)
+    for i in range(first, exact):
+        legal = tables.mask[np.uint64(tables.head[np.uint64(rows.state[i]), 3])]
+        place = flat[i * n : i * n + width]
+        for j in range(width):
+            place[j] = legal[j]
+    for i in range(exact, last):
+        flat[i * n : (i + 1) * n] = tables.mask[tables.head[rows.state[i], 3], :n]
 
 
 @compiled
@@ -140,10 +160,15 @@ def _show(tables: Tables, rows: Rows, seen: Seen, first: int, last: int) -> None
 @compiled
 def choose_uniform(tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
     """A legal stroke for each of the rows ``first`` up to ``last``, equally likely."""
-    for i in range(first, last):
-        s = rows.state[i]
-        k = uniform_choice(tables.head[s, 1], draw(rows.key[i], rows.stroke[i]))
-        stroke[i] = tables.incoming[tables.head[s, 2] + k]
+    block = new_block()
+    for begin_block in range(first, last, BLOCK):
+        part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
+        chosen = stroke[begin_block : begin_block + part.state.size]
+        draw_strokes(part, block.bits)
+        for j in range(part.state.size):
+            s = np.uint64(part.state[j])
+            edge = tables.head[s, 2] + uniform_choice(tables.head[s, 1], block.bits[j])
+            chosen[j] = tables.incoming[np.uint64(edge)]
 
 
 @lru_cache(maxsize=4)

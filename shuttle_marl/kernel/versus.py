@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from shuttle_marl import draws
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
-from shuttle_marl.kernel.rows import BLOCK, UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, show
+from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, next_state, play, read_limits
+from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 
@@ -57,17 +58,6 @@ def _reset(tables: Tables, rows: Rows, duel: Duel, which: npt.NDArray[np.bool_],
             _begin_duel(tables, rows, duel, i, seed_key, server)
 
 
-@inlined
-def _apply(rows: Any, i: Any, limits: Any, edge: Any, bits: Any) -> Any:
-    """Play a stroke whose table entries were read; returns its outcome."""
-    outcome = outcome_of(limits, bits)
-    rows.state[i] = 2 * edge + max(outcome - 2, 0)
-    rows.stroke[i] += 1
-    rows.striker[i] ^= 1
-    rows.live[i] = outcome >= 2
-    return outcome
-
-
 @compiled
 def _step(
     tables: Tables,
@@ -83,40 +73,46 @@ def _step(
     first: int,
     last: int,
 ) -> None:
-    # Reading and deciding are passes of their own without branches, so that the reads of many rows are under way at once.
-    limits, edges = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int32)
-    bits, goes_on = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int64)
+    block = new_block()
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
-        for i in range(begin_block, end_block):
-            j, s = i - begin_block, rows.state[i]
-            limits[j], edges[j] = tables.limits[tables.head[s, 0] + rank[i]], tables.head[s, 2] + rank[i]
-        replies = 0
-        for i in range(begin_block, end_block):
-            j = i - begin_block
-            outcome = _apply(rows, i, limits[j], edges[j], draw(rows.key[i], rows.stroke[i]))
+        part = part_of(rows, begin_block, end_block)
+        count = end_block - begin_block
+        opponent = duel.opponent[begin_block:end_block]
+        played, rewards, over = rank[begin_block:end_block], reward[begin_block:end_block], done[begin_block:end_block]
+        draw_strokes(part, block.bits)
+        for j in range(count):
+            find_pair(tables, block, j, part.state[j], played[j])
+        read_limits(tables, block, count)
+        play(part, block)
+        for j in range(count):
+            ends = block.outcome[j] < 2
+            over[j] = ends
+            rewards[j] = (2 * block.outcome[j] - 1) * ends
+        # From here on the first entries of a block belong to the rows that are listed: those with a reply.
+        replies = list_where(block, count, over=False)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            block.bits[r] = draw(part.key[at], part.stroke[at])
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            s = part.state[at]
+            k = table_choice(duel.players, opponent[at], s, tables.head[np.uint64(s), 0], block.bits[r])
+            find_pair(tables, block, r, s, k)
+        read_limits(tables, block, replies)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            outcome = outcome_of(block.limits[r], block.bits[r])
             ends = outcome < 2
-            done[i] = ends
-            reward[i] = (2 * outcome - 1) * ends
-            goes_on[replies] = i
-            replies += not ends
-        for j in range(replies):
-            i = goes_on[j]
-            s = rows.state[i]
-            start = tables.head[s, 0]
-            bits[j] = draw(rows.key[i], rows.stroke[i])
-            k = table_choice(duel.players, duel.opponent[i], s, start, bits[j])
-            limits[j], edges[j] = tables.limits[start + k], tables.head[s, 2] + k
-        for j in range(replies):
-            i = goes_on[j]
-            outcome = _apply(rows, i, limits[j], edges[j], bits[j])
-            ends = outcome < 2
-            done[i] = ends
-            reward[i] = (1 - 2 * outcome) * ends
-        if reset:
-            for i in range(begin_block, end_block):
-                if done[i]:
-                    _begin_duel(tables, rows, duel, i, seed_key, server)
+            part.state[at] = next_state(block.edge[r], outcome)
+            part.stroke[at] += 1
+            part.striker[at] ^= 1
+            over[at] = ends
+            rewards[at] = (1 - 2 * outcome) * ends
+        for j in range(count):
+            part.live[j] = not over[j]
+            if reset and over[j]:
+                _begin_duel(tables, rows, duel, begin_block + j, seed_key, server)
         if seen.mask.shape[0] > 0:
             show(tables, rows, seen, begin_block, end_block)
 

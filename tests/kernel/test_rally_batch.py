@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from shuttle_marl import draws
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.kernel import IllegalStrokeError, KernelError, RallyBatch, Tally
-from shuttle_marl.kernel.rows import Rows, Seen
+from shuttle_marl.kernel.rows import Rows, Seen, _show
 from shuttle_marl.policy.bc import load
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.uniform import UniformPolicy
@@ -197,6 +197,24 @@ def test_the_stronger_player_wins_from_both_seats() -> None:
         shares.append(tally.won_by_seat_0 / rallies)
     assert shares[0] > 0.515
     assert shares[1] < 0.485
+
+
+@pytest.mark.parametrize("rallies", [2, 9, 11])
+@pytest.mark.parametrize(("first", "last"), [(0, 1), (0, 50), (3, 4), (20, 29), (40, 50)])
+def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, last: int) -> None:
+    """Masks are copied in whole vectors, and a small catalogue has several rows in one."""
+    game = random_game(rallies, rallies)
+    batch = RallyBatch(game, 50, seed=1)
+    batch.run(7)
+    for before in (False, True):
+        seen = Seen(np.full((50, 3), -1, np.int32), np.full((50, game.n_strokes), before))
+        _show(batch._tables, batch.rows, seen, first, last)
+        inside = np.zeros(50, np.bool_)
+        inside[first:last] = True
+        assert np.array_equal(seen.mask[inside], game.mask(batch.rows.state)[inside])
+        assert (seen.mask[~inside] == before).all()
+        assert (seen.tokens[~inside] == -1).all()
+        assert (seen.tokens[inside] >= 0).all()
 
 
 def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
