@@ -1,0 +1,107 @@
+"""Rally logs as the official TypeScript readers of MCAP and Arrow see them, under Node.
+
+Node is on the machine or the tests are skipped; the packages, with versions and hashes in ``typescript/package-lock.json``,
+are installed by npm into a temporary folder.
+"""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter
+
+SOURCE = Path(__file__).with_name("typescript")
+NODE, NPM = shutil.which("node"), shutil.which("npm")
+OLDEST = 18
+"""Versions of Node before this lack what the packages need."""
+
+Read = Callable[..., tuple[int, list[dict[str, Any]]]]
+
+pytestmark = pytest.mark.slow
+
+
+def node_version() -> int:
+    if NODE is None or NPM is None:
+        return 0
+    done = subprocess.run([NODE, "--version"], capture_output=True, text=True, check=True)
+    return int(done.stdout.strip().removeprefix("v").partition(".")[0])
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
+    """Reads files: the exit status and what was found in each."""
+    if node_version() < OLDEST:
+        pytest.skip(f"needs Node {OLDEST} or later, and npm")
+    folder = tmp_path_factory.mktemp("node") / "reader"
+    shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("node_modules"))
+    install = [str(NPM), "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+    installed = subprocess.run(install, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    if installed.returncode and os.environ.get("CI") != "true":
+        pytest.skip(f"npm cannot install the readers: {installed.stderr[-500:]}")
+    assert installed.returncode == 0, installed.stderr
+
+    def run(*paths: Path) -> tuple[int, list[dict[str, Any]]]:
+        command = [str(NODE), str(folder / "read.mjs"), *map(str, paths)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+        assert done.stdout, done.stderr
+        return done.returncode, json.loads(done.stdout)
+
+    return run
+
+
+def strokes(rallies: Rallies) -> list[list[int]]:
+    return [part.tolist() for part in np.split(rallies.stroke, rallies.first_stroke[1:-1])]
+
+
+def test_a_tournament_is_read_whole(read: Read, played: Path) -> None:
+    status, [found] = read(played)
+    assert status == 0, found
+    with RallyLog(played) as log:
+        rallies = Rallies.join([batch for _, batch in log.batches()])
+        assert found["stream"] == {"messages": len(log.rallies), "topics": ["/rallies"]}
+        indexed = found["indexed"]
+        assert indexed["first"] == log.first_rally.tolist()
+        assert indexed["strokes"] == strokes(rallies)
+        assert indexed["attachments"] == {"rally_index": len(log.rallies)}
+        about = indexed["metadata"]["shuttle_marl.rally_log"]
+        assert about == log.header.to_metadata()
+        assert json.loads(about["header"])["policies"][0]["name"] == "attacking"
+
+
+def test_columns_and_parts_are_read(read: Read, tmp_path: Path, rallies, header) -> None:
+    made = rallies(500)
+    learner = dataclasses.replace(
+        made,
+        update=np.arange(500, dtype=np.uint32),
+        log_probability=np.linspace(-3, 0, len(made.stroke), dtype=np.float32),
+        value=np.full(len(made.stroke), np.nan, dtype=np.float32),
+    )
+    path = tmp_path / "a.mcap"
+    with RallyLogWriter(path, header(columns=learner.columns), batch_rallies=64, max_bytes=50_000) as log:
+        log.append(learner)
+    with RallyLog(path) as whole:
+        paths = [file.path for file in whole.files]
+    assert len(paths) > 1
+    status, found = read(*paths)
+    assert status == 0, found
+    assert [rally for each in found for rally in each["indexed"]["strokes"]] == strokes(made)
+    assert [update for each in found for update in each["indexed"]["updates"]] == list(range(500))
+
+
+def test_it_would_see_damage(read: Read, log_file: Path, tmp_path: Path) -> None:
+    content = bytearray(log_file.read_bytes())
+    cut, changed = tmp_path / "cut.mcap", tmp_path / "changed.mcap"
+    cut.write_bytes(content[: len(content) // 2])
+    content[len(content) // 2] ^= 0xFF
+    changed.write_bytes(content)
+    status, found = read(log_file, cut, changed)
+    assert status == 1
+    assert ["error" in each for each in found] == [False, True, True]
