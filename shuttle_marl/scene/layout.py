@@ -11,8 +11,8 @@ from shuttle_marl.scene.poses import WORLD
 
 _BACKGROUND: Final = "#10141c"
 _RED, _BLUE, _YELLOW, _GREEN = "#e8594f", "#4e98e2", "#f7df71", "#5cd6a9"
-_DISTANCE, _PHI, _THETA, _FOVY = 15.5, 64.0, 122.0, 42.0
-_TARGET: Final = (0.2, 0.2, 0.7)
+_DISTANCE, _PHI, _THETA, _FOVY = 15.5, 64.0, 298.0, 42.0
+_TARGET: Final = (-0.2, 0.1, 0.8)
 
 _PLOTS: Final = (
     (

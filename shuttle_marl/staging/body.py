@@ -39,6 +39,9 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 """Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
+_YIELD: Final = 0.35
+"""How far the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
+shot from a lunge would be played with the head of the racket hanging from a hand held high."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,7 +165,9 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
     keys = [KEYS[hit.stance.motion][CONTACT] for hit in timeline.hits]
     facing = turned(poses[rows, HIPS_YAW])
     shaft, elbow = (apply(facing, unit(np.array([getattr(key, name) for key in keys]))) for name in ("shaft", "elbow"))
-    shaft = unit(shaft - (shaft * normal).sum(axis=1, keepdims=True) * normal)
+    # The motion says where the shaft points, the flight where the strings face; each gives way until they are at right angles.
+    shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
+    normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
     n = len(rows)
     reach = np.full(n, SWEET_SPOT)
     angles = poses[rows, RACKET_ARM]

@@ -39,7 +39,7 @@ MOTIONS: Final = (
 
 _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
     "short-serve": ((0.98, 1.10), (0.98, 1.10)),
-    "long-serve": ((0.80, 1.08), (0.80, 1.08)),
+    "long-serve": ((0.68, 0.90), (0.68, 0.90)),
     "clear": ((1.05, 1.42), (2.40, 2.64)),
     "lift": ((0.50, 1.20), (1.62, 1.80)),
     "drop": ((1.05, 1.42), (2.36, 2.60)),
@@ -87,6 +87,8 @@ class Stance:
 def height_range(shot: int, height: int, technique: int) -> tuple[float, float]:
     """Least and greatest contact height of a kind of stroke [m]."""
     low, high = _HEIGHTS[SHOTS[shot]][height]
+    if SHOTS[shot] == "long-serve" and TECHNIQUES[technique] == "backhand":
+        low, high = _HEIGHTS["short-serve"][height]
     if low > OVERHEAD_FROM:
         return low - _LOWER[technique], high - _LOWER[technique]
     if height and TECHNIQUES[technique] == "around-the-head":

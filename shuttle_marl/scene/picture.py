@@ -1,0 +1,220 @@
+"""Pictures of a scene file, drawn by the package itself from the messages alone: for pages, and to check what viewers get.
+
+It knows what the scenes of this package use: models, boxes, cylinders, lines, texts, and transforms.
+"""
+
+import functools
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from shuttle_marl.scene.errors import SceneError
+from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
+from shuttle_marl.scene.poses import WORLD
+from shuttle_marl.scene.raster import Camera, Canvas, linear
+from shuttle_marl.staging.rotation import matrix
+
+Floats = npt.NDArray[np.float64]
+Pose = tuple[Floats, Floats]
+Words = tuple[str, tuple[float, float], float, tuple[float, float, float]]
+
+BACKGROUND: Final = (0.010, 0.013, 0.020)
+_BOX_CELL: Final = 1.0
+_SHOWN: Final = ("foxglove.SceneUpdate", "foxglove.FrameTransforms")
+_LIST: Final = 2
+"""Number of line lists in the schema; 0 are strips."""
+
+
+class Film:
+    """A scene file, opened to be looked at.
+
+    Args:
+        path: the file.
+
+    Attributes:
+        start: time of the first message [ns].
+        end: time of the last message [ns].
+
+    Raises:
+        SceneError: it cannot be read or is no scene.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._messages: list[tuple[int, str, bytes]] = []
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        decoders = DecoderFactory()
+        try:
+            reader = make_reader(io.BytesIO(path.read_bytes()))
+            for schema, channel, message in reader.iter_messages():
+                if schema is None or schema.name not in _SHOWN:
+                    continue
+                if channel.topic not in self._decoders:
+                    decoder = decoders.decoder_for(channel.message_encoding, schema)
+                    if decoder is None:
+                        raise SceneError(f"{path}: {channel.topic} is written in {channel.message_encoding}, expected protobuf")
+                    self._decoders[channel.topic] = decoder
+                self._messages.append((message.log_time, channel.topic, message.data))
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read ({error.strerror})") from error
+        except McapError as error:
+            raise SceneError(f"{path}: no scene ({error})") from error
+        if not self._messages:
+            raise SceneError(f"{path}: holds no scene")
+        self.start, self.end = self._messages[0][0], self._messages[-1][0]
+
+    def picture(
+        self, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720
+    ) -> npt.NDArray[np.uint8]:
+        """What is seen some seconds after the start, without texts: ``[height, width, 3]``."""
+        return self._draw(seconds, camera or Camera(), width, height)[0]
+
+    def save(self, path: Path, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> None:
+        """Write what is seen some seconds after the start, with texts, as a PNG file. Needs the extra ``plot``."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  not needed for anything else
+        from matplotlib.figure import Figure  # noqa: PLC0415
+
+        image, words = self._draw(seconds, camera or Camera(), width, height)
+        figure = Figure(figsize=(width / 100, height / 100), dpi=100)
+        FigureCanvasAgg(figure)
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.imshow(image, interpolation="nearest", aspect="auto")
+        axes.set_axis_off()
+        axes.set_xlim(-0.5, width - 0.5)
+        axes.set_ylim(height - 0.5, -0.5)
+        for text, (x, y), size, colour in words:
+            axes.text(x, y, text, fontsize=size * 0.72, color=colour, ha="center", va="center", family="DejaVu Sans")
+        figure.savefig(path, metadata={"Software": None})
+
+    def _draw(self, seconds: float, camera: Camera, width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[Words]]:
+        last: dict[str, bytes] = {}
+        until = self.start + round(seconds * 1e9)
+        frames: dict[str, tuple[str, Pose]] = {}
+        for time, topic, data in self._messages:
+            if time > until:
+                break
+            last[topic] = data
+        newest = [self._decoders[topic](message) for topic, message in last.items()]
+        for message in newest:
+            for moved in getattr(message, "transforms", ()):
+                frames[moved.child_frame_id] = (moved.parent_frame_id, _pose(moved.translation, moved.rotation))
+        canvas = Canvas(width, height, camera, BACKGROUND)
+        words: list[Words] = []
+        late: list[Any] = []
+        for message in newest:
+            for entity in getattr(message, "entities", ()):
+                pose = _against_world(frames, entity.frame_id)
+                for model in entity.models:
+                    for mesh in _model(model.data):
+                        _paint(canvas, mesh, pose, np.array([*mesh.colour, 1.0]))
+                for shape in (*entity.cubes, *entity.cylinders):
+                    mesh = _box(shape) if hasattr(shape, "size") and not hasattr(shape, "top_scale") else _cylinder(shape)
+                    colour = _colour(shape.color)
+                    if colour[3] < 1:
+                        late.append((mesh, _chained(pose, _pose_of(shape.pose)), colour))
+                    else:
+                        _paint(canvas, mesh, _chained(pose, _pose_of(shape.pose)), colour)
+                for line in entity.lines:
+                    late.append((line, pose, None))
+                words += [found for text in entity.texts if (found := _words(text, pose, camera, width, height))]
+        for thing, pose, colour in late:
+            if colour is None:
+                _draw_line(canvas, thing, pose)
+            else:
+                _paint(canvas, thing, pose, colour)
+        return canvas.image(), words
+
+
+def _paint(canvas: Canvas, mesh: Mesh, pose: Pose, colour: Floats) -> None:
+    turn, place = pose
+    canvas.triangles(mesh.vertices @ turn.T + place, mesh.normals @ turn.T, mesh.triangles, colour)
+
+
+def _draw_line(canvas: Canvas, line: Any, pose: Pose) -> None:
+    points = np.array([(p.x, p.y, p.z) for p in line.points]) @ pose[0].T + pose[1]
+    one = _colour(line.color)
+    colours = linear(np.array([(c.r, c.g, c.b, c.a) for c in line.colors])) if line.colors else np.tile(one, (len(points), 1))
+    # The canvas is twice as fine as the picture.
+    width = 2 * line.thickness
+    if line.type == _LIST:
+        for a in range(0, len(points) - 1, 2):
+            canvas.line(points[a : a + 2], colours[a : a + 2], width)
+    else:
+        canvas.line(points, colours, width)
+
+
+def _words(text: Any, pose: Pose, camera: Camera, width: int, height: int) -> Words | None:
+    place = _chained(pose, _pose_of(text.pose))[1]
+    x, y, depth = camera.project(place[None], width, height)[0]
+    if depth < 0.2 or not 0 <= x < width or not 0 <= y < height:
+        return None
+    pixels = text.font_size * height / (2 * np.tan(np.radians(camera.field) / 2) * depth)
+    return text.text, (float(x), float(y)), float(pixels), (text.color.r, text.color.g, text.color.b)
+
+
+def _against_world(frames: dict[str, tuple[str, Pose]], name: str) -> Pose:
+    pose: Pose = (np.eye(3), np.zeros(3))
+    while name != WORLD:
+        if name not in frames:
+            raise SceneError(f"the scene says nowhere where the frame of reference {name!r} is")
+        name, above = frames[name][0], frames[name][1]
+        pose = _chained(above, pose)
+    return pose
+
+
+def _chained(outer: Pose, inner: Pose) -> Pose:
+    return outer[0] @ inner[0], outer[0] @ inner[1] + outer[1]
+
+
+def _pose(place: Any, turn: Any) -> Pose:
+    q = np.array([turn.x, turn.y, turn.z, turn.w])
+    return matrix(q / np.linalg.norm(q)), np.array([place.x, place.y, place.z])
+
+
+def _pose_of(pose: Any) -> Pose:
+    return _pose(pose.position, pose.orientation)
+
+
+def _colour(colour: Any) -> Floats:
+    return linear(np.array([colour.r, colour.g, colour.b, colour.a]))
+
+
+@functools.lru_cache(maxsize=256)
+def _model(data: bytes) -> list[Mesh]:
+    return read_glb(data)
+
+
+def _box(cube: Any) -> Mesh:
+    """Six faces in cells of a metre, so that none is lost whole where it reaches behind the camera."""
+    size = np.array([cube.size.x, cube.size.y, cube.size.z])
+    vertices, normals, triangles, count = [], [], [], 0
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        nu, nv = (max(1, int(np.ceil(size[k] / _BOX_CELL))) for k in (u, v))
+        for side in (-1, 1):
+            grid = np.zeros((nu + 1, nv + 1, 3))
+            grid[..., axis] = side * size[axis] / 2
+            grid[..., u] = np.linspace(-size[u] / 2, size[u] / 2, nu + 1)[:, None]
+            grid[..., v] = np.linspace(-size[v] / 2, size[v] / 2, nv + 1)[None]
+            a = (np.arange(nu)[:, None] * (nv + 1) + np.arange(nv)).ravel() + count
+            triangles += [np.stack([a, a + nv + 1, a + nv + 2], axis=1), np.stack([a, a + nv + 2, a + 1], axis=1)]
+            normal = np.zeros(3)
+            normal[axis] = side
+            vertices.append(grid.reshape(-1, 3))
+            normals.append(np.tile(normal, (grid.shape[0] * grid.shape[1], 1)))
+            count += grid.shape[0] * grid.shape[1]
+    return Mesh(
+        vertices=np.concatenate(vertices), normals=np.concatenate(normals), triangles=np.concatenate(triangles), colour=(1, 1, 1)
+    )
+
+
+def _cylinder(cylinder: Any) -> Mesh:
+    x, z = cylinder.size.x / 2, cylinder.size.z / 2
+    profile = [(0.0, -z), (x * cylinder.bottom_scale, -z), (x * cylinder.top_scale, z), (0.0, z)]
+    return lathe(profile, (1, 1, 1), 24)
