@@ -5,10 +5,12 @@ The defaults reach the figures of ``docs/training.md`` on two cores; ``benchmark
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.stroke import SHOTS
 
 SELF: Final = "self"
 """The opponent that is the learner itself."""
@@ -43,6 +45,12 @@ class TrainingConfig:
     """Model whose game is played: a shipped one or a folder."""
     warm_start: str | None = None
     """Policy that the network imitates before it learns, for example bc."""
+    bonus: tuple[str, ...] = ()
+    """Reward for playing a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
+    fault_cost: float = 0.0
+    """How much worse than a loss is a loss by an own fault (not in self-play)."""
+    risk_aversion: float = 0.0
+    """Weight b of the entropic risk measure of what a rally brings; changes nothing without --fault-cost."""
     target: float | None = None
     """Stop once the exact chance to win a match against the opponent reaches this."""
     rows: int = 1024
@@ -85,6 +93,12 @@ class TrainingConfig:
             raise TrainingError("--opponent: expected a policy or more, or self")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} stands alone, for self-play")
+        self.bonuses()
+        for name in ("fault_cost", "risk_aversion"):
+            if not 0 <= getattr(self, name) <= 10:
+                raise TrainingError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected a number from 0 to 10")
+        if self.self_play and (self.bonus or self.fault_cost):
+            raise TrainingError("--bonus and --fault-cost: not in self-play, where what one player wins the other loses")
         if self.resume and self.overwrite:
             raise TrainingError("--resume goes on with a run and --overwrite replaces it; give one of them")
 
@@ -92,6 +106,23 @@ class TrainingConfig:
     def self_play(self) -> bool:
         """Whether both players are the learner."""
         return self.opponent == (SELF,)
+
+    def bonuses(self) -> dict[str, float]:
+        """Points by shot type.
+
+        Raises:
+            TrainingError: ``bonus`` holds something else.
+        """
+        points = {}
+        for entry in self.bonus:
+            shot, _, number = entry.partition("=")
+            try:
+                points[shot] = float(number)
+            except ValueError:
+                points[shot] = math.nan
+            if shot not in SHOTS or not abs(points[shot]) <= 1:
+                raise TrainingError(f"--bonus {entry}: expected SHOT=POINTS, points from -1 to 1, shot of {', '.join(SHOTS)}")
+        return points
 
     @property
     def frames(self) -> int:

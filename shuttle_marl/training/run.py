@@ -28,6 +28,7 @@ from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.inference import imitate, logit_network, tabulated
 from shuttle_marl.training.learner import Learner, NotFiniteError, Tensors
+from shuttle_marl.training.objective import Objective
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.recorded import RALLIES, NoLog, RunLog, open_log
 from shuttle_marl.training.sac import SAC
@@ -97,6 +98,7 @@ class _Run:
         self.evaluator = Evaluator(game, measured)
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
+        self.objective = Objective(config, game)
         self.strokes = Strokes(config, game, opponents, self.learner.actor)
         self.opponents = opponents
         self.iteration, self.seconds = 0, 0.0
@@ -158,10 +160,14 @@ class _Run:
         log.begin(segment)
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             data = self.strokes.collect()
+            paid = data["next", "reward"]
+            if not self.objective.plain:
+                data["next", "reward"] = self.objective.rewards(data)
             try:
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
             except NotFiniteError as error:
                 raise self._astray(str(error)) from error
+            data["next", "reward"] = paid
             log.add(data, self.iteration)
             self.iteration += 1
             after(losses)

@@ -1,0 +1,67 @@
+"""What is learned for besides the point: a bonus for shot types, and aversion to losing points by one's own faults.
+
+The return of a rally is G = +1 or -1, and -1 - c where it was lost by an own fault, with c the cost of a fault. Aversion to
+risk is the entropic risk measure: the agent minimises rho(-G) = log(E exp(-b G)) / b (Föllmer & Schied 2002) with b the
+aversion. As G takes three values only, this is the same as maximising an expected reward with
+u(g) = -exp(-b g), scaled so that u(1) = 1 and u(-1) = -1: a loss by an own fault counts -1 - k, where
+
+    k = 2 (exp(b (1 + c)) - exp(b)) / (exp(b) - exp(-b)),    k = c for b = 0.
+
+So without a cost of faults (c = 0) no aversion to risk changes anything: a rally is won or lost, and whoever minimises the
+risk of losing maximises the chance of winning. The cost is charged as its expectation, k times the chance of a fault of the
+stroke chosen, which is the same on average and varies less.
+"""
+
+import math
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+
+from shuttle_marl.rally import ONE, Game
+from shuttle_marl.stroke import SHOTS
+from shuttle_marl.training.config import TrainingConfig
+
+
+def fault_penalty(cost: float, aversion: float) -> float:
+    """How much worse than -1 a loss by an own fault counts: k above.
+
+    Args:
+        cost: c, from 0 on.
+        aversion: b, from 0 on.
+    """
+    if aversion == 0:
+        return cost
+    return 2 * math.exp(aversion) * math.expm1(aversion * cost) / (2 * math.sinh(aversion))
+
+
+class Objective:
+    """Adds bonus and penalty to rewards.
+
+    Args:
+        config: of the run.
+        game: the tables.
+    """
+
+    def __init__(self, config: TrainingConfig, game: Game) -> None:
+        bonus = np.zeros(len(SHOTS))
+        for shot, points in config.bonuses().items():
+            bonus[SHOTS.index(shot)] = points
+        penalty = fault_penalty(config.fault_cost, config.risk_aversion)
+        self.plain = not bonus.any() and penalty == 0
+        fault = game.threshold[:, 0].astype(np.float64) / ONE
+        self._game = game
+        self._added = (bonus[game.catalogue.shot[game.pair_stroke]] - penalty * fault).astype(np.float32)
+
+    def rewards(self, data: TensorDictBase) -> torch.Tensor:
+        """``[..., 1]`` rewards of what was collected, with bonus and penalty added to those of the rules."""
+        game = self._game
+        own, incoming, contact = np.moveaxis(data["observation"].cpu().numpy().astype(np.int64), -1, 0)
+        # The state whose striker sees this: the edge of the incoming stroke as a reply to their own last one.
+        start = np.append(game.catalogue.height, 0)[incoming]
+        rank = game.reply_rank[own, start, np.minimum(incoming, game.n_strokes - 1)]
+        begun = incoming < game.n_strokes
+        edge = np.where(begun, game.reply_start[own, start] + rank, 0)
+        pair = game.pair(2 * edge + contact, data["action"].cpu().numpy())
+        reward: torch.Tensor = data["next", "reward"]
+        return reward + torch.from_numpy(self._added[pair]).unsqueeze(-1).to(reward.device)

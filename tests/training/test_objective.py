@@ -1,0 +1,90 @@
+"""Changed objectives: what is added to the rewards, and that the entropic risk measure is what the module says."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.env.batched import VersusEnv
+from shuttle_marl.exact import visits
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+from shuttle_marl.rally import ONE
+from shuttle_marl.stroke import SHOTS
+from shuttle_marl.training import PPOConfig, TrainingError, train
+from shuttle_marl.training.objective import Objective, fault_penalty
+
+GAME = default_game()
+
+
+def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
+    env = VersusEnv(64, game=GAME, seed=3)
+    objective = Objective(PPOConfig(bonus=("smash=0.25", "lift=-0.5"), fault_cost=2.0), GAME)
+    seen = env.reset()
+    for _ in range(12):
+        states = env.states
+        env.rand_action(seen)
+        strokes = seen["action"].numpy()
+        _, following = env.step_and_maybe_reset(seen)
+        fault = GAME.threshold[GAME.pair(states, strokes), 0] / ONE
+        shot = np.array(SHOTS)[GAME.catalogue.shot[strokes]]
+        added = 0.25 * (shot == "smash") - 0.5 * (shot == "lift") - 2 * fault
+        found = objective.rewards(seen) - seen["next", "reward"]
+        torch.testing.assert_close(found.squeeze(-1), torch.from_numpy(added).float())
+        seen = following
+
+
+@given(
+    cost=st.floats(0, 2),
+    aversion=st.floats(0.05, 4),
+    chances=st.lists(st.floats(0.01, 1), min_size=6, max_size=6),
+)
+def test_the_penalty_orders_plays_as_the_entropic_risk_does(cost: float, aversion: float, chances: list[float]) -> None:
+    """Two plays, each with its chances to win, to lose to the opponent, and to lose by an own fault."""
+    plays = np.array(chances).reshape(2, 3)
+    plays /= plays.sum(axis=1, keepdims=True)
+    outcomes = np.array([1.0, -1.0, -1.0 - cost])
+    risk = np.log(plays @ np.exp(-aversion * outcomes)) / aversion
+    expected = plays @ np.array([1.0, -1.0, -1.0 - fault_penalty(cost, aversion)])
+    if abs(risk[0] - risk[1]) > 1e-9:
+        assert (risk[0] < risk[1]) == (expected[0] > expected[1])
+
+
+def test_the_penalty_without_aversion_is_the_cost() -> None:
+    assert fault_penalty(0.7, 0) == 0.7
+    assert fault_penalty(0.7, 1e-6) == pytest.approx(0.7, rel=1e-5)
+    assert fault_penalty(0, 3) == 0
+    assert Objective(PPOConfig(risk_aversion=2.0), GAME).plain
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"bonus": ("smesh=0.1",)},
+        {"bonus": ("smash",)},
+        {"bonus": ("smash=nan",)},
+        {"bonus": ("smash=3",)},
+        {"fault_cost": -1.0},
+        {"risk_aversion": float("nan")},
+        {"fault_cost": 0.5, "opponent": ("self",)},
+    ],
+)
+def test_what_cannot_be_an_objective_is_refused(changes) -> None:
+    with pytest.raises(TrainingError, match=r"--bonus|--fault-cost|--risk-aversion"):
+        PPOConfig(**changes)
+
+
+@pytest.mark.slow
+def test_what_is_rewarded_is_played_more(tmp_path) -> None:
+    small = {"rows": 512, "steps": 8, "strokes": 120_000, "width": 64, "evaluate_every": 100, "minibatch": 1024}
+    opponent = tabulate(resolve("bc", GAME), GAME)
+    lifts, faults = {}, {}
+    for name, changes in {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}.items():
+        done = train(PPOConfig(**small, **changes, out=tmp_path / name))
+        seen = visits(done.policy, opponent)
+        lifts[name] = seen.shot_mix(0)[SHOTS.index("lift")]
+        faults[name] = seen.pairs(0) @ (GAME.threshold[:, 0] / ONE) / seen.states[0].sum()
+    assert lifts["lifting"] > lifts["plain"] + 0.1
+    assert faults["careful"] < faults["plain"]
