@@ -15,8 +15,9 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import layout, still, topics
 from shuttle_marl.scene.drawing import SECOND, update
-from shuttle_marl.scene.moving import Take, messages
+from shuttle_marl.scene.moving import messages
 from shuttle_marl.scene.story import Teller
+from shuttle_marl.scene.take import Take
 from shuttle_marl.staging import stage
 
 EPOCH: Final = 1_735_689_600 * SECOND

@@ -27,9 +27,9 @@ class Camera:
         field: angle of view from top to bottom [degrees].
     """
 
-    place: tuple[float, float, float] = (11.6, -7.4, 6.8)
-    target: tuple[float, float, float] = (-0.2, 0.1, 0.8)
-    field: float = 40.0
+    place: tuple[float, float, float] = (10.3, -6.7, 5.9)
+    target: tuple[float, float, float] = (-0.4, 0.1, 1.0)
+    field: float = 39.0
 
     def project(self, points: Floats, width: int, height: int) -> Floats:
         """``[N, 3]`` pixel across, pixel down, and distance along the line of sight [m]."""

@@ -161,7 +161,8 @@ def fall(start: Floats, velocity: Floats, time: Floats) -> Flights:
 
 def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Classical Runge-Kutta in scaled units: instants, positions and velocities, each ``[N, steps + 1]``."""
-    stretch = np.log1p(np.hypot(vx, vy) * t)[:, None] * np.linspace(0, 1, steps + 1)
+    # From rest, steps are equal.
+    stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
     state = np.empty((4, len(t), steps + 1))
     s = np.stack([np.zeros_like(vx), np.zeros_like(vy), vx, vy])

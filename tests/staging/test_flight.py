@@ -1,0 +1,82 @@
+"""The flight of the shuttle against an integration by scipy, and against what physics says."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, shoot
+
+TARGETS = st.tuples(
+    st.floats(-2.5, 2.5),
+    st.floats(-6.5, -0.4),
+    st.floats(0.3, 2.8),
+    st.floats(-2.5, 2.5),
+    st.floats(0.4, 6.5),
+    st.floats(0.02, 2.8),
+)
+
+
+def shot(numbers: tuple[float, ...], seconds: float) -> Flights:
+    values = np.array(numbers)
+    return shoot(values[None, :3], values[None, 3:], np.array([seconds]))
+
+
+def integrated(start: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
+    """Where a shuttle is after some seconds, by a Runge-Kutta method of order 8 with tight tolerances."""
+
+    def change(_: float, state: np.ndarray) -> np.ndarray:
+        v = state[3:]
+        return np.r_[v, -np.linalg.norm(v) * v / LENGTH - np.array([0, 0, GRAVITY])]
+
+    return solve_ivp(change, (0, seconds), np.r_[start, velocity], method="DOP853", rtol=1e-9, atol=1e-9).y[:3, -1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(TARGETS, st.floats(0.35, 2.0))
+def test_a_flight_ends_at_its_target_in_time(numbers: tuple[float, ...], seconds: float) -> None:
+    flight = shot(numbers, seconds)
+    ends, _ = flight.at(0, np.array([0.0, seconds]))
+    np.testing.assert_allclose(ends[0], numbers[:3], atol=1e-9)
+    np.testing.assert_allclose(ends[1], numbers[3:], atol=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(TARGETS, st.floats(0.4, 1.6))
+def test_the_same_launch_integrated_precisely_arrives_too(numbers: tuple[float, ...], seconds: float) -> None:
+    flight = shot(numbers, seconds)
+    position, velocity = flight.at(0, np.array([0.0]))
+    half, _ = flight.at(0, np.array([seconds / 2]))
+    for share, expected in ((1.0, np.array(numbers[3:])), (0.5, half[0])):
+        np.testing.assert_allclose(integrated(position[0], velocity[0], share * seconds), expected, atol=0.02)
+
+
+def test_a_falling_shuttle_comes_to_its_terminal_speed() -> None:
+    """Closed form: v = U tanh(g t / U)."""
+    drop = fall(np.array([[0.0, 0.0, 50.0]]), np.zeros((1, 3)), np.array([4.0]))
+    for seconds in (0.3, 1.0, 3.9):
+        _, velocity = drop.at(0, np.array([seconds]))
+        assert abs(-velocity[0, 2] - TERMINAL * np.tanh(GRAVITY * seconds / TERMINAL)) < 0.03
+
+
+@settings(max_examples=30, deadline=None)
+@given(TARGETS, st.floats(0.4, 1.6))
+def test_drag_takes_energy_all_the_time(numbers: tuple[float, ...], seconds: float) -> None:
+    position, velocity = shot(numbers, seconds).at(0, np.linspace(0, seconds, 30))
+    energy = (velocity**2).sum(axis=1) / 2 + GRAVITY * position[:, 2]
+    assert (np.diff(energy) < 0.02 * energy[0]).all()
+    assert energy[-1] < energy[0]
+
+
+@settings(max_examples=20, deadline=None)
+@given(TARGETS, st.floats(0.5, 1.4))
+def test_the_height_over_the_net_is_that_of_the_path(numbers: tuple[float, ...], seconds: float) -> None:
+    flight = shot(numbers, seconds)
+    path, _ = flight.at(0, np.linspace(0, seconds, 4000))
+    crossing = int(np.argmax(path[:, 1] > 0))
+    assert abs(float(flight.height_over(0.0)[0]) - path[crossing, 2]) < 0.02
+
+
+def test_a_flight_that_does_not_get_there_has_no_height() -> None:
+    flight = shot((0.0, -5.0, 1.0, 0.0, -1.0, 1.0), 0.5)
+    assert np.isnan(flight.height_over(0.0)[0])

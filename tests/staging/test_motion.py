@@ -1,0 +1,195 @@
+"""Staged rallies measured as motion, and the measures themselves on motions that were spoilt."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.rally import FAULT, WINNER
+from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
+from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height
+from shuttle_marl.staging.rotation import about, matrix, quaternion
+from shuttle_marl.staging.skeleton import BONE
+
+
+def spoilt(motion: Motion, **changes: np.ndarray) -> Motion:
+    return dataclasses.replace(motion, **changes)
+
+
+def test_the_racket_meets_the_shuttle(motions: list[Motion]) -> None:
+    for motion in motions:
+        assert measure(motion).contact.max() <= 0.01
+
+
+def test_feet_stay_where_they_are_put_down(motions: list[Motion]) -> None:
+    for motion in motions:
+        found = measure(motion)
+        assert len(found.slide) > 4
+        assert found.slide.max() <= 0.02
+        assert found.sunk <= 0.02
+
+
+def test_players_keep_the_limits_of_speed(motions: list[Motion]) -> None:
+    for motion in motions:
+        found = measure(motion)
+        assert found.speed.max() <= 6.5
+        assert found.acceleration.max() <= 12.0
+
+
+def test_joints_keep_their_limits(motions: list[Motion]) -> None:
+    for motion in motions:
+        assert measure(motion).joint_excess == 0
+
+
+def test_shuttles_clear_the_net_and_come_down_where_they_must(motions: list[Motion]) -> None:
+    for motion in motions:
+        found = measure(motion)
+        assert (found.clearance >= 0.01).all()
+        assert found.landing.max() <= 0.05
+        assert found.true_end.all()
+
+
+def test_most_flights_take_as_long_as_in_matches(motions: list[Motion]) -> None:
+    timely = np.concatenate([measure(motion).timely for motion in motions])
+    assert timely.mean() >= 0.9
+
+
+def test_the_same_arguments_give_the_same_motion(played: list[PlayedRally]) -> None:
+    first, again = (stage(played[0], seed=3) for _ in range(2))
+    other = stage(played[0], seed=4)
+    for name in ("time", "shuttle", "rotation", "position", "planted", "contact_frame"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+    assert not np.array_equal(first.shuttle[: len(other.shuttle)], other.shuttle[: len(first.shuttle)])
+
+
+def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
+    for motion in motions:
+        plan = motion.plan
+        assert len(motion.contact_frame) == len(plan.rally)
+        assert (np.diff(motion.contact_frame) > 0).all()
+        side = np.array([facing(int(seat)) for seat in plan.rally.striker])
+        assert (plan.contact[:, 1] * side < 0).all(), "a stroke is struck on the striker's half"
+        above = plan.rally.catalogue.height[plan.rally.stroke].astype(bool)
+        assert (plan.contact[above, 2] > net_height(plan.contact[above, 0])).all()
+        assert (plan.contact[~above, 2] < net_height(plan.contact[~above, 0])).all()
+        assert (plan.end[:-1] == RETURN).all()
+        assert (plan.end[-1] == WIN) == (plan.rally.ending == WINNER)
+        assert (plan.end[-1] in (OUT, NET)) == (plan.rally.ending == FAULT)
+
+
+def test_players_stay_on_their_half(motions: list[Motion]) -> None:
+    for motion in motions:
+        for seat in (0, 1):
+            assert (motion.position[:, seat, 0, 1] * facing(seat) < 0).all()
+
+
+def test_bones_keep_their_lengths_and_the_racket_its_hand(motions: list[Motion]) -> None:
+    for motion in motions:
+        for seat in (0, 1):
+            parents, rest = motion.parents(seat), motion.rest(seat)
+            hand = BONE["RightHand" if motion.handedness[seat] == "right" else "LeftHand"]
+            assert parents[BONE["Racket"]] == hand
+            for bone, parent in enumerate(parents):
+                if parent < 0:
+                    continue
+                turn = matrix(motion.rotation[:, seat, parent])
+                away = motion.position[:, seat, bone] - motion.position[:, seat, parent]
+                np.testing.assert_allclose(away, turn @ (rest[bone] - rest[parent]), atol=2e-4)
+
+
+def test_a_left_hander_is_the_mirror_image(played: list[PlayedRally]) -> None:
+    """The hips wait on the same spot; whatever the right hand does the left one does."""
+    right = stage(played[1], seed=2)
+    left = stage(played[1], seed=2, handedness=("left", "left"))
+    for motion, hand, other in ((right, "RightHand", "LeftHand"), (left, "LeftHand", "RightHand")):
+        seat = int(motion.plan.rally.striker[-1])
+        frame = int(motion.contact_frame[-1])
+        racket = motion.position[frame, seat, BONE["Racket"]]
+        near, far = (np.linalg.norm(racket - motion.position[frame, seat, BONE[name]]) for name in (hand, other))
+        assert near < 0.12 < far
+    assert {joint.name for joint in joints(left, 0)} == {joint.name for joint in joints(right, 0)}
+
+
+def test_spoilt_motions_are_found_out(motions: list[Motion]) -> None:
+    motion = motions[0]
+    at, seat = int(motion.contact_frame[0]), int(motion.plan.rally.striker[0])
+    shuttle = motion.shuttle.copy()
+    shuttle[at] += (0.03, 0, 0)
+    assert measure(spoilt(motion, shuttle=shuttle)).contact[0] > 0.02
+    position = motion.position.copy()
+    position[:, 0] += np.linspace(0, 0.5, len(position))[:, None, None] * np.array([1, 0, 0])
+    assert measure(spoilt(motion, position=position)).slide.max() > 0.02
+    position = motion.position.copy()
+    position[at:, seat] += (0.3, 0, 0)
+    assert measure(spoilt(motion, position=position)).speed[seat] > 6.5
+    position = motion.position.copy()
+    position[..., 2] -= 0.2
+    assert measure(spoilt(motion, position=position)).sunk > 0.1
+    rotation = motion.rotation.copy()
+    knee = BONE["RightLeg"]
+    bent = matrix(rotation[at, 0, knee]) @ about(np.array([1.0, 0, 0]), 1.5)
+    rotation[at, 0, knee] = quaternion(bent)
+    assert measure(spoilt(motion, rotation=rotation)).joint_excess > 1
+
+
+def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:
+    """Net faults hit the net and stay on the striker's side; shuttles that are out come down outside."""
+    seen = set()
+    for i, rally in enumerate(played):
+        short = dataclasses.replace(rally, stroke=rally.stroke[:3])
+        motion = stage(short, seed=i)
+        end = ENDS[motion.plan.end[-1]]
+        if end not in seen:
+            assert measure(motion).true_end.all()
+            seen.add(end)
+        if seen == {"winner", "out", "net"}:
+            return
+    pytest.fail(f"forty rallies have only these ends: {seen}")
+
+
+def test_frames_a_second_can_be_chosen(played: list[PlayedRally]) -> None:
+    motion = stage(dataclasses.replace(played[2], stroke=played[2].stroke[:2]), seed=0, fps=30)
+    assert motion.fps == 30
+    np.testing.assert_allclose(np.diff(motion.time), 1 / 30)
+    assert measure(motion).contact.max() <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"handedness": ("right", "both")}, "expected right or left"),
+        ({"fps": 10}, "expected 25 to 1000"),
+        ({"athletes": ("male", "robot")}, "expected one of male, female"),
+    ],
+)
+def test_wrong_options(played: list[PlayedRally], change: dict[str, object], message: str) -> None:
+    with pytest.raises(StagingError, match=message):
+        stage(played[0], seed=0, **change)  # type: ignore[arg-type]
+
+
+def test_wrong_rallies() -> None:
+    catalogue = default_game().catalogue
+    serve = int(np.flatnonzero(catalogue.is_serve)[0])
+    reply = int(np.flatnonzero(~catalogue.is_serve)[0])
+
+    def checked(**changes: object) -> None:
+        fields = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
+        PlayedRally(**fields).checked()  # type: ignore[arg-type]
+
+    checked()
+    for changes, message in (
+        ({"stroke": np.array([], dtype=np.int64)}, "without strokes"),
+        ({"stroke": np.array([reply])}, "starts with a serve"),
+        ({"stroke": np.array([serve, serve])}, "starts with a serve"),
+        ({"stroke": np.array([len(catalogue)])}, "the catalogue has"),
+        ({"server": 2}, "expected seat 0 or 1"),
+        ({"ending": 2}, "expected 0"),
+    ):
+        with pytest.raises(StagingError, match=message):
+            checked(**changes)
+    with pytest.raises(StagingError, match="take turns"):
+        PlayedRally.of(catalogue, [(0, serve, 2), (0, reply, 1)])
+    with pytest.raises(StagingError, match="heights of the strokes"):
+        wrong = 3 - int(catalogue.height[reply])
+        PlayedRally.of(catalogue, [(0, serve, wrong), (1, reply, WINNER)])
