@@ -5,6 +5,7 @@ import sys
 from typing import Final
 
 _COMMANDS: Final = {
+    "analysis": "figures and pictures of recorded rallies, beside real matches",
     "data": "download, convert, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
     "exact": "solve the game, and measure policies against the solution",

@@ -121,7 +121,7 @@ def plot(solution: Solution, path: Path, incoming: int, own: int | None = None) 
     colours = mpl.colormaps["RdYlGn"]
     figure = Figure(figsize=(9.6, 8.2), layout="constrained")
     for axes, contact, aim in zip(figure.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
-        _draw_court(axes)
+        draw_court(axes)
         _draw_incoming(axes, int(game.catalogue.area[incoming]))
         for area in range(N_AREAS):
             _draw_area(axes, game, aim, area, colours)
@@ -141,7 +141,8 @@ def _percent(value: float) -> str:
     return f"{100 * (1 + value) / 2:.1f} %"
 
 
-def _draw_court(axes: Any) -> None:
+def draw_court(axes: Any) -> None:
+    """Draw the lines of a whole court in metres, the striker's half below, into matplotlib's axes."""
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
@@ -156,7 +157,7 @@ def _draw_court(axes: Any) -> None:
     axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=_INK, linewidth=3, zorder=4)
 
 
-def _corners(area: int) -> tuple[float, float, float, float]:
+def area_box(area: int) -> tuple[float, float, float, float]:
     """Left, bottom, width and height of an area of the opponent's half [m]; its right is the opponent's."""
     xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
     ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
@@ -166,7 +167,7 @@ def _corners(area: int) -> tuple[float, float, float, float]:
 
 def _draw_incoming(axes: Any, area: int) -> None:
     # The striker receives it: the opponent's half turned by half a turn.
-    left, bottom, width, height = _corners(area)
+    left, bottom, width, height = area_box(area)
     x, y, text = -left - width / 2, -bottom - height / 2, AREAS[area].replace("-", "\n")
     box = [(-left, -bottom), (-left - width, -bottom), (-left - width, -bottom - height), (-left, -bottom - height)]
     axes.fill(*zip(*box, strict=True), facecolor=_LINE, alpha=0.9, zorder=3.5)
@@ -174,7 +175,7 @@ def _draw_incoming(axes: Any, area: int) -> None:
 
 
 def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:
-    left, bottom, width, height = _corners(area)
+    left, bottom, width, height = area_box(area)
     box = [(left, bottom), (left + width, bottom), (left + width, bottom + height), (left, bottom + height)]
     x, y = area_centre(np.array(area))
     if aim.stroke[area] < 0:

@@ -10,7 +10,7 @@ import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
 COMMANDS = ("data", "dynamics", "exact", "league", "recording")
-TABLE_FLOORS = ("rally", "scoring", "draws", "stroke", "policy", "kernel", "exact", "env", "recording", "league")
+TABLE_FLOORS = ("rally", "scoring", "draws", "stroke", "policy", "kernel", "exact", "env", "recording", "analysis", "league")
 NEED_TORCH = ("shuttle_marl.env.batched",)
 
 

@@ -1,0 +1,117 @@
+"""What strokes are worth: players ranked by the value that theirs added, with intervals over matches.
+
+    python -m experiments.stroke_value [--data DATA] [--out FOLDER] [--json]
+
+Without ``--data`` the folder that the environment variable SHUTTLESET names is taken, else the simulated sample of the
+repository. The value of a stroke is the change of the chance to win the rally, exactly computed on the shipped game as if both
+played on like the average player (``bc``); each player is measured by the mean stroke of their discipline.
+"""
+
+import csv
+import dataclasses
+import io
+import json as json_format
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from shuttle_marl.analysis import PlayerValue, add_values, pictures, rally_table, rank_players, strokes_of, summarise
+from shuttle_marl.analysis.ranking import LEAST_MATCHES, LEAST_STROKES
+from shuttle_marl.cli import run
+from shuttle_marl.dynamics import load_game
+from shuttle_marl.files import replace_file
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import tabulate
+
+SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
+_GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
+_DRAWN: Final = range(9, 14)
+"""Lengths of rallies that make a readable picture."""
+
+
+def stroke_value(
+    *,
+    data: Path | None = None,
+    out: Path | None = None,
+    reference: str = "bc",
+    model: str = "default",
+    least_matches: int = LEAST_MATCHES,
+    least_strokes: int = LEAST_STROKES,
+    json: bool = False,
+) -> None:
+    """Rank players by value added per stroke.
+
+    Args:
+        data: annotated matches, a Parquet file of `data convert`, or a rally log; default: see above.
+        out: folder for pictures and the table as CSV.
+        reference: policy whose play the values assume.
+        model: a shipped model or a model folder.
+        least_matches: players with fewer matches are left out.
+        least_strokes: players with fewer strokes are left out.
+        json: print JSON instead.
+    """
+    path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
+    game = load_game(model)
+    valued = add_values(strokes_of(path), tabulate(resolve(reference, game), game, reference))
+    players = rank_players(valued, least_matches=least_matches, least_strokes=least_strokes, centred=True)
+    groups = {text: mine for kind, text in _GROUPS.items() if (mine := [p for p in players if p.discipline == kind])}
+    if out is not None:
+        _write(out, players)
+        everybody = {"all players": summarise(valued)} | {
+            mine[0].player: summarise(valued, mine[0].player) for mine in groups.values()
+        }
+        pictures.save(pictures.ranking(groups, "Value added by strokes"), out / "ranking.png")
+        pictures.save(pictures.landings(everybody), out / "landings.png")
+        pictures.save(pictures.transitions(everybody["all players"], "Replies of all players"), out / "replies.png")
+        pictures.save(pictures.shot_mix(everybody), out / "shots.png")
+        shown = next((r for r in rally_table(valued).to_pylist() if r["length"] in _DRAWN and _known(valued, r)), None)
+        if shown is not None:
+            pictures.save(pictures.rally(valued, shown["first"], shown["length"]), out / "rally.png")
+    if json:
+        known = valued["value_added"].null_count
+        result = {"data": path.name, "strokes": valued.num_rows, "valued": valued.num_rows - known}
+        sys.stdout.write(json_format.dumps({**result, "players": [dataclasses.asdict(p) for p in players]}) + "\n")
+        return
+    for text, mine in groups.items():
+        _print(text, mine)
+
+
+def _known(valued: pa.Table, rally: dict[str, int]) -> bool:
+    rows = valued.slice(rally["first"], rally["length"])
+    whole = rows.num_rows == rally["length"] and rows["stroke"][-1].as_py() == rally["length"]
+    return whole and not rows["value_added"].null_count
+
+
+def _write(out: Path, players: Sequence[PlayerValue]) -> None:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [f.name for f in dataclasses.fields(PlayerValue)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(dataclasses.asdict(p) for p in players)
+    replace_file(out / "players.csv", text.getvalue().encode())
+
+
+def _print(title: str, players: Sequence[PlayerValue]) -> None:
+    table = Table(title=f"Points won by 100 strokes, {title}", box=SIMPLE_HEAD)
+    for heading in ("", "player", "matches", "strokes", "value added", "by decisions"):
+        table.add_column(heading, justify="left" if heading == "player" else "right", no_wrap=True)
+    for rank, p in enumerate(players, start=1):
+        added = f"{100 * p.value:+.2f} ({100 * p.low:+.2f}, {100 * p.high:+.2f})"
+        chosen = f"{100 * p.decision:+.2f} ({100 * p.decision_low:+.2f}, {100 * p.decision_high:+.2f})"
+        table.add_row(str(rank), p.player, str(p.matches), f"{p.strokes:,}", added, chosen)
+    Console(highlight=False).print(table)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(stroke_value, prog="experiments.stroke_value", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,230 @@
+"""Pictures of an analysis, drawn with matplotlib: landings on the court, transitions, rankings, rallies."""
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shuttle_marl.analysis.errors import AnalysisError
+from shuttle_marl.analysis.ranking import PlayerValue
+from shuttle_marl.analysis.summary import LONGEST, Summary
+from shuttle_marl.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, area_centre
+from shuttle_marl.exact.plot import area_box, draw_court
+from shuttle_marl.files import replace_file
+from shuttle_marl.stroke import N_SERVES, SHOTS
+
+_FORMATS: Final = (".png", ".svg", ".pdf")
+_INK: Final = "#0b0f17"
+_COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
+_CELLS: Final = (26, 34)
+"""Cells of the heat map across and along a half of the court."""
+_LEAST_SHARE: Final = 0.08
+"""Replies rarer than this are not drawn in a transition diagram."""
+_SHORT: Final = {"cross-court-net-shot": "cross-court\nnet shot", "short-serve": "short serve", "long-serve": "long serve"}
+
+
+def figure(width: float, height: float) -> Any:
+    """An empty figure, in inches.
+
+    Raises:
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    import matplotlib as mpl  # noqa: PLC0415  an extra
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    mpl.use("Agg")
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def save(drawn: Any, path: Path) -> None:
+    """Write a figure as PNG, SVG or PDF.
+
+    Raises:
+        AnalysisError: the suffix is of no known format.
+        FileWriteError: the file cannot be written.
+    """
+    if path.suffix not in _FORMATS:
+        raise AnalysisError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
+    with io.BytesIO() as buffer:
+        drawn.savefig(buffer, format=path.suffix[1:], dpi=110)
+        replace_file(path, buffer.getvalue())
+
+
+def landings(summaries: Mapping[str, Summary]) -> Any:
+    """Where the good strokes of each came down, on the court, with the share of every area."""
+    drawn = figure(3.4 * len(summaries), 6.2)
+    axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
+    cells = [_density(summary.points) for summary in summaries.values()]
+    brightest = max((float(cell.max()) for cell in cells), default=1.0) or 1.0
+    for axes, cell, (name, summary) in zip(axes_of, cells, summaries.items(), strict=True):
+        draw_court(axes)
+        extent = (-HALF_WIDTH, HALF_WIDTH, 0.0, HALF_LENGTH)
+        axes.imshow(
+            cell.T / brightest, origin="lower", extent=extent, cmap="magma", vmin=0, vmax=1, zorder=2, interpolation="bilinear"
+        )
+        for area in range(N_AREAS):
+            left, bottom, width, height = area_box(area)
+            box = ([left, left + width, left + width, left, left], [bottom, bottom, bottom + height, bottom + height, bottom])
+            axes.plot(*box, color="white", linewidth=0.5, alpha=0.6, zorder=4)
+            x, y = area_centre(np.array(area))
+            share = f"{100 * summary.areas[area]:.0f} %"
+            outline = {"boxstyle": "round,pad=0.15", "facecolor": _INK, "alpha": 0.55, "edgecolor": "none"}
+            axes.text(x, y, share, ha="center", va="center", color="white", fontsize=9, bbox=outline, zorder=5)
+        axes.text(
+            0, -HALF_LENGTH / 2, f"{name}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
+        )
+        axes.set_title(f"{name}: {summary.strokes:,} strokes", fontsize=10)
+    return drawn
+
+
+def _density(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    bounds = [[-HALF_WIDTH, HALF_WIDTH], [0.0, HALF_LENGTH]]
+    counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=_CELLS, range=bounds)
+    return np.asarray(counts / max(1, len(points)))
+
+
+def transitions(summary: Summary, title: str) -> Any:
+    """With which shot types a player answers which: arrows from the incoming shot to the reply, as wide as it is frequent."""
+    from matplotlib.patches import FancyArrowPatch  # noqa: PLC0415  an extra
+
+    drawn = figure(8.4, 8.4)
+    axes = drawn.subplots()
+    count = summary.transitions
+    total = count.sum(axis=1, keepdims=True)
+    share = count / np.maximum(1, total)
+    used = np.flatnonzero(count.sum(axis=0) + count.sum(axis=1))
+    angle = np.pi / 2 - 2 * np.pi * np.arange(len(used)) / len(used)
+    place = {int(shot): (np.cos(a), np.sin(a)) for shot, a in zip(used, angle, strict=True)}
+    played = count.sum(axis=0) / max(1, count.sum())
+    come = count.sum(axis=1) / max(1, count.sum())
+    for before, after in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
+        if before == after:
+            continue
+        arrow = FancyArrowPatch(
+            place[int(before)],
+            place[int(after)],
+            connectionstyle="arc3,rad=0.18",
+            arrowstyle="-|>",
+            mutation_scale=9,
+            linewidth=0.4 + 7 * share[before, after] * np.sqrt(come[before]),
+            color=_COLOURS[0] if before >= N_SERVES else _COLOURS[2],
+            alpha=float(min(1.0, 0.25 + share[before, after])),
+            shrinkA=19,
+            shrinkB=19,
+        )
+        axes.add_patch(arrow)
+    for shot, (x, y) in place.items():
+        axes.scatter(x, y, s=300 + 4200 * played[shot], color=_COLOURS[1], alpha=0.9, zorder=3, edgecolor="white")
+        name = _SHORT.get(SHOTS[shot], SHOTS[shot].replace("-", " "))
+        label = name if shot < N_SERVES else f"{name}\n{100 * played[shot]:.0f} %"
+        axes.text(1.2 * x, 1.17 * y, label, ha="center", va="center", fontsize=9)
+        if share[shot, shot] >= _LEAST_SHARE:
+            axes.text(x, y, f"↻{100 * share[shot, shot]:.0f}", ha="center", va="center", fontsize=8, color="white", zorder=4)
+    axes.set(xlim=(-1.4, 1.4), ylim=(-1.35, 1.35), aspect="equal")
+    axes.set_axis_off()
+    axes.set_title(
+        f"{title}\narrows: incoming shot → reply, from {100 * _LEAST_SHARE:.0f} % on; circles: share of the replies", fontsize=10
+    )
+    return drawn
+
+
+def shot_mix(summaries: Mapping[str, Summary]) -> Any:
+    """Share of every shot type, of each side by side; lengths of rallies below."""
+    drawn = figure(9.5, 6.6)
+    above, below = drawn.subplots(2, 1)
+    width = 0.8 / len(summaries)
+    at = np.arange(len(SHOTS))
+    for i, (name, summary) in enumerate(summaries.items()):
+        colour = _COLOURS[i % len(_COLOURS)]
+        above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
+        share = 100 * summary.lengths / max(1, summary.lengths.sum())
+        below.step(np.arange(LONGEST + 1), share, where="mid", color=colour, label=f"{name}: mean {summary.length:.1f}")
+    above.set_xticks(at, [_SHORT.get(shot, shot.replace("-", " ")) for shot in SHOTS], rotation=40, ha="right", fontsize=8)
+    above.set_ylabel("share of strokes [%]")
+    below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))
+    for axes in (above, below):
+        axes.legend(fontsize=8, frameon=False)
+        axes.spines[["top", "right"]].set_visible(False)
+    return drawn
+
+
+def ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
+    """Value added of each player with its interval, and the part of it that is decisions; a panel a group."""
+    sizes = [len(players) for players in groups.values()]
+    drawn = figure(8.8, 1.4 + 0.29 * sum(sizes))
+    panels = np.atleast_1d(drawn.subplots(len(groups), 1, sharex=True, height_ratios=sizes))
+    extreme = 100 * max(max(abs(p.value), abs(p.decision)) for players in groups.values() for p in players)
+    for axes, (group, players) in zip(panels, groups.items(), strict=True):
+        y = -np.arange(len(players), dtype=np.float64)
+        for offset, colour, label, columns in (
+            (0.12, _COLOURS[0], "value added", ("value", "low", "high")),
+            (-0.14, _COLOURS[1], "of it, by decisions", ("decision", "decision_low", "decision_high")),
+        ):
+            mean, low, high = (100 * np.array([getattr(p, name) for p in players]) for name in columns)
+            axes.hlines(y + offset, low, high, color=colour, alpha=0.5, linewidth=2)
+            axes.plot(mean, y + offset, "o", color=colour, markersize=4, label=label)
+        axes.axvline(0, color=_INK, linewidth=0.8)
+        axes.set(xlim=(-3 * extreme, 3 * extreme), ylim=(y[-1] - 0.7, 0.7))
+        axes.set_yticks(y, [f"{p.player}  ({p.matches} matches)" for p in players], fontsize=8)
+        axes.set_ylabel(group)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[0].legend(fontsize=8, frameon=False, loc="lower right")
+    panels[-1].set_xlabel("points won by 100 strokes, with 95 % intervals", fontsize=9)
+    drawn.suptitle(title, fontsize=11)
+    return drawn
+
+
+def rally(valued: pa.Table, first: int, length: int) -> Any:
+    """The chance to win of who serves, stroke by stroke, with the strokes named.
+
+    Args:
+        valued: what :func:`shuttle_marl.analysis.values.add_values` made.
+        first: row of the first stroke.
+        length: number of strokes.
+
+    Raises:
+        AnalysisError: the values of the rally are not all known.
+    """
+    rows = valued.slice(first, length).to_pylist()
+    chances = [rows[0]["win_before"]]
+    chances += [row["win_after"] if row["player"] == rows[0]["player"] else _flipped(row["win_after"]) for row in rows]
+    if any(chance is None for chance in chances):
+        raise AnalysisError(f"the rally from row {first} on has strokes whose value is not known; choose another one")
+    drawn = figure(10.5, 4.6)
+    axes = drawn.subplots()
+    axes.axhline(50, color=_INK, linewidth=0.6, linestyle=":")
+    axes.plot(range(len(chances)), 100 * np.array(chances), color=_INK, linewidth=1, zorder=2)
+    for i, row in enumerate(rows, start=1):
+        seat = int(row["player"] != rows[0]["player"])
+        axes.plot(i, 100 * chances[i], "o", color=_COLOURS[seat], zorder=3)
+        area = "" if row["area"] is None else f"\n{AREAS[row['area']]}"
+        gain = f"{100 * row['value_added']:+.0f}"
+        text = f"{_SHORT.get(SHOTS[row['shot']], SHOTS[row['shot']])}{area}\n{gain}"
+        offset, across, side = (0.0, 8.0), "center", "bottom"
+        if i == len(rows):  # beside its point, because the line comes from above or below
+            offset, across, side = (9.0, 0.0), "left", "center"
+        elif chances[i] < chances[i - 1]:
+            offset, side = (0.0, -8.0), "top"
+        axes.annotate(
+            text, (i, 100 * chances[i]), offset, textcoords="offset points", ha=across, va=side, fontsize=7, color=_COLOURS[seat]
+        )
+    axes.set(
+        ylim=(-12, 112),
+        xlim=(-0.5, len(rows) + 1.2),
+        xlabel="stroke",
+        ylabel=f"chance of {rows[0]['player']} to win the rally [%]",
+    )
+    ends = "wins" if rows[-1]["value_added"] > 0 else "loses"
+    axes.set_title(
+        f"{rows[0]['player']} serves against {rows[0]['opponent']}; {rows[-1]['player']} strikes last and {ends}", fontsize=10
+    )
+    axes.spines[["top", "right"]].set_visible(False)
+    return drawn
+
+
+def _flipped(chance: float | None) -> float | None:
+    return None if chance is None else 1 - chance

@@ -1,0 +1,174 @@
+"""How somebody plays: shot mix, tempo, endings, landings, transitions, length of rallies."""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shuttle_marl.analysis.errors import AnalysisError
+from shuttle_marl.court import N_AREAS
+from shuttle_marl.data.schema import FAULT, REASONS, UNKNOWN, WINNER
+from shuttle_marl.stroke import N_SHOTS
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
+"""How rallies end: one more is a winner, all others are faults of the last striker."""
+LONGEST: Final = 60
+"""Rallies of more strokes are counted with those of so many."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Summary:
+    """How somebody plays, or all together.
+
+    Attributes:
+        strokes, rallies, matches: how many there are: strokes of the player, rallies that the player was in.
+        shots: ``[13]`` share of each shot type.
+        areas: ``[9]`` share of each area among the landings in court.
+        points: ``[M, 2]`` landing points of good strokes [m], the striker's frame.
+        transitions: ``[13, 13]`` how often a shot type (row) was answered by the player with another (column).
+        endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that the player's strokes ended.
+        lengths: ``[61]`` how many rallies had so many strokes.
+        length: mean number of strokes of a rally.
+        seconds: mean time from the opponent's stroke to the player's [s], NaN where no times are known.
+        wins: share of the rallies won; for all together, by the server.
+        value: mean value added by a stroke, NaN where no values were added.
+    """
+
+    strokes: int
+    rallies: int
+    matches: int
+    shots: Floats
+    areas: Floats
+    points: Floats
+    transitions: Ints
+    endings: Floats
+    lengths: Ints
+    length: float
+    seconds: float
+    wins: float
+    value: float
+
+
+def rally_table(strokes: pa.Table) -> pa.Table:
+    """One row a rally of a stroke table.
+
+    Returns:
+        Columns ``match``, ``discipline`` (text), ``game`` (int8), ``rally`` (int16), ``first`` (int64, row of the first stroke
+        kept), ``length`` (int16, number of the last stroke), ``server``, ``receiver`` (text), ``winner`` (text, null if not
+        known), ``ending`` (dictionary of :data:`ENDINGS`), ``last_shot`` (int8), and ``seconds`` (float64, from the first stroke
+        kept to the last, null where a time is not known).
+    """
+    frame = _Frame(strokes)
+    first, last = frame.first, frame.last
+    taken = {name: strokes[name].take(pa.array(first)) for name in ("match", "discipline", "game", "rally")}
+    names = [strokes[name].to_numpy(zero_copy_only=False).astype(object) for name in ("player", "opponent")]
+    struck = frame.stroke[first] % 2 == 1  # who struck the first stroke kept served if its number is odd
+    ended = frame.outcome[last]
+    won = np.where(ended == WINNER, names[0][last], np.where(ended == FAULT, names[1][last], None))
+    clock = frame.clock[last] - frame.clock[first]
+    return pa.table(
+        {
+            **taken,
+            "first": first,
+            "length": frame.stroke[last].astype(np.int16),
+            "server": pa.array(np.where(struck, names[0][first], names[1][first]), pa.string()),
+            "receiver": pa.array(np.where(struck, names[1][first], names[0][first]), pa.string()),
+            "winner": pa.array(won, pa.string()),
+            "ending": pa.DictionaryArray.from_arrays(pa.array(frame.ending[last], pa.int8()), pa.array(ENDINGS)),
+            "last_shot": frame.shot[last].astype(np.int8),
+            "seconds": pa.array(clock, pa.float64(), from_pandas=True),
+        }
+    )
+
+
+def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
+    """Figures of one player, or of all.
+
+    Args:
+        strokes: of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order.
+        player: whose strokes and rallies; None: everybody's.
+
+    Raises:
+        AnalysisError: the player has no stroke.
+    """
+    frame = _Frame(strokes)
+    rallies = rally_table(strokes)
+    server, winner = (rallies[name].to_numpy(zero_copy_only=False).astype(object) for name in ("server", "winner"))
+    if player is None:
+        mine, present, won = np.ones(len(frame.shot), np.bool_), np.ones(len(rallies), np.bool_), winner == server
+    else:
+        mine = strokes["player"].to_numpy(zero_copy_only=False).astype(object) == player
+        present = (server == player) | (rallies["receiver"].to_numpy(zero_copy_only=False).astype(object) == player)
+        won = winner == player
+    if not mine.any():
+        raise AnalysisError(
+            f"no stroke of {player or 'anybody'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
+        )
+    decided = present & rallies["winner"].is_valid().to_numpy()
+    good = mine & (frame.outcome != FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
+    ends = mine & np.isin(np.arange(len(mine)), frame.last) & (frame.outcome != UNKNOWN)
+    timed = np.flatnonzero(mine[1:] & frame.follows[1:] & np.isfinite(frame.clock[1:] - frame.clock[:-1])) + 1
+    after = np.flatnonzero(mine[1:] & frame.follows[1:]) + 1
+    length = rallies["length"].to_numpy()[present].astype(np.int64)
+    transitions = np.zeros((N_SHOTS, N_SHOTS), np.int64)
+    np.add.at(transitions, (frame.shot[after - 1], frame.shot[after]), 1)
+    value = (
+        strokes["value_added"].to_numpy(zero_copy_only=False)[mine]
+        if "value_added" in strokes.column_names
+        else np.array([np.nan])
+    )
+    return Summary(
+        strokes=int(mine.sum()),
+        rallies=int(present.sum()),
+        matches=len(rallies.filter(pa.array(present))["match"].unique()),
+        shots=_shares(frame.shot[mine], N_SHOTS),
+        areas=_shares(frame.area[good], N_AREAS),
+        points=frame.landing[good],
+        transitions=transitions,
+        endings=_shares(frame.ending[ends], len(ENDINGS)),
+        lengths=np.bincount(np.minimum(length, LONGEST), minlength=LONGEST + 1),
+        length=float(length.mean()),
+        seconds=float((frame.clock[timed] - frame.clock[timed - 1]).mean()) if len(timed) else float("nan"),
+        wins=float(won[decided].mean()) if decided.any() else float("nan"),
+        value=float(np.nanmean(value)) if np.isfinite(value).any() else float("nan"),
+    )
+
+
+def players_of(strokes: pa.Table) -> list[str]:
+    """Everybody who strikes, most strokes first."""
+    counted = strokes["player"].value_counts().to_pylist()
+    return [entry["values"] for entry in sorted(counted, key=lambda entry: (-entry["counts"], entry["values"]))]
+
+
+class _Frame:
+    """Columns of a stroke table as arrays, and where its rallies begin and end."""
+
+    def __init__(self, strokes: pa.Table) -> None:
+        def column(name: str) -> npt.NDArray[np.float64]:
+            return strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+
+        self.shot, self.outcome, self.stroke = (column(name).astype(np.int64) for name in ("shot", "outcome", "stroke"))
+        self.area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
+        self.in_court = strokes["in_court"].fill_null(False).to_numpy(zero_copy_only=False)
+        self.clock = column("clock")
+        self.landing = np.stack([column("landing_x"), column("landing_y")], axis=1)
+        match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy()
+        key = np.stack([match, column("game"), column("rally")])
+        new = np.ones(len(match), np.bool_)
+        new[1:] = (key[:, 1:] != key[:, :-1]).any(axis=0)
+        self.first = np.flatnonzero(new)
+        self.last = np.r_[self.first[1:], len(match)][: len(self.first)] - 1
+        self.follows = ~new & (np.diff(self.stroke, prepend=0) == 1)
+        reasons = np.array([ENDINGS.index(name) if name in ENDINGS else len(ENDINGS) - 1 for name in REASONS])
+        reason = column("reason").astype(np.int64)
+        self.ending = np.where(self.outcome == WINNER, 0, reasons[reason])
+
+
+def _shares(numbers: Ints, size: int) -> Floats:
+    counts = np.bincount(numbers, minlength=size).astype(np.float64)
+    return counts / max(1.0, counts.sum())
