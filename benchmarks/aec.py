@@ -70,20 +70,27 @@ ENVIRONMENTS: Final[dict[str, Callable[[], Any]]] = {
 }
 
 
+def steps_of_an_episode(env: AECEnv, rng: random.Random) -> int:
+    """Play an episode with random legal actions; returns how many that were."""
+    steps = 0
+    env.reset()
+    for _ in env.agent_iter():
+        observation, _, terminated, truncated, _ = env.last()
+        if terminated or truncated:
+            env.step(None)
+        else:
+            env.step(rng.choice(np.flatnonzero(observation["action_mask"]).tolist()))
+            steps += 1
+    return steps
+
+
 def steps_per_second(env: AECEnv, seconds: float, rng: random.Random) -> float:
-    """Play whole episodes with random legal actions until the time is up."""
+    """Play whole episodes until the time is up."""
     steps = 0
     start = time.process_time()
     end = start + seconds
     while time.process_time() < end:
-        env.reset()
-        for _ in env.agent_iter():
-            observation, _, terminated, truncated, _ = env.last()
-            if terminated or truncated:
-                env.step(None)
-            else:
-                env.step(rng.choice(np.flatnonzero(observation["action_mask"]).tolist()))
-                steps += 1
+        steps += steps_of_an_episode(env, rng)
     return steps / (time.process_time() - start)
 
 

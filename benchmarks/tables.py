@@ -115,8 +115,63 @@ def exact_values(_: Path) -> str:
     return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{_machine(result)}"
 
 
-def _result(name: str) -> dict[str, Any]:
-    result: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+def throughput(_: Path) -> str:
+    """Million strokes a second by batch, from ``benchmarks/results/throughput.json``."""
+    rows = [row for row in _result("throughput") if "states" not in row]
+    batches = sorted({row["batch"] for row in rows})
+    lines = []
+    for what, threads in dict.fromkeys((row["what"], row["threads"]) for row in rows):
+        mine = {row["batch"]: row for row in rows if (row["what"], row["threads"]) == (what, threads)}
+        cells = [_millions(mine[batch]["strokes_per_s"]) if batch in mine else "" for batch in batches]
+        lines.append((f"`{what}`", str(threads), *cells, f"{mine[max(mine)]['peak_mb']:.0f}"))
+    headings = ("", "threads", *(f"{batch:,}" for batch in batches), "peak MB")
+    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}."
+
+
+def throughput_floor(_: Path) -> str:
+    """The kernel beside what its reads alone allow, from ``benchmarks/results/throughput.json``."""
+    lines = [
+        (
+            f"`{row['what']}`",
+            str(row["threads"]),
+            str(row["bytes_per_stroke"]),
+            f"{1e9 / row['floor_per_s']:.1f}",
+            f"{1e9 / row['strokes_per_s']:.1f}",
+        )
+        for row in _result("throughput")
+        if "floor_per_s" in row
+    ]
+    return markdown(("", "threads", "bytes a stroke", "floor, ns", "measured, ns"), lines, left=("",))
+
+
+def throughput_sizes(_: Path) -> str:
+    """The kernel in games of other sizes, from ``benchmarks/results/throughput.json``."""
+    by_game: dict[tuple[Any, ...], dict[str, float]] = {}
+    for row in _result("throughput"):
+        if "states" in row:
+            game = (row["synthetic"], row["strokes"], row["states"], row["legal_pairs"])
+            by_game.setdefault(game, {})[row["what"]] = 1e9 / row["strokes_per_s"]
+    lines = [
+        (
+            "synthetic" if synthetic else "shipped",
+            f"{strokes:,}",
+            f"{states:,}",
+            f"{pairs:,}",
+            f"{cost['kernel']:.1f}",
+            f"{cost['kernel_observed']:.1f}",
+        )
+        for (synthetic, strokes, states, pairs), cost in by_game.items()
+    ]
+    headings = ("game", "catalogue", "states", "legal pairs", "`kernel`, ns", "`kernel_observed`, ns")
+    return markdown(headings, lines, left=("game",))
+
+
+def _millions(speed: float) -> str:
+    return f"{speed / 1e6:.1f}" if speed >= 1e6 else f"{speed / 1e6:.3f}"
+
+
+def _result(name: str) -> Any:
+    result: Any = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     return result
 
 
@@ -140,6 +195,9 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("README.md", "ranking"): ranking,
     ("benchmarks/README.md", "aec"): aec,
     ("benchmarks/README.md", "startup"): startup,
+    ("benchmarks/README.md", "throughput"): throughput,
+    ("benchmarks/README.md", "throughput_floor"): throughput_floor,
+    ("benchmarks/README.md", "throughput_sizes"): throughput_sizes,
     ("docs/exact.md", "exact_values"): exact_values,
     ("docs/rally_log.md", "recording"): recording,
 }

@@ -1,0 +1,106 @@
+"""What no kernel for this game can be faster than: the reads and writes of a stroke without anything else.
+
+Which state and which legal pair a stroke belongs to cannot be foreseen, so each stroke reads two tables at random places. The
+places are those of real play, because some strokes are common; the loop does nothing but read, so that as many reads are under
+way at once as the processor can take. With an observation, a row of the mask and three numbers are copied as well.
+"""
+
+import dataclasses
+from typing import Any, Final
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.kernel import RallyBatch
+from shuttle_marl.kernel.core import tables_of
+from shuttle_marl.kernel.rows import in_slices
+from shuttle_marl.rally import Game
+
+_BATCH: Final = 8192
+_STEPS: Final = 16
+
+
+@numba.njit(nogil=True)
+def _read(
+    limits: npt.NDArray[np.uint64],
+    head: npt.NDArray[np.int32],
+    pair: npt.NDArray[np.uint64],
+    state: npt.NDArray[np.uint64],
+    first: int,
+    last: int,
+) -> Any:
+    a, b, c, d = np.uint64(0), np.int32(0), np.int32(0), np.int32(0)
+    for i in range(first, last):
+        a ^= limits[pair[i]]
+        b ^= head[state[i], 0]
+        c ^= head[state[i], 1]
+        d ^= head[state[i], 2]
+    return a, b, c, d
+
+
+@numba.njit(nogil=True)
+def _read_and_show(
+    limits: npt.NDArray[np.uint64],
+    head: npt.NDArray[np.int32],
+    pair: npt.NDArray[np.uint64],
+    state: npt.NDArray[np.uint64],
+    legal: npt.NDArray[np.bool_],
+    mask: npt.NDArray[np.bool_],
+    tokens: npt.NDArray[np.int32],
+    first: int,
+    last: int,
+) -> Any:
+    found = _read(limits, head, pair, state, first, last)
+    n, rows = tokens.shape[0], legal.shape[1]
+    for i in range(first, last):
+        at = i % n
+        tokens[at] = i
+        row = legal[np.uint64(head[state[i], 3])]
+        place = mask[at * rows : (at + 1) * rows]
+        for j in range(rows):
+            place[j] = row[j]
+    return found
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Floor:
+    """The least a stroke costs, found in real play.
+
+    Attributes:
+        read_bytes: bytes of the two tables that a stroke reads.
+        shown_bytes: bytes that are read and written to show the striker what there is to see.
+        play: call to read what ``strokes`` strokes need.
+        show: call to read it and to write the observations.
+        strokes: strokes of a call.
+    """
+
+    read_bytes: int
+    shown_bytes: int
+    play: Any
+    show: Any
+    strokes: int
+
+
+def floor_of(game: Game, threads: int) -> Floor:
+    """The reads that random play of a game needs, ready to be timed."""
+    tables = tables_of(game)
+    batch = RallyBatch(game, _BATCH, seed=1)
+    states, pairs = [], []
+    for _ in range(_STEPS):
+        stroke = batch.random_strokes()
+        state = batch.rows.state.copy()
+        states.append(state)
+        pairs.append(game.pair_start[state] + tables.rank[tables.head[state, 3], stroke])
+        batch.step(stroke)
+    pair, state = np.concatenate(pairs).astype(np.uint64), np.concatenate(states).astype(np.uint64)
+    mask = np.empty(_BATCH * tables.mask.shape[1], np.bool_)
+    tokens = np.empty((_BATCH, 3), np.int32)
+    reading = (tables.limits, tables.head, pair, state)
+    return Floor(
+        read_bytes=tables.limits.itemsize + tables.head[0].nbytes,
+        shown_bytes=2 * game.n_strokes + tokens[0].nbytes,
+        play=lambda: in_slices(lambda a, b: _read(*reading, a, b), len(pair), threads),
+        show=lambda: in_slices(lambda a, b: _read_and_show(*reading, tables.mask, mask, tokens, a, b), len(pair), threads),
+        strokes=len(pair),
+    )

@@ -1,0 +1,201 @@
+"""Strokes a second of everything that plays, from one rally to 65,536 at once, beside environments of other libraries.
+
+    python -m benchmarks.throughput [--quick] [--json] [--only WHAT ...]
+
+Every name is measured in a fresh process of its own, so that the peak of its memory is its own; environments that are played one
+at a time share a process and take turns. A turn lasts a given time on the clock; the fastest turn counts, because whatever
+else the machine does can only make a turn slower, and the median is given as well. ``--json`` prints a list of ``{"what",
+"batch", "threads", "strokes_per_s", ...}``; at the end of it stand synthetic games of other sizes (``strokes``, ``states``,
+``legal_pairs``). ``floor_per_s`` is what the reads of a stroke alone would allow (:mod:`benchmarks.floor`).
+
+What counts as a stroke: of ``vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of environments of
+other libraries an action.
+"""
+
+import json
+import multiprocessing
+import os
+import platform
+import resource
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import Annotated, Any, Final
+
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, floor, game_of_size, kernel, kernel_observed
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.errors import ShuttleError
+
+Row = dict[str, Any]
+
+BATCHES: Final = (1, 64, 1024, 8192, 65_536)
+THREADS: Final = (1, 2)
+SIZES: Final = ((40, 14), (80, 28), (160, 28), (320, 28), (590, 28), (320, 100))
+"""Catalogue and legal strokes of a state of the synthetic games."""
+_SIZE_BATCH: Final = 4096
+_FLOOR_BATCH: Final = 8192
+SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
+"""What is measured in games of other sizes, and beside its floor."""
+_NAMES: Final = (*BATCHED, *SINGLE)
+
+
+def speeds(plays: Sequence[Play], seconds: float, turns: int) -> list[list[float]]:
+    """Strokes a second of each turn; what plays takes turns.
+
+    A turn is over when its time is, but not amid a call; where calls take so long that all turns would need more than twice
+    their time, there are fewer.
+    """
+    for play in plays:
+        play()  # compiles, if need be
+    found: list[list[float]] = [[] for _ in plays]
+    last_start = time.perf_counter() + 2 * seconds * turns * len(plays)
+    while len(found[0]) < turns and (not found[0] or time.perf_counter() < last_start):
+        for play, speeds_of_play in zip(plays, found, strict=True):
+            strokes, begun = 0, time.perf_counter()
+            while True:
+                strokes += play()
+                taken = time.perf_counter() - begun
+                if taken >= seconds:
+                    break
+            speeds_of_play.append(strokes / taken)
+    return found
+
+
+def peak_mb() -> float:
+    """Most memory that this process has held, in units of 1024 * 1024 bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def row(what: str, batch: int, threads: int, found: Sequence[float], **more: Any) -> Row:
+    """A measurement, as it stands in the results."""
+    return {
+        "what": what,
+        "batch": batch,
+        "threads": threads,
+        "strokes_per_s": max(found),
+        "median_per_s": statistics.median(found),
+        "peak_mb": round(peak_mb(), 1),
+        **more,
+    }
+
+
+def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], seconds: float, turns: int) -> list[Row]:
+    """All batches of one name, small ones first, so that the peak of the memory is that of the batch."""
+    found = []
+    for batch in sorted(batches):
+        for count in threads if what not in ONE_THREAD else (1,):
+            (measured,) = speeds([BATCHED[what](batch, count)], seconds, turns)
+            more: Row = {}
+            if what in SIZED and batch == _FLOOR_BATCH:
+                least, more["bytes_per_stroke"] = floor(count, observed=what == "kernel_observed")
+                more["floor_per_s"] = max(speeds([least], seconds, turns)[0])
+            found.append(row(what, batch, count, measured, **more))
+    return found
+
+
+def measure_single(names: Sequence[str], seconds: float, turns: int) -> list[Row]:
+    """Environments that are played one at a time, in turns."""
+    found = speeds([SINGLE[name](1, 1) for name in names], seconds, turns)
+    return [row(name, 1, 1, measured) for name, measured in zip(names, found, strict=True)]
+
+
+def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> list[Row]:
+    """The kernel in a synthetic game of a catalogue and a number of legal strokes; None: in the shipped game."""
+    game = game_of_size(*size) if size else default_game()
+    about = {"strokes": game.n_strokes, "states": game.n_states, "legal_pairs": game.n_pairs, "synthetic": size is not None}
+    found = speeds([make(_SIZE_BATCH, 1, game) for make in SIZED.values()], seconds, turns)
+    return [row(what, _SIZE_BATCH, 1, measured, **about) for what, measured in zip(SIZED, found, strict=True)]
+
+
+def measure(
+    only: Sequence[str], batches: Sequence[int], threads: Sequence[int], seconds: float, turns: int, *, sizes: bool
+) -> list[Row]:
+    """All that is asked for, one fresh process after the other."""
+    jobs: list[tuple[Callable[..., list[Row]], tuple[Any, ...]]] = [
+        (measure_batched, (name, batches, threads, seconds, turns)) for name in BATCHED if name in only
+    ]
+    singles = [name for name in SINGLE if name in only]
+    if singles:
+        jobs.append((measure_single, (singles, seconds, turns)))
+    if sizes:
+        jobs += [(measure_size, (size, seconds, turns)) for size in (None, *SIZES)]
+    rows: list[Row] = []
+    for job, arguments in track(jobs, "measuring", console=Console(stderr=True)):
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as fresh:
+            rows += fresh.submit(job, *arguments).result()
+    machine = f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores"
+    return [{**measured, "machine": machine} for measured in rows]
+
+
+def show(rows: Sequence[Row], console: Console) -> None:
+    """Print the measurements as tables."""
+    batches = sorted({r["batch"] for r in rows if "states" not in r})
+    table = Table("", "threads", *(f"B = {batch:,}" for batch in batches), "peak MB", title="million strokes a second")
+    for key in dict.fromkeys((r["what"], r["threads"]) for r in rows if "states" not in r):
+        mine = {r["batch"]: r for r in rows if (r["what"], r["threads"]) == key and "states" not in r}
+        cells = [f"{mine[batch]['strokes_per_s'] / 1e6:,.3f}" if batch in mine else "" for batch in batches]
+        table.add_row(key[0], str(key[1]), *cells, f"{mine[max(mine)]['peak_mb']:,.0f}")
+    console.print(table)
+    for r in rows:
+        if "floor_per_s" in r:
+            console.print(
+                f"{r['what']}, {r['threads']} threads, B = {r['batch']:,}: {1e9 / r['strokes_per_s']:.1f} ns a stroke; the "
+                f"{r['bytes_per_stroke']} bytes that it has to move alone take {1e9 / r['floor_per_s']:.1f} ns (the floor)"
+            )
+    speed = {r["what"]: r["strokes_per_s"] for r in rows if r["what"] in SINGLE}
+    if {"aec", "connect_four_v3"} <= set(speed):
+        console.print(f"aec: {speed['aec'] / speed['connect_four_v3']:.1f} times connect_four_v3")
+    sizes = [r for r in rows if "states" in r]
+    if sizes:
+        table = Table(
+            "", "catalogue", "states", "legal pairs", "ns a stroke", title=f"other games, 1 thread, B = {_SIZE_BATCH:,}"
+        )
+        for r in sizes:
+            name = r["what"] if r["synthetic"] else f"{r['what']}, shipped"
+            table.add_row(name, str(r["strokes"]), f"{r['states']:,}", f"{r['legal_pairs']:,}", f"{1e9 / r['strokes_per_s']:.1f}")
+        console.print(table)
+
+
+def main(
+    *,
+    quick: bool = False,
+    only: tuple[str, ...] = _NAMES,
+    batches: tuple[int, ...] = BATCHES,
+    threads: tuple[int, ...] = THREADS,
+    seconds: float = 0.1,
+    turns: int = 20,
+    sizes: bool = True,
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Measure and print.
+
+    Args:
+        quick: four turns of 0.03 seconds each.
+        only: what to measure; all of it by default.
+        batches: rallies, matches or environments at once.
+        threads: threads that share a batch.
+        seconds: length of a turn.
+        turns: turns of each measurement.
+        sizes: measure synthetic games of other sizes too.
+        as_json: print JSON instead of tables.
+    """
+    unknown = sorted(set(only) - set(_NAMES))
+    if unknown:
+        raise ShuttleError(f"no such measurement: {', '.join(unknown)}; there are {', '.join(_NAMES)}")
+    if quick:
+        seconds, turns = 0.03, 4
+    rows = measure(only, batches, threads, seconds, turns, sizes=sizes)
+    if as_json:
+        print(json.dumps(rows, indent=2))
+    else:
+        show(rows, Console())
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,224 @@
+"""What ``benchmarks.throughput`` measures: for each name, how to make something that plays.
+
+A maker takes a batch and a number of threads and returns a function that plays for a while and says how many strokes (of other
+environments: actions) that were. Libraries are imported by the maker, so that the memory of one is not counted for another.
+"""
+# ruff: noqa: PLC0415  see above
+
+import random
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.rally import Game
+
+Play = Callable[[], int]
+Maker = Callable[[int, int], Play]
+
+_AT_ONCE: Final = 16_384
+"""Strokes of one call, about."""
+
+
+def game_of_size(catalogue: int, replies: int) -> Game:
+    """A synthetic game; see :func:`benchmarks.synthetic.synthetic_game`."""
+    from benchmarks.synthetic import synthetic_game
+
+    return synthetic_game(catalogue, replies)
+
+
+def floor(threads: int, *, observed: bool) -> tuple[Play, int]:
+    """What reads as much as the kernel has to and does nothing else, and the bytes of a stroke."""
+    from benchmarks.floor import floor_of
+
+    least = floor_of(default_game(), threads)
+    read = least.show if observed else least.play
+
+    def play() -> int:
+        read()
+        return least.strokes
+
+    return play, least.read_bytes + observed * least.shown_bytes
+
+
+def _steps(batch: int) -> int:
+    return max(1, _AT_ONCE // batch)
+
+
+def kernel(batch: int, threads: int, game: Game | None = None) -> Play:
+    """Rows that play random legal strokes by themselves; nobody looks."""
+    from shuttle_marl.kernel import RallyBatch
+
+    rows = RallyBatch(game or default_game(), batch, threads=threads)
+    steps = 4 * _steps(batch)
+
+    def play() -> int:
+        rows.run(steps)
+        return steps * batch
+
+    return play
+
+
+def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
+    """Random legal strokes from outside, each checked; what every striker sees, and the mask."""
+    from shuttle_marl.kernel import RallyBatch
+
+    rows = RallyBatch(game or default_game(), batch, threads=threads)
+    seen, steps = rows.new_seen(), _steps(batch)
+
+    def play() -> int:
+        for _ in range(steps):
+            rows.step(rows.random_strokes(), seen=seen)
+        return steps * batch
+
+    return play
+
+
+def tournament(batch: int, threads: int) -> Play:
+    """Whole matches between two policies, every stroke kept; the batch is the number of matches."""
+    from shuttle_marl import draws
+    from shuttle_marl.kernel import Matches, pack, play_matches
+    from shuttle_marl.policy.registry import resolve
+    from shuttle_marl.policy.table import tabulate
+
+    game = default_game()
+    players = pack([tabulate(resolve(name, game), game, name) for name in ("bc", "attacking")], game)
+    matches = Matches(
+        entrant=np.tile(np.array([0, 1], np.int32), (batch, 1)),
+        first_server=(np.arange(batch) % 2).astype(np.int8),
+        key=draws.stream(0, np.arange(batch)),
+    )
+    return lambda: len(play_matches(game, matches, players, threads=threads).stroke)
+
+
+def torchrl(batch: int, threads: int) -> Play:
+    """``RallyEnv`` with TorchRL's loop, resetting in the same call as the step; random legal strokes."""
+    from shuttle_marl.env.batched import RallyEnv
+
+    return _rolled_out(RallyEnv(batch, threads=threads), batch, threads)
+
+
+def torchrl_stock(batch: int, threads: int) -> Play:
+    """The same with TorchRL's own way to step and reset."""
+    from torchrl.envs import EnvBase
+
+    from shuttle_marl.env.batched import RallyEnv
+
+    class Stock(RallyEnv):
+        _step_and_maybe_reset = EnvBase._step_and_maybe_reset
+
+    return _rolled_out(Stock(batch, threads=threads), batch, threads)
+
+
+def _rolled_out(env: Any, batch: int, threads: int) -> Play:
+    import torch
+
+    torch.set_num_threads(threads)
+    now, steps = env.reset(), max(1, _steps(batch) // 8)
+
+    def play() -> int:
+        nonlocal now
+        for _ in range(steps):
+            _, now = env.step_and_maybe_reset(env.rand_action(now))
+        return steps * batch
+
+    return play
+
+
+def vector(batch: int, threads: int) -> Play:
+    """``RallyVectorEnv`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
+    from shuttle_marl.env.vector import RallyVectorEnv
+
+    env, steps = RallyVectorEnv(batch, opponent="bc", threads=threads), max(1, _steps(batch) // 8)
+    env.reset(seed=0)
+
+    def play() -> int:
+        for _ in range(steps):
+            env.step(env.random_actions())
+        return steps * batch
+
+    return play
+
+
+def cartpole_vector(batch: int, threads: int) -> Play:  # noqa: ARG001
+    """Gymnasium's own vector environment of ``CartPole-v1``, random actions."""
+    import gymnasium
+
+    env = gymnasium.make_vec("CartPole-v1", num_envs=batch, vectorization_mode="vector_entry_point")
+    env.reset(seed=0)
+    rng, steps = np.random.default_rng(0), max(1, _steps(batch) // 8)
+
+    def play() -> int:
+        for _ in range(steps):
+            env.step(rng.integers(0, 2, batch))
+        return steps * batch
+
+    return play
+
+
+def gymnasium_env(batch: int, threads: int) -> Play:  # noqa: ARG001
+    """``shuttle_marl/Rally-v0`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
+    import gymnasium
+
+    env = gymnasium.make("shuttle_marl/Rally-v0", opponent="bc")
+    rng, (seen, _) = random.Random(0), env.reset(seed=0)
+
+    def play() -> int:
+        nonlocal seen
+        for _ in range(100):
+            seen, _, over, _, _ = env.step(rng.choice(np.flatnonzero(seen["action_mask"]).tolist()))
+            if over:
+                seen, _ = env.reset()
+        return 100
+
+    return play
+
+
+def _loop(make: Callable[[], Any]) -> Maker:
+    """PettingZoo's loop with random legal actions, one episode a call."""
+
+    def maker(batch: int, threads: int) -> Play:  # noqa: ARG001
+        from benchmarks.aec import steps_of_an_episode
+
+        env, rng = make(), random.Random(0)
+        env.reset(seed=0)
+        return lambda: steps_of_an_episode(env, rng)
+
+    return maker
+
+
+def _rally() -> Any:
+    from shuttle_marl import rally_v0
+
+    return rally_v0.env()
+
+
+def _classic(name: str) -> Callable[[], Any]:
+    def make() -> Any:
+        from benchmarks import aec
+
+        return getattr(aec, name).env()
+
+    return make
+
+
+BATCHED: Final[dict[str, Maker]] = {
+    "kernel": kernel,
+    "kernel_observed": kernel_observed,
+    "torchrl": torchrl,
+    "torchrl_stock": torchrl_stock,
+    "vector": vector,
+    "tournament": tournament,
+    "cartpole_vector": cartpole_vector,
+}
+"""What is played many times at once; each is measured in a process of its own."""
+SINGLE: Final[dict[str, Maker]] = {
+    "gymnasium": gymnasium_env,
+    "aec": _loop(_rally),
+    "connect_four_v3": _loop(_classic("connect_four_v3")),
+    "tictactoe_v3": _loop(_classic("tictactoe_v3")),
+}
+"""One environment at a time; these take turns in one process."""
+ONE_THREAD: Final = ("cartpole_vector", *SINGLE)
+"""What has no use for a second thread."""
