@@ -105,7 +105,7 @@ def _print(title: str, players: Sequence[PlayerValue]) -> None:
         added = f"{100 * p.value:+.2f} ({100 * p.low:+.2f}, {100 * p.high:+.2f})"
         chosen = f"{100 * p.decision:+.2f} ({100 * p.decision_low:+.2f}, {100 * p.decision_high:+.2f})"
         table.add_row(str(rank), p.player, str(p.matches), f"{p.strokes:,}", added, chosen)
-    Console(highlight=False).print(table)
+    Console(highlight=False, width=max(Console().width, 100)).print(table)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

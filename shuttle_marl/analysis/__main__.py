@@ -115,7 +115,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
             cell(s.value, 100, 2),
             most,
         )
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=max(Console().width, 100))
     console.print(table)
     console.print(
         "won: % of the rallies, of all together of the server; length: strokes a rally; tempo: seconds between two strokes;\n"

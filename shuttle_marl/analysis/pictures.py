@@ -202,7 +202,7 @@ def rally(valued: pa.Table, first: int, length: int) -> Any:
         seat = int(row["player"] != rows[0]["player"])
         axes.plot(i, 100 * chances[i], "o", color=_COLOURS[seat], zorder=3)
         area = "" if row["area"] is None else f"\n{AREAS[row['area']]}"
-        gain = f"{100 * row['value_added']:+.0f}"
+        gain = f"{round(100 * row['value_added']):+d}"
         text = f"{_SHORT.get(SHOTS[row['shot']], SHOTS[row['shot']])}{area}\n{gain}"
         offset, across, side = (0.0, 8.0), "center", "bottom"
         if i == len(rows):  # beside its point, because the line comes from above or below
@@ -218,6 +218,7 @@ def rally(valued: pa.Table, first: int, length: int) -> Any:
         xlabel="stroke",
         ylabel=f"chance of {rows[0]['player']} to win the rally [%]",
     )
+    axes.set_xticks(range(1, len(rows) + 1))
     ends = "wins" if rows[-1]["value_added"] > 0 else "loses"
     axes.set_title(
         f"{rows[0]['player']} serves against {rows[0]['opponent']}; {rows[-1]['player']} strikes last and {ends}", fontsize=10

@@ -1,0 +1,31 @@
+"""Strokes to analyse: of a tournament between policies, as a log and as a stroke table with values."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from shuttle_marl.analysis import add_values, strokes_of
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+
+
+@pytest.fixture(scope="session")
+def bc() -> TabulatedPolicy:
+    game = default_game()
+    return tabulate(resolve("bc", game), game, "bc")
+
+
+@pytest.fixture(scope="session")
+def tournament(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rally log of bc, attacking and random; look, do not touch."""
+    from shuttle_marl.league import LeagueConfig, run_league
+
+    config = LeagueConfig(pool=("bc", "attacking", "random"), matches=8, out=tmp_path_factory.mktemp("played") / "run")
+    return run_league(config).folder / "rallies.mcap"
+
+
+@pytest.fixture(scope="session")
+def valued(tournament: Path, bc: TabulatedPolicy) -> pa.Table:
+    return add_values(strokes_of(tournament, rallies=10**9), bc)

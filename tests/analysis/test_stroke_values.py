@@ -1,0 +1,154 @@
+"""Values of strokes: against the exact solution, by their sums over rallies, and where something is not known."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from shuttle_marl.analysis import add_values, rally_table, rank_players, strokes_of
+from shuttle_marl.analysis.values import COLUMNS, _nearest
+from shuttle_marl.data.schema import FAULT
+from shuttle_marl.exact import evaluate
+from shuttle_marl.exact.sweeps import stroke_values
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import ROOT
+from shuttle_marl.recording import Rallies, RallyLog
+from shuttle_marl.recording.derived import states
+from shuttle_marl.stroke import Catalogue
+
+MATCHES = os.environ.get("SHUTTLESET")
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+
+
+def column(table: pa.Table, name: str) -> npt.NDArray[np.float64]:
+    return table[name].to_numpy(zero_copy_only=False)
+
+
+def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Table, bc: TabulatedPolicy) -> None:
+    """The log knows states and targets by number; the table knows attributes and landings. Both lead to the same values."""
+    game = bc.game
+    with RallyLog(tournament) as log:
+        rallies = Rallies.join([batch for _, batch in log.batches()])
+    state, k = states(game, rallies)
+    value = evaluate(bc, bc).striking[0]
+    assert np.allclose(column(valued, "win_before"), (1 + value[state]) / 2, atol=1e-12)
+    last = rallies.first_stroke[1:] - 1
+    after = (1 - np.r_[value[state[1:]], 0]) / 2
+    after[last] = rallies.reason
+    assert np.allclose(column(valued, "win_after"), after, atol=1e-12)
+    quality = stroke_values(game, value)[game.pair_start[state] + k]
+    good = column(valued, "outcome") != FAULT
+    assert np.allclose(column(valued, "decision")[good], ((quality - value[state]) / 2)[good], atol=1e-12)
+    assert np.allclose(column(valued, "decision") + column(valued, "execution"), column(valued, "value_added"))
+
+
+def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: Path, valued: pa.Table, bc) -> None:
+    """The mean over the targets of the shot type and technique, weighted by how likely bc aims and faults there."""
+    game = bc.game
+    with RallyLog(tournament) as log:
+        rallies = Rallies.join([batch for _, batch in log.batches()])
+    state, _ = states(game, rallies)
+    value = evaluate(bc, bc).striking[0]
+    quality, chance = stroke_values(game, value), bc.pair_probabilities()
+    fault = 1 - game.chances()[0]
+    for row in np.flatnonzero(column(valued, "outcome") == FAULT)[:20]:
+        pairs = np.arange(game.pair_start[state[row]], game.pair_start[state[row] + 1])
+        stroke = game.pair_stroke[pairs]
+        kind = (game.catalogue.shot[stroke] == valued["shot"][row].as_py()) & (
+            game.catalogue.technique[stroke] == valued["technique"][row].as_py()
+        )
+        weight = (chance * fault)[pairs[kind]]
+        expected = (weight @ quality[pairs[kind]] / weight.sum() - value[state[row]]) / 2
+        assert valued["decision"][row].as_py() == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_values_of_a_rally_add_up_to_its_outcome(valued: pa.Table, bc: TabulatedPolicy) -> None:
+    serve = (1 + evaluate(bc, bc).striking[0][ROOT]) / 2
+    rallies = rally_table(valued)
+    players, added = np.array(valued["player"].to_pylist()), column(valued, "value_added")
+    ends = np.r_[rallies["first"].to_numpy()[1:], valued.num_rows]
+    for first, end, server, winner in zip(
+        rallies["first"].to_numpy(), ends, rallies["server"].to_pylist(), rallies["winner"].to_pylist(), strict=True
+    ):
+        sign = np.where(players[first:end] == server, 1.0, -1.0)
+        assert sign @ added[first:end] == pytest.approx((server == winner) - serve, abs=1e-9)
+
+
+def test_the_reference_adds_nothing_to_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
+    """bc against a player of the same play: decisions and execution are 0 but for chance; minimax decides better."""
+    from shuttle_marl.league import LeagueConfig, run_league
+
+    folder = run_league(LeagueConfig(pool=("bc", "bc@1.0", "minimax"), matches=20, out=tmp_path / "run")).folder
+    table = add_values(strokes_of(folder / "rallies.mcap", rallies=10**9), bc)
+    even = table.filter(pc.and_(pc.not_equal(table["player"], "minimax"), pc.not_equal(table["opponent"], "minimax")))
+    for name in ("value_added", "decision", "execution"):
+        added = column(even, name)
+        assert abs(added.mean()) < 4 * added.std() / np.sqrt(len(added)), name
+    best = {p.player: p for p in rank_players(table)}
+    assert best["minimax"].decision_low > 0.005
+    assert best["minimax"].value > best["bc"].value
+
+
+def test_minimax_values_may_be_the_reference_too(tournament: Path, bc: TabulatedPolicy) -> None:
+    minimax = tabulate(resolve("minimax", bc.game), bc.game, "minimax")
+    decision = column(add_values(strokes_of(tournament), minimax), "decision")
+    # Against perfect play no choice is better than the reference's; the table of minimax has a resolution.
+    assert np.nanmax(decision) < 1e-4
+    assert np.nanmean(decision) < -0.01
+
+
+def test_what_is_not_known_is_null_and_nothing_else(valued: pa.Table, bc: TabulatedPolicy) -> None:
+    lengths = rally_table(valued)["length"].to_numpy()
+    first = int(rally_table(valued)["first"][int(np.flatnonzero(lengths >= 6)[0])].as_py())
+    plain = valued.drop_columns(list(COLUMNS))
+    gap = pa.concat_tables([plain.slice(0, first + 2), plain.slice(first + 3)])  # the third stroke of a rally is missing
+    found = add_values(gap, bc)
+    kept = pa.concat_tables([valued.slice(0, first + 2), valued.slice(first + 3)])
+    before, expected = column(found, "win_before"), column(kept, "win_before")
+    # The stroke after the gap has lost what came in; the one after that, its own last stroke.
+    assert np.flatnonzero(np.isnan(before)).tolist() == [first + 2]
+    same = np.delete(np.arange(len(before)), [first + 2, first + 3])
+    assert np.array_equal(before[same], expected[same])
+    assert abs(before[first + 3] - expected[first + 3]) < 0.1
+    after = column(found, "win_after")
+    assert np.flatnonzero(np.isnan(after)).tolist() == [first + 1]
+
+
+def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
+    catalogue = bc.game.catalogue
+    nearest = _nearest(catalogue)
+    there = catalogue.by_parts >= 0
+    assert (nearest[there] == catalogue.by_parts[there]).all()
+    shot, area, height, technique = np.nonzero(nearest >= 0)
+    found = nearest[shot, area, height, technique]
+    assert (catalogue.shot[found] == shot).all()
+    assert (catalogue.height[found] == height).all()
+    little = Catalogue.from_names(
+        ["smash:back-left:above:forehand", "smash:front-right:above:forehand", "smash:middle-centre:above:backhand"]
+    )
+    near = _nearest(little)
+    smash = 5
+    assert near[smash, 5, 1, 0] == 0, "middle-left: back-left is nearer than front-right"
+    assert near[smash, 1, 1, 0] == 1
+    assert near[smash, 4, 1, 0] in (0, 1), "the technique counts before the area"
+    assert near[smash, 8, 1, 1] == 2
+    assert near[smash, 8, 1, 2] == 0
+    assert (near[smash, :, 0] == -1).all()
+    assert (near[0] == -1).all()
+
+
+@pytest.mark.skipif(not MATCHES, reason="SHUTTLESET names no folder with the annotated matches")
+def test_annotated_matches(bc: TabulatedPolicy) -> None:
+    found = add_values(strokes_of(Path(str(MATCHES))), bc)
+    assert found["value_added"].null_count < 0.05 * found.num_rows
+    assert found["decision"].null_count < 0.12 * found.num_rows
+    # The average player is the average of these matches.
+    assert abs(np.nanmean(column(found, "value_added"))) < 0.003
+    assert abs(np.nanmean(column(found, "decision"))) < 0.002
+    best = rank_players(found, centred=True)[0]
+    assert (best.player, best.low > 0) == ("viktor-axelsen", True)

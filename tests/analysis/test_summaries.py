@@ -1,0 +1,165 @@
+"""Figures of strokes: from rallies written down by hand, from logs beside what was recorded, and the commands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from experiments import stroke_value
+from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.analysis.__main__ import main as analysis
+from shuttle_marl.analysis.summary import ENDINGS, players_of
+from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
+from shuttle_marl.recording import Rallies, RallyLog
+from shuttle_marl.stroke import SHOTS
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+
+
+def by_hand() -> pa.Table:
+    """Two rallies: ann serves, bea lifts, ann smashes a winner; bea serves, of which only her fault in the net was kept."""
+    rows = [
+        ("ann", 1, 1, "short-serve", RETURNED, "returned", 0, 0.5, 2.2),
+        ("bea", 1, 2, "lift", RETURNED, "returned", 1, -2.0, 6.0),
+        ("ann", 1, 3, "smash", WINNER, "landed", 3, 2.0, 4.0),
+        ("bea", 2, 3, "drop", FAULT, "net", 30, 0.2, -0.1),
+    ]
+    base = dict.fromkeys(STROKES.names)
+    table = [
+        {
+            **base, "match": "final", "source": "simulated", "discipline": "WS", "game": 1, "rally": rally, "stroke": stroke,
+            "player": player, "opponent": "bea" if player == "ann" else "ann", "shot": SHOTS.index(shot), "height": 0,
+            "technique": 0, "area": 1, "in_court": y > 0, "landing_x": x, "landing_y": y, "clock": clock, "outcome": outcome,
+            "reason": REASONS.index(reason),
+        }
+        for player, rally, stroke, shot, outcome, reason, clock, x, y in rows
+    ]  # fmt: skip
+    return pa.Table.from_pylist(table, schema=STROKES)
+
+
+def test_rallies_written_down_by_hand() -> None:
+    rows = rally_table(by_hand()).to_pylist()
+    assert [(r["server"], r["receiver"], r["winner"], r["length"]) for r in rows] == [
+        ("ann", "bea", "ann", 3),
+        ("bea", "ann", "ann", 3),
+    ]
+    assert [(r["first"], r["ending"], SHOTS[r["last_shot"]], r["seconds"]) for r in rows] == [
+        (0, "winner", "smash", 3),
+        (3, "net", "drop", 0),
+    ]
+
+
+def test_figures_of_rallies_written_down_by_hand() -> None:
+    table = by_hand()
+    ann, bea, both = summarise(table, "ann"), summarise(table, "bea"), summarise(table)
+    assert (ann.strokes, ann.rallies, ann.matches, ann.wins) == (2, 2, 1, 1.0)
+    assert (bea.strokes, bea.wins, both.wins) == (2, 0.0, 0.5)
+    assert ann.shots[SHOTS.index("smash")] == ann.shots[SHOTS.index("short-serve")] == 0.5
+    assert ann.endings[ENDINGS.index("winner")] == bea.endings[ENDINGS.index("net")] == 1
+    assert (ann.seconds, bea.seconds, both.seconds) == (2.0, 1.0, 1.5)
+    assert np.argwhere(both.transitions).tolist() == [[0, SHOTS.index("lift")], [SHOTS.index("lift"), SHOTS.index("smash")]]
+    assert np.isnan(ann.value)
+    assert len(both.points) == 3
+    assert both.lengths[3] == 2
+    with pytest.raises(AnalysisError, match="no stroke of cleo; players are ann, bea"):
+        summarise(table, "cleo")
+
+
+def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
+    strokes = strokes_of(tournament, rallies=10**9)
+    assert strokes.schema.equals(STROKES, check_metadata=True)
+    with RallyLog(tournament) as log:
+        rallies = Rallies.join([batch for _, batch in log.batches()])
+        catalogue, names = log.catalogue, [player.name for player in log.policies]
+    assert strokes.num_rows == len(rallies.stroke)
+    assert (strokes["shot"].to_numpy() == catalogue.shot[rallies.stroke]).all()
+    good = strokes["outcome"].to_numpy() != FAULT
+    assert (strokes["area"].to_numpy(zero_copy_only=False)[good] == catalogue.area[rallies.stroke][good]).all()
+    table = rally_table(strokes)
+    assert table["length"].to_pylist() == rallies.length.tolist()
+    seat = np.arange(len(rallies))
+    assert table["server"].to_pylist() == [names[i] for i in rallies.policy[seat, rallies.server]]
+    assert table["winner"].to_pylist() == [names[i] for i in rallies.policy[seat, rallies.winner]]
+    assert list(violations(strokes)) == []
+
+
+def test_part_of_a_log(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        some = strokes_of_log(log, rallies=1)
+        assert 0 < some.num_rows <= log.strokes.max()
+        assert some.equals(strokes_of_log(log, rallies=1))
+        assert not some.equals(strokes_of_log(log, rallies=1, seed=1))
+
+
+def test_nothing_to_analyse(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    pq.write_table(STROKES.empty_table(), tmp_path / "none.parquet")
+    with pytest.raises(AnalysisError, match="holds no stroke"):
+        strokes_of(tmp_path / "none.parquet")
+
+
+def test_the_mix_of_bc_is_that_of_its_exact_play(tmp_path: Path, bc) -> None:
+    from shuttle_marl.exact import visits
+    from shuttle_marl.league import LeagueConfig, run_league
+
+    folder = run_league(LeagueConfig(pool=("bc", "bc@1.0"), matches=60, out=tmp_path / "run")).folder
+    found = summarise(strokes_of(folder, rallies=10**9))
+    seen = visits(bc, bc)
+    assert np.abs(found.shots - seen.shot_mix(0)).max() < 0.01
+    assert found.length == pytest.approx(seen.rally_length, rel=0.05)
+    ended = seen.endings()
+    assert found.endings[0] == pytest.approx(ended["winner of player 0"] + ended["winner of player 1"], abs=0.02)
+
+
+def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
+    found = {name: summarise(valued, name) for name in players_of(valued)}
+    drawn = {
+        "landings.png": pictures.landings(found),
+        "replies.svg": pictures.transitions(found["bc"], "bc"),
+        "shots.pdf": pictures.shot_mix(found),
+        "rally.png": pictures.rally(valued, 0, int(rally_table(valued)["length"][0].as_py())),
+    }
+    for name, figure in drawn.items():
+        pictures.save(figure, tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 5000
+    with pytest.raises(AnalysisError, match="pictures are written as"):
+        pictures.save(drawn["landings.png"], tmp_path / "landings.bmp")
+    unknown = valued.set_column(valued.column_names.index("win_after"), "win_after", pa.nulls(valued.num_rows, pa.float64()))
+    with pytest.raises(AnalysisError, match="not known"):
+        pictures.rally(unknown, 0, 2)
+
+
+@pytest.mark.slow
+def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert analysis([str(tournament), "--against", str(SAMPLE), "--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found)[-1] == "strokes.parquet"
+    assert {"bc", "attacking", "random"} < set(found)
+    assert found["attacking"]["value"] > found["random"]["value"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "landings.png", "rallies.parquet", "shots.png", "strokes.parquet",
+        *(f"replies-{name}.png" for name in ("attacking", "bc", "random", "strokes.parquet")),
+    }  # fmt: skip
+    assert analysis([str(tournament)]) == 0
+    assert "attacking" in capsys.readouterr().out
+    assert analysis([str(tmp_path / "nothing.mcap")]) == 1
+
+
+def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.delenv("SHUTTLESET", raising=False)
+    assert stroke_value.main(["--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["valued"] == found["strokes"] > 7000
+    players = found["players"]
+    assert [p["value"] for p in players] == sorted((p["value"] for p in players), reverse=True)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "landings.png", "players.csv", "rally.png", "ranking.png", "replies.png", "shots.png"
+    }  # fmt: skip
+    assert stroke_value.main([]) == 0
+    assert "men's singles" in capsys.readouterr().out
+    assert stroke_value.main(["--least-matches", "99"]) == 1
+    assert "ask for fewer" in capsys.readouterr().err
