@@ -15,6 +15,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import layout, still, topics
 from shuttle_marl.scene.drawing import SECOND, update
+from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.moving import messages
 from shuttle_marl.scene.story import Teller
 from shuttle_marl.scene.take import Take
@@ -22,6 +23,7 @@ from shuttle_marl.staging import stage
 
 EPOCH: Final = 1_735_689_600 * SECOND
 """When every scene begins: rallies are played at no date, and viewers want one (2025-01-01)."""
+MOST_FPS: Final = 50
 METADATA: Final = "shuttle_marl.scene"
 _CHUNK: Final = 1 << 20
 
@@ -52,9 +54,11 @@ def film(
 
     Raises:
         RecordingError: the log has no such rally, is damaged, or was played on another game.
-        SceneError: a rally of it cannot have been played.
+        SceneError: a rally of it cannot have been played, or too few or too many frames a second.
         StagingError: an option of the staging that is none.
     """
+    if not 25 <= fps <= MOST_FPS:
+        raise SceneError(f"{fps} frames a second: expected 25 to {MOST_FPS}; viewers warn about more")
     teller = Teller(log, game)
     context, buffer = Context(), io.BytesIO()
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)

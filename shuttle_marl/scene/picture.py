@@ -5,6 +5,7 @@ It knows what the scenes of this package use: models, boxes, cylinders, lines, t
 
 import functools
 import io
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -63,7 +64,7 @@ class Film:
                 self._messages.append((message.log_time, channel.topic, message.data))
         except OSError as error:
             raise SceneError(f"{path}: cannot be read ({error.strerror})") from error
-        except McapError as error:
+        except (McapError, struct.error) as error:
             raise SceneError(f"{path}: no scene ({error})") from error
         if not self._messages:
             raise SceneError(f"{path}: holds no scene")

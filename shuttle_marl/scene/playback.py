@@ -5,6 +5,7 @@ import dataclasses
 import enum
 import io
 import math
+import struct
 from collections.abc import Iterator
 from typing import Final
 
@@ -83,7 +84,7 @@ class Playback:
                 topic = Topic(name=channel.topic, encoding=channel.message_encoding, schema=schema or _NOTHING)
                 self.topics.setdefault(channel.topic, topic)
                 self._messages.append(Message(time=read.log_time, topic=channel.topic, data=read.data))
-        except McapError as error:
+        except (McapError, struct.error) as error:
             raise SceneError(f"no scene that can be played: {error}") from error
         if not self._messages:
             raise SceneError("a scene without messages; there is nothing to play")

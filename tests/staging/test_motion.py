@@ -190,6 +190,6 @@ def test_wrong_rallies() -> None:
             checked(**changes)
     with pytest.raises(StagingError, match="take turns"):
         PlayedRally.of(catalogue, [(0, serve, 2), (0, reply, 1)])
+    wrong = 3 - int(catalogue.height[reply])
     with pytest.raises(StagingError, match="heights of the strokes"):
-        wrong = 3 - int(catalogue.height[reply])
         PlayedRally.of(catalogue, [(0, serve, wrong), (1, reply, WINNER)])

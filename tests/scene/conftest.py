@@ -1,0 +1,73 @@
+"""A small log, and scenes made from it once."""
+
+import dataclasses
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.scene.film import film
+from shuttle_marl.scene.selection import select
+
+RALLIES = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Reel:
+    """A scene file, read by the official reader with all checksums checked.
+
+    Attributes:
+        content: the file.
+        numbers: of its rallies in the log.
+        messages: (time, topic, decoded) in order; JSON messages are dictionaries.
+    """
+
+    content: bytes
+    numbers: list[int]
+    messages: list[tuple[int, str, Any]]
+
+    def of(self, topic: str) -> list[tuple[int, Any]]:
+        return [(time, message) for time, name, message in self.messages if name == topic]
+
+
+def read(content: bytes) -> list[tuple[int, str, Any]]:
+    decoders, out = DecoderFactory(), []
+    for schema, channel, message in make_reader(io.BytesIO(content), validate_crcs=True).iter_messages():
+        if channel.message_encoding == "json":
+            out.append((message.log_time, channel.topic, json.loads(message.data)))
+        else:
+            decoder = decoders.decoder_for(channel.message_encoding, schema)
+            assert decoder is not None
+            out.append((message.log_time, channel.topic, decoder(message.data)))
+    return out
+
+
+@pytest.fixture(scope="session")
+def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scripted players over two matches; look, do not touch."""
+    out = tmp_path_factory.mktemp("scene") / "run"
+    run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=out))
+    return out / "rallies.mcap"
+
+
+@pytest.fixture(scope="session")
+def reel(log_path: Path) -> Reel:
+    with RallyLog(log_path) as log:
+        numbers = select(log, rally=None, match=0, pairing=0, best=None)[:RALLIES]
+        content, unknown = film(log, numbers, default_game(), athletes=("male", "female"), handedness=("right", "left"))
+    assert unknown == {}
+    return Reel(content, numbers, read(content))
+
+
+@pytest.fixture(scope="session")
+def scene_file(reel: Reel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("film") / "scene.mcap"
+    path.write_bytes(reel.content)
+    return path

@@ -1,0 +1,49 @@
+"""Layouts: what they show exists, and those in the documentation are those in the files."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shuttle_marl.scene import layout, topics
+
+DOCS = Path(__file__).parents[2] / "docs" / "layouts"
+
+
+def texts(thing: Any) -> list[str]:
+    if isinstance(thing, dict):
+        return [text for key, value in thing.items() for text in [key, *texts(value)]]
+    if isinstance(thing, list):
+        return [text for value in thing for text in texts(value)]
+    return [thing] if isinstance(thing, str) else []
+
+
+@pytest.mark.parametrize("name", layout.FILES)
+def test_every_path_leads_somewhere(name: str) -> None:
+    paths = [text for text in texts(json.loads(layout.FILES[name]())) if re.match(r"/(rally|scene|log|tf)", text)]
+    assert set(topics.SCENES) <= set(paths)
+    assert topics.LOG in paths
+    plotted = [path for path in paths if "." in path]
+    assert len(plotted) >= 12
+    for path in plotted:
+        topic, *fields = path.replace("[:]", "").split(".")
+        schema = topics.SCHEMAS[topic]
+        for field in fields:
+            schema = schema["properties"][field]
+
+
+@pytest.mark.parametrize("name", layout.FILES)
+def test_the_documentation_has_the_same_layouts(name: str) -> None:
+    assert (DOCS / name).read_bytes() == layout.FILES[name](), f"write it anew: layout.FILES[{name!r}]()"
+
+
+def test_lichtblick_finds_every_panel_of_the_arrangement() -> None:
+    document = json.loads(layout.lichtblick())
+
+    def panels(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
+
+    assert sorted(panels(document["layout"])) == sorted(document["configById"])
+    assert all(setting["visible"] for setting in document["configById"]["3D!court"]["topics"].values())

@@ -1,0 +1,153 @@
+"""Models and pictures: what is written can be read, and what is drawn is where it should be."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.scene import athlete, equipment
+from shuttle_marl.scene.errors import SceneError
+from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
+from shuttle_marl.scene.picture import Film
+from shuttle_marl.scene.raster import Camera, Canvas, linear
+from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
+
+RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
+
+
+def same(a: Mesh, b: Mesh) -> None:
+    np.testing.assert_allclose(a.vertices, b.vertices, atol=1e-6)
+    np.testing.assert_allclose(a.normals, b.normals, atol=1e-6)
+    assert np.array_equal(a.triangles, b.triangles)
+    assert a.colour == b.colour
+    assert a.two_sided == b.two_sided
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.01, 1), st.floats(0.01, 1)), min_size=2, max_size=6), st.integers(3, 9))
+def test_models_are_read_as_they_were_written(steps: list[tuple[float, float]], sides: int) -> None:
+    heights = np.cumsum([height for _, height in steps])
+    body = lathe([(radius, height) for (radius, _), height in zip(steps, heights, strict=True)], RED, sides)
+    pipe = tube(np.array([[0.0, 0, 0], [0, 1, 0.1], [0, 2, 0]]), 0.1, DARK, sides)
+    for mesh, read in zip([body, pipe], read_glb(glb([body, pipe])), strict=True):
+        same(mesh, read)
+
+
+def test_surfaces_face_outwards() -> None:
+    for mesh in (lathe([(1.0, 0.0), (1.0, 2.0)], RED), tube(np.array([[0.0, 0, 0], [0, 3, 0]]), 0.5, RED)):
+        a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+        outside = mesh.normals[mesh.triangles].mean(axis=1)
+        assert ((np.cross(b - a, c - a) * outside).sum(axis=1) > 0).all()
+
+
+def test_joined_meshes_keep_their_triangles() -> None:
+    first, second, other = lathe([(1, 0), (1, 1)], RED), lathe([(2, 0), (2, 1)], RED), lathe([(1, 0), (1, 1)], DARK)
+    red, dark = joined([first, other, second])
+    assert len(red.triangles) == len(first.triangles) + len(second.triangles)
+    np.testing.assert_allclose(red.vertices[red.triangles[-1]], second.vertices[second.triangles[-1]])
+    same(dark, other)
+
+
+@pytest.mark.parametrize("name", ATHLETES)
+@pytest.mark.parametrize("right_handed", [True, False])
+def test_parts_put_together_make_an_athlete(name: str, right_handed: bool) -> None:
+    skeleton = load_skeleton(name)
+    rest = skeleton.rest_pose(right_handed=right_handed)
+    found = athlete.parts(name, right_handed=right_handed, shirt=RED, shorts=DARK)
+    assert set(found) == set(BONES) - {"Racket"}
+    whole = np.concatenate([mesh.vertices + rest[BONES.index(bone)] for bone, group in found.items() for mesh in group])
+    assert abs(whole[:, 2].min()) < 0.01
+    assert abs(whole[:, 2].max() - skeleton.height) < 0.04
+    assert {mesh.colour for mesh in found["Spine2"]} >= {RED}
+    # The hand that plays is closed around the handle, the other one reaches further.
+    reach = {}
+    for side in ("Right", "Left"):
+        hand = np.concatenate([mesh.vertices for mesh in found[f"{side}Hand"]])
+        reach[side] = np.linalg.norm(hand, axis=1).max()
+    assert (reach["Right"] < reach["Left"]) == right_handed
+
+
+def test_racket_and_shuttle_have_the_size_of_the_laws() -> None:
+    shaft, normal = load_skeleton("male").racket(right_handed=True)
+    racket = np.concatenate([mesh.vertices for mesh in equipment.racket(shaft, normal)])
+    assert abs(np.ptp(racket @ shaft) - RACKET_LENGTH) < 0.02
+    assert np.ptp(racket @ np.cross(shaft, normal)) <= 0.23
+    head = racket[racket @ shaft > SWEET_SPOT - 0.1]
+    assert np.ptp(head @ normal) < 0.02
+    shuttle = np.concatenate([mesh.vertices for mesh in equipment.shuttle()]) / equipment.SHUTTLE_SCALE
+    assert 0.062 + 0.015 < np.ptp(shuttle[:, 2]) < 0.1
+    assert 0.058 <= np.ptp(shuttle[:, 0]) <= 0.068
+
+
+def test_a_camera_sees_its_target_in_the_middle_and_up_is_up() -> None:
+    camera = Camera(place=(5, -3, 2), target=(0, 1, 1), field=40)
+    points = np.array([[0.0, 1, 1], [0, 1, 1.5], [5, -3, 2]])
+    middle, higher, here = camera.project(points, 640, 480)
+    np.testing.assert_allclose(middle[:2], (320, 240), atol=1e-6)
+    assert higher[0] == pytest.approx(320)
+    assert higher[1] < 240
+    assert middle[2] == pytest.approx(np.linalg.norm([5, 4, 1]))
+    assert here[2] < 1e-9
+
+
+def test_what_is_nearer_hides_what_is_behind() -> None:
+    camera = Camera(place=(0, -4, 0), target=(0, 0, 0), field=40)
+    square = np.array([[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 0, 0.5], [-0.5, 0, 0.5]])
+    faces, normals = np.array([[0, 1, 2], [0, 2, 3]]), np.tile([0.0, -1, 0], (4, 1))
+    green, blue = np.array([0, 1.0, 0, 1]), np.array([0, 0, 1.0, 1])
+    for order in ((0, 1), (1, 0)):
+        canvas = Canvas(60, 40, camera, (0, 0, 0))
+        for which in order:
+            canvas.triangles(square + np.array([0, (1.0, -1.0)[which], 0]), normals, faces, (green, blue)[which])
+        red, middle_green, middle_blue = canvas.image()[20, 30]
+        assert middle_blue > 150
+        assert middle_green == red == 0
+    canvas.triangles(square + np.array([0, -2, 0]), normals, faces, np.array([1.0, 0, 0, 0.5]))
+    red, _, still_blue = canvas.image()[20, 30]
+    assert red > 80
+    assert still_blue > 80
+
+
+@given(st.lists(st.floats(0, 1), min_size=4, max_size=4))
+def test_colours_of_screens_are_made_linear(colour: list[float]) -> None:
+    out = linear(np.array(colour))
+    assert out[3] == colour[3]
+    assert (out[:3] <= np.array(colour[:3]) + 1e-9).all()
+    assert (out >= 0).all()
+
+
+def test_players_are_drawn_where_they_stand(reel: Any, scene_file: Path) -> None:
+    """Red shirts on the half of seat 0, blue ones on that of seat 1, at the place that the transforms say."""
+    film = Film(scene_file)
+    camera = Camera()
+    states = dict(reel.of("/rally/state"))
+    for seconds in (0.0, 1.6):
+        image = film.picture(seconds, camera=camera, width=480, height=270).astype(int)
+        state = states[max(time for time in states if time <= film.start + seconds * 1e9)]
+        for seat in (0, 1):
+            at = np.array([[state[f"player_{seat}"]["x"], state[f"player_{seat}"]["y"], 1.15]])
+            x, y, _ = camera.project(at, 480, 270)[0]
+            patch = image[round(y) - 14 : round(y) + 14, round(x) - 10 : round(x) + 10].reshape(-1, 3)
+            red, green, blue = patch.T
+            own = (red > 1.6 * np.maximum(green, blue)) if seat == 0 else (blue > 1.4 * np.maximum(red, green))
+            assert own.sum() > 15, (seconds, seat)
+
+
+def test_a_picture_is_written_with_its_texts(scene_file: Path, tmp_path: Path) -> None:
+    film = Film(scene_file)
+    film.save(tmp_path / "a.png", 1.5, width=320, height=180)
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    assert film.end > film.start
+
+
+def test_what_is_no_scene_cannot_be_drawn(log_path: Path, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="cannot be read"):
+        Film(tmp_path / "none.mcap")
+    (tmp_path / "text.mcap").write_text("no")
+    with pytest.raises(SceneError, match="no scene"):
+        Film(tmp_path / "text.mcap")
+    with pytest.raises(SceneError, match="holds no scene"):
+        Film(log_path)
