@@ -1,53 +1,78 @@
-"""Whole matches between tabulated policies, one after the other, compiled.
+"""Whole matches between tabulated policies, side by side, compiled.
 
 Bit for bit what :func:`shuttle_marl.league.lockstep.play` does with the same tables and keys; there the policies may also
-read the score, here they may not, and a stroke costs a tenth.
+read the score, here they may not, and a stroke costs a small part of it.
 """
 
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.kernel.core import (
-    KernelError,
-    Players,
-    Tables,
-    compiled,
-    draw,
-    extend,
-    outcome_of,
-    pack,
-    table_choice,
-    tables_of,
-)
+from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, extend, inlined, pack, table_choice, tables_of
+from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
 from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
+from shuttle_marl.kernel.rows import Rows, new_rows, part_of
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
 from shuttle_marl.scoring import BWF, Rules
 
-_BLOCK: Final = 256
-"""Matches that a thread plays at a time."""
-_STROKES_A_MATCH: Final = 1000
-"""First guess of the room that the strokes of a match need; a block that needs more gets more."""
+_STROKES_A_MATCH: Final = 1600
+"""First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of
+different matches do not compete for the same places of the first cache."""
 
 
-class _Buffers(NamedTuple):
-    """Room for the rallies ``[R]`` and strokes ``[N]`` of a block, as in :class:`Played`."""
+class _Log(NamedTuple):
+    """Room for the rallies and the strokes of M matches; rally r of match m stands at ``[m, r]``.
 
+    Attributes:
+        begun: ``[M]`` int32 rallies begun.
+        length: ``[M]`` int32 strokes.
+        points: ``[M, 2]`` int32 points of the seats in the current game.
+        games: ``[M, 2]`` int32 games of the seats.
+        server: ``[M, R]`` uint8 seat that served each rally.
+        winner: ``[M, R]`` uint8 seat that won it.
+        reason: ``[M, R]`` uint8 how it ended.
+        score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
+        strokes: ``[M, R]`` int32 its strokes.
+        stroke: ``[M, N]`` catalogue index of every stroke; no columns where strokes are not kept.
+    """
+
+    begun: npt.NDArray[np.int32]
+    length: npt.NDArray[np.int32]
+    points: npt.NDArray[np.int32]
     games: npt.NDArray[np.int32]
-    match: npt.NDArray[np.int32]
-    rally: npt.NDArray[np.int32]
     server: npt.NDArray[np.uint8]
     winner: npt.NDArray[np.uint8]
     reason: npt.NDArray[np.uint8]
     score: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
+    strokes: npt.NDArray[np.int32]
     stroke: npt.NDArray[np.unsignedinteger]
+
+
+@inlined
+def _begin_rally(lanes: Any, lane: Any, log: Any, match: Any, key: Any, server: Any) -> None:
+    """Serve the next rally of a match that is played in a lane."""
+    r = log.begun[match]
+    log.server[match, r] = server
+    log.score[match, r, 0], log.score[match, r, 1] = log.points[match, 0], log.points[match, 1]
+    log.score[match, r, 2], log.score[match, r, 3] = log.games[match, 0], log.games[match, 1]
+    lanes.key[lane] = extend(key, 2 * r + server)
+    lanes.state[lane] = 0
+    lanes.stroke[lane] = 0
+    lanes.striker[lane] = server
+    log.begun[match] += 1
+
+
+@compiled
+def _begin(lanes: Rows, log: _Log, match_key: npt.NDArray[np.uint64], first_server: npt.NDArray[np.int8]) -> None:
+    for m in range(match_key.size):
+        lanes.rally[m] = m
+        _begin_rally(lanes, m, log, m, match_key[m], np.int64(first_server[m]))
 
 
 @compiled
@@ -55,60 +80,56 @@ def _play(
     tables: Tables,
     players: Players,
     entrant: npt.NDArray[np.int32],
-    first_server: npt.NDArray[np.int8],
     match_key: npt.NDArray[np.uint64],
     rules: tuple[int, int, int, int],
     keep: bool,
-    log: _Buffers,
-    at: tuple[int, int, int],
-) -> tuple[int, int, int]:
-    """Play matches from number ``at[0]`` on, as far as the room for strokes reaches.
+    lanes: Rows,
+    live: int,
+    log: _Log,
+    step: int,
+) -> tuple[int, int]:
+    """Play one stroke after the other in the first ``live`` lanes, until all matches are over or the room for strokes is full.
 
-    ``at`` and what is returned: next match, rallies written, strokes written. A match that does not fit is left out.
+    The number of its match is the ``rally`` of a lane. All matches begin together and never wait, so stroke n of each is
+    played in step n. Returns how many lanes are live, and the next step.
     """
     points_needed, clear, cap, games_needed = rules
-    m, r, n = at
-    points, games = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    room = log.stroke.size
-    while m < match_key.size:
-        r_begin, n_begin = r, n
-        points[:] = 0
-        games[:] = 0
-        server = np.int64(first_server[m])
-        rally = np.int64(0)
-        while games[0] < games_needed and games[1] < games_needed:
-            key = extend(match_key[m], 2 * rally + server)
-            striker, s, n_rally = server, np.int64(0), n
-            while True:
-                bits = draw(key, n - n_rally)
-                start = tables.head[s, 0]
-                k = table_choice(players, entrant[m, striker], s, start, bits)
-                edge = tables.head[s, 2] + k
-                if keep:
-                    if n >= room:
-                        return m, r_begin, n_begin
-                    log.stroke[n] = tables.incoming[edge]
-                n += 1
-                outcome = outcome_of(tables.limits[start + k], bits)
-                if outcome < 2:
-                    break
-                s = 2 * edge + outcome - 2
-                striker = 1 - striker
-            winner = striker if outcome == 1 else 1 - striker
-            log.match[r], log.rally[r], log.server[r], log.winner[r] = m, rally, server, winner
-            log.reason[r], log.length[r] = outcome, n - n_rally
-            log.score[r, 0], log.score[r, 1], log.score[r, 2], log.score[r, 3] = points[0], points[1], games[0], games[1]
-            r += 1
-            rally += 1
-            points[winner] += 1
-            own, other = points[winner], points[1 - winner]
+    block = new_block()
+    while live > 0 and (not keep or step < log.stroke.shape[1]):
+        part = part_of(lanes, 0, live)
+        draw_strokes(part, block.bits)
+        for j in range(live):
+            s = part.state[j]
+            player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
+            k = table_choice(players, player, s, tables.head[np.uint64(s), 0], block.bits[j])
+            find_pair(tables, block, j, s, k)
+        read_limits(tables, block, live)
+        play(part, block)
+        if keep:
+            for j in range(live):
+                log.stroke[np.uint64(part.rally[j]), step] = tables.incoming[np.uint64(block.edge[j])]
+        step += 1
+        # From the last to the first, because a lane whose match is over is filled with the last one.
+        for i in range(list_where(block, live, over=True) - 1, -1, -1):
+            j = block.listed[i]
+            m = lanes.rally[j]
+            r = log.begun[m] - 1
+            outcome = block.outcome[j]
+            winner = 1 - lanes.striker[j] if outcome == 1 else np.int64(lanes.striker[j])
+            log.winner[m, r], log.reason[m, r], log.strokes[m, r] = winner, outcome, lanes.stroke[j]
+            log.points[m, winner] += 1
+            own, other = log.points[m, winner], log.points[m, 1 - winner]
             if (own >= points_needed and own - other >= clear) or own >= cap:
-                games[winner] += 1
-                points[:] = 0
-            server = winner
-        log.games[m, 0], log.games[m, 1] = games[0], games[1]
-        m += 1
-    return m, r, n
+                log.games[m, winner] += 1
+                log.points[m, 0] = log.points[m, 1] = 0
+            if log.games[m, winner] < games_needed:
+                _begin_rally(lanes, j, log, m, match_key[m], winner)
+                continue
+            log.length[m] = step
+            live -= 1
+            lanes.rally[j], lanes.key[j], lanes.state[j] = lanes.rally[live], lanes.key[live], lanes.state[live]
+            lanes.stroke[j], lanes.striker[j] = lanes.stroke[live], lanes.striker[live]
+    return live, step
 
 
 def _play_block(
@@ -119,31 +140,40 @@ def _play_block(
     keep: bool,
     type_: np.dtype[np.unsignedinteger],
 ) -> Played:
-    size = len(matches)
-    rows = size * longest_match(rules)
-    room = size * _STROKES_A_MATCH if keep else 0
-    log = _Buffers(
+    size, rallies = len(matches), longest_match(rules)
+    log = _Log(
+        begun=np.zeros(size, np.int32),
+        length=np.zeros(size, np.int32),
+        points=np.zeros((size, 2), np.int32),
         games=np.zeros((size, 2), np.int32),
-        match=np.empty(rows, np.int32),
-        rally=np.empty(rows, np.int32),
-        server=np.empty(rows, np.uint8),
-        winner=np.empty(rows, np.uint8),
-        reason=np.empty(rows, np.uint8),
-        score=np.empty((rows, 4), np.uint8),
-        length=np.empty(rows, np.int32),
-        stroke=np.empty(room, type_),
+        server=np.empty((size, rallies), np.uint8),
+        winner=np.empty((size, rallies), np.uint8),
+        reason=np.empty((size, rallies), np.uint8),
+        score=np.empty((size, rallies, 4), np.uint8),
+        strokes=np.empty((size, rallies), np.int32),
+        stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), type_),
     )
     laws = (rules.points, rules.clear, rules.cap, rules.games)
-    at = (0, 0, 0)
+    lanes, live, step = new_rows(size), size, 0
+    _begin(lanes, log, matches.key, matches.first_server)
     while True:
-        at = _play(tables, players, matches.entrant, matches.first_server, matches.key, laws, keep, log, at)
-        if at[0] == size:
+        live, step = _play(tables, players, matches.entrant, matches.key, laws, keep, lanes, live, log, step)
+        if live == 0:
             break
-        larger = np.empty(2 * len(log.stroke), type_)
-        larger[: at[2]] = log.stroke[: at[2]]
-        log = log._replace(stroke=larger)
-    kept = {name: array[: at[1]] for name, array in log._asdict().items() if name not in ("games", "stroke")}
-    return Played(games=log.games, stroke=log.stroke[: at[2] if keep else 0], **kept)
+        log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
+    was_played = np.arange(rallies) < log.begun[:, None]
+    match, rally = np.nonzero(was_played)
+    return Played(
+        games=log.games,
+        match=match.astype(np.int32),
+        rally=rally.astype(np.int32),
+        server=log.server[was_played],
+        winner=log.winner[was_played],
+        reason=log.reason[was_played],
+        score=log.score[was_played],
+        length=log.strokes[was_played],
+        stroke=np.concatenate([row[:length] for row, length in zip(log.stroke, log.length, strict=True)]),
+    )
 
 
 def play_matches(
@@ -179,11 +209,11 @@ def play_matches(
     type_ = stroke_type(game)
 
     def block(first: int) -> Played:
-        part = Matches(**{f.name: getattr(matches, f.name)[first : first + _BLOCK] for f in dataclasses.fields(Matches)})
+        part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})
         return _play_block(tables, players, part, rules, keep_strokes, type_)
 
     parts = []
-    starts = range(0, len(matches), _BLOCK)
+    starts = range(0, len(matches), BLOCK)
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         for played in _in_order(pool, block, starts):
             parts.append(played)

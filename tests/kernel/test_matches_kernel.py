@@ -70,7 +70,7 @@ def test_random_games_and_players(game_seed: int, rallies: int, players: int, si
 @pytest.mark.parametrize("threads", [1, 2, 3, None])
 def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
     """More matches than a thread plays at a time, and a last block that is not full."""
-    wanted = some_matches(2 * matches._BLOCK + 31, 3, 2)
+    wanted = some_matches(2 * matches.BLOCK + 31, 3, 2)
     rules = RULES["to five"]
     expected = by_numpy(GAME, wanted, TABLES, rules)
     counted: list[int] = []
