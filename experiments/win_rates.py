@@ -12,11 +12,9 @@ The run folder holds the training runs, the matches, and `results.json`; a run t
 
 import dataclasses
 import json as json_format
-import multiprocessing
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +25,7 @@ from rich.progress import track
 from rich.table import Table
 
 from experiments.spread import IQM, mean_and_deviation
+from experiments.training_runs import train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.cli import run as run_command
 from shuttle_marl.dynamics import load_game
@@ -37,7 +36,7 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import Game
-from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
 
 PAPER: Final = {"bc": (33.2, 1.2), "a2c": (65.8, 2.0), "ppo": (98.3, 2.5), "sac": (90.5, 7.7)}
 """Matches won in per cent, mean and standard deviation, in ShuttleEnv (arXiv 2603.17324): its own models and opponent."""
@@ -113,23 +112,6 @@ class WinRates:
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
                 configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, **changes)
         return configs
-
-
-def _train(config: TrainingConfig) -> None:
-    assert config.out is not None
-    train(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
-
-
-def train_all(configs: Iterable[TrainingConfig], jobs: int, console: Console) -> None:
-    """Run, or go on with, every training run; each ends with the same weights whatever runs beside it."""
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(_train, config) for config in configs]
-        try:
-            for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
-                done.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
 
 
 def share_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
@@ -266,7 +248,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     console = Console(stderr=True, highlight=False)
     folder = runs.open_folder(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite)
     with runs.locked(folder):
-        train_all(config.training(folder).values(), config.jobs, console)
+        train_all(list(config.training(folder).values()), config.jobs, console)
         result = measure(config, folder, console)
         runs.write_json(folder / "results.json", result)
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **runs.describe(_PACKAGES)})

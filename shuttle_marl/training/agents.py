@@ -21,7 +21,6 @@ NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 AGENTS: Final = "agents"
 """Folder of the agents in the folder of a model."""
-SHIPPED: Final = ("ppo", "a2c", "sac")
 
 
 def save_agent(folder: Path, table: TabulatedPolicy, network: bytes, card: dict[str, Any]) -> None:
@@ -81,18 +80,21 @@ def _hash(path: Path) -> str:
         raise PolicyError(f"{path}: cannot be read ({error.strerror}); the agent is not whole") from error
 
 
-def _shipped_folder(name: str, game: Game) -> Path | None:
+def shipped_folder(name: str, model: Path) -> Path:
+    """Where the agent of a name such as ``ppo`` or ``ppo:attacking`` lies in the folder of a model."""
+    return model / AGENTS / name.replace(":", "-")
+
+
+def _load_shipped(key: str, argument: str | None, game: Game) -> Policy:
+    name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)
-    return None if model is None else model / AGENTS / name
-
-
-def _load_shipped(name: str, argument: str | None, game: Game) -> Policy:
-    if argument is not None:
-        raise PolicyError(f"policy {name}:{argument}: {name!r} takes nothing behind a colon; write {name}, or agent:FOLDER")
-    folder = _shipped_folder(name, game)
-    if folder is None or not (folder / CARD).is_file():
-        raise PolicyError(f"no policy {name!r}: this game has no trained agent of that name; train one and name it agent:FOLDER")
-    return load_agent(folder, game)
+    if argument == "" or model is None or not (shipped_folder(name, model) / CARD).is_file():
+        known = "" if model is None else ", ".join(_installed(key, model))
+        raise PolicyError(
+            f"no policy {name!r}: the trained agents of this game are {known or 'none of that algorithm'}; "
+            "train one and name it agent:FOLDER"
+        )
+    return load_agent(shipped_folder(name, model), game)
 
 
 def _load_folder(argument: str | None, game: Game) -> Policy:
@@ -101,17 +103,19 @@ def _load_folder(argument: str | None, game: Game) -> Policy:
     return load_agent(Path(argument), game)
 
 
-def installed(name: str) -> bool:
-    """Whether the benchmark's game comes with a trained agent of that name."""
-    from shuttle_marl.dynamics.shipped import model_folder  # noqa: PLC0415  finds files; only when names are listed
+def _installed(key: str, model: Path) -> list[str]:
+    """Names of the agents of an algorithm that a model comes with."""
+    folders = sorted(path.parent.name for path in (model / AGENTS).glob(f"*/{CARD}"))
+    return [folder.replace("-", ":", 1) for folder in folders if folder.partition("-")[0] == key]
 
-    return (model_folder() / AGENTS / name / CARD).is_file()
 
+def _family(key: str) -> Family:
+    def names() -> list[str]:
+        from shuttle_marl.dynamics.shipped import model_folder  # noqa: PLC0415  finds files; only when names are listed
 
-def _family(name: str) -> Family:
-    return Family(
-        load=lambda argument, game: _load_shipped(name, argument, game), names=lambda: (name,) if installed(name) else ()
-    )
+        return _installed(key, model_folder())
+
+    return Family(load=lambda argument, game: _load_shipped(key, argument, game), names=names)
 
 
 PPO_FAMILY: Final = _family("ppo")

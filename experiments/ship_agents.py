@@ -1,0 +1,51 @@
+"""Put trained agents into the package: those of the experiments' first seed, not the best of them.
+
+    python -m experiments.ship_agents --win-rates runs/win_rates --styles runs/styles
+
+They then play as `ppo`, `a2c`, `sac`, `ppo:self-play`, `ppo:attacking`, `ppo:defensive` and `ppo:cautious` on this game; a model
+that is fitted anew needs agents that are trained anew.
+"""
+
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from shuttle_marl.cli import run
+from shuttle_marl.dynamics import load_game, model_folder
+from shuttle_marl.training.agents import load_agent, shipped_folder
+
+OF_WIN_RATES: Final = {"ppo": "ppo-0", "a2c": "a2c-0", "sac": "sac-0", "ppo:self-play": "ppo-self-play-0"}
+OF_STYLES: Final = {"ppo:attacking": "attacking-0", "ppo:defensive": "defensive-0", "ppo:cautious": "cautious-0"}
+
+
+def ship_agents(win_rates: Path | None = None, styles: Path | None = None) -> None:
+    """Copy the agents.
+
+    Args:
+        win_rates: run folder of experiments.win_rates.
+        styles: run folder of experiments.styles.
+    """
+    game, model = load_game("default"), model_folder()
+    sources: dict[str, Path] = {}
+    if win_rates is not None:
+        sources.update({name: win_rates / "training" / run / "agent" for name, run in OF_WIN_RATES.items()})
+    if styles is not None:
+        sources.update({name: styles / run / "agent" for name, run in OF_STYLES.items()})
+    for folder in sources.values():
+        load_agent(folder, game)  # refuses what is damaged or of another game before anything is replaced
+    for name, folder in sources.items():
+        target = shipped_folder(name, model)
+        shutil.rmtree(target, ignore_errors=True)
+        shutil.copytree(folder, target)
+        sys.stdout.write(f"{name}: {target}\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(ship_agents, prog="experiments.ship_agents", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,224 @@
+"""Agents with a style: PPO with a changed objective, and how differently they then play.
+
+    python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
+
+Every style is a documented change of the reward (`shuttle_marl.training.objective`), trained with several seeds against
+`bc`. What they play is exact (expected visits of every state against `bc`), so figures of one agent carry no noise; what
+varies is the training. Styles are told apart by Welch's t-test over seeds, and from `bc` by a one-sample t-test; p-values
+are adjusted for their number (Benjamini & Yekutieli 2001, which allows for dependence).
+"""
+
+import dataclasses
+import itertools
+import json as json_format
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import tyro
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
+
+from experiments.spread import mean_and_deviation
+from experiments.training_runs import train_all
+from shuttle_marl import exact, runs
+from shuttle_marl.cli import run as run_command
+from shuttle_marl.court import area_centre
+from shuttle_marl.dynamics import load_game
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.rally import ONE, Game
+from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.stroke import SHOTS
+from shuttle_marl.training import PPOConfig
+
+OPPONENT: Final = "bc"
+STYLES: Final[dict[str, PPOConfig]] = {
+    "plain": PPOConfig(strokes=1_500_000),
+    "attacking": PPOConfig(
+        strokes=1_500_000, bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.05", "push=0.05", "lift=-0.05")
+    ),
+    "defensive": PPOConfig(strokes=1_500_000, bonus=("lift=0.1", "clear=0.1", "block=0.05", "smash=-0.05", "half-smash=-0.05")),
+    "cautious": PPOConfig(strokes=1_500_000, fault_cost=0.5, risk_aversion=1.0),
+}
+"""Training settings by name; `plain` learns for the point alone."""
+QUICK_STROKES: Final = 200_000
+ATTACK: Final = ("smash", "half-smash", "net-kill", "drive", "push")
+FIGURES: Final = {
+    "attack": "share of strokes hit hard and flat or down: smash, half smash, net kill, drive, push",
+    "net": "share of strokes, serves aside, aimed at the front of the court",
+    "tempo": "strokes a second, from the median flight time of each shot type in the matches",
+    "faults": "own faults a stroke",
+    "movement": "metres from where the opponent struck to the middle of the area aimed at",
+}
+_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+
+
+def style_of(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, float]:
+    """The :data:`FIGURES` of a policy against an opponent, exactly, both serving equally often."""
+    game = policy.game
+    seen = exact.visits(policy, opponent)
+    own = seen.pairs(0)
+    shot = game.catalogue.shot[game.pair_stroke]
+    both = own + seen.pairs(1)
+    rally = own * ~game.catalogue.is_serve[game.pair_stroke]
+    moved = np.isfinite(metres := _metres(game))
+    return {
+        "attack": float(own[np.isin(shot, [SHOTS.index(name) for name in ATTACK])].sum() / own.sum()),
+        "net": float(rally[game.catalogue.area[game.pair_stroke] < 3].sum() / rally.sum()),
+        "tempo": float(both.sum() / (both @ load_measured().flight_time[shot, 1])),
+        "faults": float(own @ (game.threshold[:, 0] / ONE) / own.sum()),
+        "movement": float(own[moved] @ metres[moved] / own[moved].sum()),
+    }
+
+
+def _metres(game: Game) -> npt.NDArray[np.float64]:
+    """``[P]`` from the area of one's own last stroke, where the opponent struck, to that of the next; NaN without one."""
+    centres = np.append(area_centre(game.catalogue.area), np.full((1, 2), np.nan), axis=0)
+    before = centres[game.edge_own[game.pair_state >> 1]]
+    return np.asarray(np.linalg.norm(centres[game.pair_stroke] - before, axis=1))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Styles:
+    """What to train."""
+
+    seeds: int = 5
+    """Training runs of every style."""
+    quick: bool = False
+    """Two seeds and little training: to see that all works, not to compare."""
+    jobs: int = 2
+    """Training runs side by side; changes no result."""
+    out: Path | None = None
+    """Run folder; default runs/styles, with a number behind it if that exists."""
+    resume: bool = False
+    """Go on with the run in --out."""
+    overwrite: bool = False
+    """Replace the run that stands in --out."""
+
+    def __post_init__(self) -> None:
+        if self.seeds < 2 or self.jobs < 1:
+            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+
+    def training(self, folder: Path) -> dict[str, list[PPOConfig]]:
+        """The training runs of every style."""
+        changes: dict[str, Any] = {"strokes": QUICK_STROKES} if self.quick else {}
+        return {
+            style: [
+                dataclasses.replace(config, opponent=(OPPONENT,), seed=seed, out=folder / f"{style}-{seed}", **changes)
+                for seed in range(self.seeds)
+            ]
+            for style, config in STYLES.items()
+        }
+
+
+def measure(training: dict[str, list[PPOConfig]]) -> dict[str, Any]:
+    """Figures of every style and of the opponent, and which differ."""
+    game = load_game("default")
+    opponent = tabulate(resolve(OPPONENT, game), game, OPPONENT)
+    found: dict[str, list[dict[str, float]]] = {OPPONENT: [_figures(opponent, opponent)]}
+    for style, configs in training.items():
+        names = [f"agent:{config.out}/agent" for config in configs]
+        found[style] = [_figures(tabulate(resolve(name, game), game, name), opponent) for name in names]
+    rows = [
+        {
+            "style": style,
+            **{name: mean_and_deviation([agent[name] for agent in agents]) for name in agents[0] if len(agents) > 1},
+            **({name: {"mean": value} for name, value in agents[0].items()} if len(agents) == 1 else {}),
+        }
+        for style, agents in found.items()
+    ]
+    return {"rows": rows, "different": differences(found)}
+
+
+def _figures(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, float]:
+    odds = exact.evaluate(policy, opponent).odds()
+    return {**style_of(policy, opponent), "rally_win": odds.rally, "match_win": odds.match()}
+
+
+def differences(found: dict[str, list[dict[str, float]]]) -> list[dict[str, Any]]:
+    """Adjusted p-value of every figure for every two styles; a style with one agent is a fixed point."""
+    tests = []
+    for (first, a), (second, b) in itertools.combinations(found.items(), 2):
+        for name in FIGURES:
+            x, y = ([agent[name] for agent in agents] for agents in (a, b))
+            p = ttest_1samp(y, x[0]).pvalue if len(x) == 1 else ttest_ind(x, y, equal_var=False).pvalue
+            tests.append({"styles": [first, second], "figure": name, "difference": float(np.mean(y) - np.mean(x)), "p": float(p)})
+    adjusted = false_discovery_control([test["p"] for test in tests], method="by")
+    return [{**test, "adjusted_p": float(p)} for test, p in zip(tests, adjusted, strict=True)]
+
+
+HEADINGS: Final = ("style", "attack, %", "net, %", "tempo, 1/s", "faults, %", "movement, m", "rallies, %", "matches, %")
+_SCALES: Final = {"attack": 100, "net": 100, "tempo": 1, "faults": 100, "movement": 1, "rally_win": 100, "match_win": 100}
+
+
+def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Cells of the table under :data:`HEADINGS`."""
+    for row in result["rows"]:
+        cells = []
+        for name, scale in _SCALES.items():
+            spread = row[name]
+            text = f"{scale * spread['mean']:.{1 if scale > 1 and name != 'faults' else 2}f}"
+            cells.append(text + (f" ± {scale * spread['deviation']:.2f}" if "deviation" in spread else ""))
+        yield (row["style"], *cells)
+
+
+def alike(result: dict[str, Any], level: float = 0.05) -> list[str]:
+    """Pairs of styles and figures that do not differ significantly."""
+    return [
+        f"{test['styles'][0]} and {test['styles'][1]} in {test['figure']} (p = {test['adjusted_p']:.2g})"
+        for test in result["different"]
+        if not test["adjusted_p"] < level
+    ]
+
+
+def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) -> None:
+    """Train the styles, measure what they play, and print the table.
+
+    Args:
+        config: what to train.
+        json: write the results here too.
+    """
+    if config.quick:
+        config = dataclasses.replace(config, seeds=2)
+    console = Console(stderr=True, highlight=False)
+    fixed = {"seeds": config.seeds, "quick": config.quick}
+    folder = runs.open_folder(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite)
+    with runs.locked(folder):
+        training = config.training(folder)
+        train_all(list(itertools.chain(*training.values())), config.jobs, console)
+        objectives = {
+            style: {name: run[0].fixed()[name] for name in ("bonus", "fault_cost", "risk_aversion", "strokes")}
+            for style, run in training.items()
+        }
+        result = {**runs.describe(_PACKAGES), **fixed, "objectives": objectives, **measure(training)}
+        runs.write_json(folder / "results.json", result)
+        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **runs.describe(_PACKAGES)})
+    if json is not None:
+        replace_file(json, (json_format.dumps(result, indent=1) + "\n").encode())
+    out = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
+    table = Table(title=f"Against {OPPONENT}, exact; mean ± standard deviation of {config.seeds} seeds")
+    for heading in HEADINGS:
+        table.add_column(heading, justify="left" if heading == "style" else "right")
+    for cells in table_rows(result):
+        table.add_row(*cells)
+    out.print(table)
+    for name, meaning in FIGURES.items():
+        out.print(f"{name}: {meaning}")
+    same = alike(result)
+    out.print("not significantly different: " + ("; ".join(same) or "none") + f". Everything is in {folder}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run_command(styles, prog="experiments.styles", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
