@@ -108,6 +108,29 @@ def recording(_: Path) -> str:
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
+def stroke_value(_: Path) -> str:
+    """Players ranked by value added, from ``benchmarks/results/stroke_value.json``."""
+    result = _result("stroke_value")
+    groups = []
+    for kind, title in (("MS", "men"), ("WS", "women")):
+        rows = [
+            (
+                p["player"],
+                str(p["matches"]),
+                f"{p['strokes']:,}",
+                *(
+                    f"{100 * p[name]:+.2f} ({100 * p[low]:+.2f} to {100 * p[high]:+.2f})"
+                    for name, low, high in (("value", "low", "high"), ("decision", "decision_low", "decision_high"))
+                ),
+            )
+            for p in result["players"]
+            if p["discipline"] == kind
+        ]
+        groups.append(markdown((title, "matches", "strokes", "points by 100 strokes", "by decisions"), rows, left=(title,)))
+    played = f"{result['valued']:,} of {result['strokes']:,} strokes have a value; in brackets 95 % intervals."
+    return "\n\n".join([*groups, played])
+
+
 def exact_values(_: Path) -> str:
     """Time of the exact solvers, from ``benchmarks/results/exact_values.json``."""
     result = _result("exact_values")
@@ -198,6 +221,7 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("benchmarks/README.md", "throughput"): throughput,
     ("benchmarks/README.md", "throughput_floor"): throughput_floor,
     ("benchmarks/README.md", "throughput_sizes"): throughput_sizes,
+    ("docs/analysis.md", "stroke_value"): stroke_value,
     ("docs/exact.md", "exact_values"): exact_values,
     ("docs/rally_log.md", "recording"): recording,
 }

@@ -102,7 +102,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
 
     table = Table(box=SIMPLE_HEAD)
     for heading in ("", "strokes", "won", "length", "tempo", "winners", "value", "most played"):
-        table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=heading != "most played")
     for name, s in found.items():
         most = ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2])
         table.add_row(
