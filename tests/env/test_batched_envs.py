@@ -221,12 +221,13 @@ def test_a_hundred_thousand_rallies_are_those_of_the_environment() -> None:
     assert strokes > 400_000
 
 
-@pytest.mark.parametrize("seat", [0, 1])
-def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
-    """The learner's rows are those moments of ``rally_v0`` in which the learner is to strike."""
-    batch, seed, rallies = 64, 5, 1500
+def differ_versus(rallies: int, batch: int, seed: int, seat: int) -> int:
+    """Play rallies of ``VersusEnv`` in ``rally_v0``, comparing all that the learner sees and gets; returns strokes.
+
+    The learner's rows are those moments of ``rally_v0`` in which the learner is to strike.
+    """
     bc = tabulate(resolve("bc", GAME), GAME)
-    env = VersusEnv(batch, opponents="bc", seat=seat, seed=seed)
+    env = VersusEnv(batch, opponents="bc", seat=seat, seed=seed, threads=2)
     log: dict[int, list[tuple[np.ndarray, ...]]] = {}
     now = env.reset()
     while (row_rally := env.versus.rows.rally.copy()).min() < rallies:
@@ -238,11 +239,13 @@ def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
     raw = rally_v0.raw_env()
     learner = f"player_{seat}"
     choose = functools.partial(np.searchsorted, side="right")
+    strokes = 0
     for rally in range(rallies):
         raw.reset(seed=seed if rally == 0 else None)
         logged = log.pop(rally, [])
         turns, last = iter(logged), 0.0
         while not raw.terminations[learner]:
+            strokes += 1
             if raw.agent_selection == learner:
                 tokens, mask, action, reward = next(turns)
                 compare(raw, (tokens, mask))
@@ -255,3 +258,15 @@ def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
         assert next(turns, None) is None
         assert last == (raw.rewards[learner] if logged else 0.0)
     assert not log
+    return strokes
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
+    assert differ_versus(1500, 64, seed=5, seat=seat) > 5000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seat", [0, 1])
+def test_thirty_thousand_rallies_of_each_seat_are_those_of_the_environment(seat: int) -> None:
+    assert sum(differ_versus(10_000, 2048, seed, seat) for seed in range(3)) > 100_000
