@@ -20,7 +20,7 @@ from shuttle_marl.staging.rotation import matrix, unit
 from shuttle_marl.staging.skeleton import BONE
 
 INSTANTS = (-0.50, -0.28, -0.12, 0.0, 0.12, 0.35)
-SIZE = 240
+SIZE = 170
 CLOTH = ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05))
 
 
@@ -80,9 +80,9 @@ def main() -> None:
     for axis, kind in zip(axes, sorted(rows), strict=True):
         axis.imshow(rows[kind], interpolation="nearest", aspect="auto")
         axis.set_axis_off()
-        axis.text(8, 22, MOTIONS[kind], fontsize=11, weight="bold")
+        axis.text(6, 18, MOTIONS[kind], fontsize=9, weight="bold")
         for n, seconds in enumerate(INSTANTS):
-            axis.text(SIZE * n + SIZE - 8, SIZE - 10, f"{seconds:+.2f} s", fontsize=8, ha="right")
+            axis.text(SIZE * n + SIZE - 6, SIZE - 8, f"{seconds:+.2f} s", fontsize=7, ha="right")
     figure.subplots_adjust(0, 0, 1, 1, 0, 0.01)
     figure.savefig(args.out)
 

@@ -21,6 +21,8 @@ _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
 _TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
 _LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
+_BOARD_AT: Final = (-5.2, 0.0)
+"""Beside the net post that is the far one in the layouts, out of the way of the shuttle [m]."""
 _BOARD: Final = colour(0.97, 0.97, 0.97)
 _ACTION: Final = colour(1.0, 0.88, 0.45)
 
@@ -160,8 +162,8 @@ class _Board:
     words: str
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        lines = [text(self.score, (0, 0, 3.35), 0.32, _BOARD)]
-        lines += [text(line, (0, 0, 2.97 - 0.30 * k), 0.22, _ACTION) for k, line in enumerate(self.words.split("\n"))]
+        lines = [text(self.score, (*_BOARD_AT, 2.85), 0.32, _BOARD)]
+        lines += [text(line, (*_BOARD_AT, 2.47 - 0.30 * k), 0.22, _ACTION) for k, line in enumerate(self.words.split("\n"))]
         return [SceneEntity(id="board", timestamp=stamp(time), frame_id=WORLD, texts=lines)]
 
 

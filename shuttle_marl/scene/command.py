@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import track
 
 from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.files import replace_file
@@ -50,11 +49,15 @@ def scene(
         live: serve the scene to Foxglove on this machine until interrupted.
         port: to serve it on.
     """
-    from shuttle_marl.scene.film import film  # noqa: PLC0415  keeps --help quick
-    from shuttle_marl.scene.live import serve  # noqa: PLC0415
+    from rich.progress import track  # noqa: PLC0415  these keep --help quick
+
+    from shuttle_marl.scene.film import film  # noqa: PLC0415
+    from shuttle_marl.scene.live import check_port, serve  # noqa: PLC0415
 
     if (out is None) != live:
         raise SceneError("say where the scene goes: either --out FILE or --live")
+    if live:
+        check_port(port)
     console = Console(stderr=True)
 
     def progress(numbers: Sequence[int]) -> Iterable[int]:

@@ -63,7 +63,7 @@ class LiveScene(ServerListener):
             )
             for topic in self.playback.topics.values()
         }
-        _check_free(port)
+        check_port(port)
         try:
             self._server: WebSocketServer = foxglove.start_server(
                 name="shuttle_marl",
@@ -169,8 +169,12 @@ def serve(content: bytes, port: int, console: Console) -> None:
         live.run()
 
 
-def _check_free(port: int) -> None:
-    """Raise SceneError for a port that cannot be served on; the server's own message does not say why."""
+def check_port(port: int) -> None:
+    """Refuse a port before any work is done; the server's own message would not say why.
+
+    Raises:
+        SceneError: it is taken, or cannot be served on.
+    """
     if not 0 <= port < 1 << 16:
         raise SceneError(f"port {port}: expected 0 (any free one) to 65535")
     with socket.socket() as probe:

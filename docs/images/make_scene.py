@@ -1,0 +1,76 @@
+"""Makes scene.png and moments.png: ``python docs/images/make_scene.py``.
+
+Two imitated players play ten matches; the first varied rally of a deciding game that a smash wins becomes a scene file. The
+pictures are drawn from that file by the package itself (``shuttle_marl.scene.picture``), without a viewer.
+"""
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import matplotlib.pyplot as plt
+import numpy as np
+from mcap.reader import make_reader
+
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.rally import WINNER
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.__main__ import main as recording
+from shuttle_marl.scene.picture import Film
+from shuttle_marl.scene.raster import Camera
+from shuttle_marl.stroke import SHOTS
+
+FOLDER: Final = Path(__file__).parent
+PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
+SMASH: Final = SHOTS.index("smash")
+
+
+def lively(log: RallyLog) -> int:
+    """Number of the first rally worth a picture."""
+    for first, rallies in log.batches():
+        for row in range(len(rallies)):
+            rally = rallies.part(row, row + 1)
+            shots = log.catalogue.shot[rally.stroke]
+            close = rally.score[0, :2].min() >= 8 and (rally.score[0, 2:] == 1).all()
+            if close and rally.reason[0] == WINNER and shots[-1] == SMASH and len(set(shots.tolist())) >= 8:
+                return first + row
+    raise SystemExit("no lively rally: play more matches")
+
+
+def strokes(path: Path) -> list[tuple[float, str]]:
+    """Seconds since the start, and the shot, of every stroke of a scene."""
+    with path.open("rb") as file:
+        found = [
+            (m.log_time, json.loads(m.data)["shot"]) for _, _, m in make_reader(file).iter_messages(topics=["/rally/stroke"])
+        ]
+    start = Film(path).start
+    return [((time - start) / 1e9, shot) for time, shot in found]
+
+
+def main() -> None:
+    """Play, stage, draw."""
+    with tempfile.TemporaryDirectory() as temporary:
+        run, path = Path(temporary) / "run", Path(temporary) / "rally.mcap"
+        run_league(LeagueConfig(pool=PLAYERS, matches=10, out=run))
+        log = run / "rallies.mcap"
+        with RallyLog(log) as opened:
+            number = lively(opened)
+        recording(["scene", str(log), "--rally", str(number), "--out", str(path)])
+        film, struck = Film(path), strokes(path)
+        last = struck[-1][0]
+        film.save(FOLDER / "scene.png", last + 0.14)
+        figure, axes = plt.subplots(2, 2, figsize=(12.8, 7.2), dpi=100)
+        behind = Camera(place=(2.4, -11.6, 3.9), target=(0.0, 0.4, 1.0), field=34)
+        low = Camera(place=(9.2, -2.6, 1.9), target=(0.0, -0.3, 1.3), field=42)
+        end = Camera(place=(3.6, 11.2, 2.6), target=(0.0, 1.4, 1.2), field=36)
+        views = ((struck[0][0] + 0.1, behind), (struck[len(struck) // 3][0], low), (struck[-2][0], end), (last, behind))
+        for axis, (seconds, camera) in zip(axes.ravel(), views, strict=True):
+            axis.imshow(np.asarray(film.picture(seconds, camera=camera, width=640, height=360)), interpolation="nearest")
+            axis.set_axis_off()
+        figure.subplots_adjust(0, 0, 1, 1, 0.004, 0.007)
+        figure.savefig(FOLDER / "moments.png")
+
+
+if __name__ == "__main__":
+    main()
