@@ -265,9 +265,9 @@ def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def small_disk(folder: Path) -> bool:
+def small_disk(folder: Path, options: str = "size=256k") -> bool:
     """Mount a file system of 256 kB, if this process may."""
-    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
     return shutil.which("mount") is not None and subprocess.run(mount, capture_output=True, check=False).returncode == 0
 
 
@@ -307,6 +307,19 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, header: Callable[..., L
         (tmp_path / "locked").mkdir(mode=0o555)
         with pytest.raises(RecordingError, match="cannot be written"):
             RallyLogWriter(tmp_path / "locked" / "a.mcap", header())
+
+
+def test_a_disk_that_may_only_be_read(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not small_disk(disk, "ro"):
+        pytest.skip("may not mount a file system")
+    try:
+        with pytest.raises(RecordingError, match=r"a.mcap.part: cannot be written \(Read-only file system\)"):
+            RallyLogWriter(disk / "a.mcap", header())
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
 
 
 def test_salvage_needs_the_header(log_file: Path) -> None:

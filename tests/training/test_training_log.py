@@ -2,6 +2,10 @@
 
 import dataclasses
 import math
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +16,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import tabulate
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
+from shuttle_marl.recording.sink import NoRoomError, Sink
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
 
 GAME = default_game()
@@ -96,6 +101,60 @@ def test_what_the_checkpoint_counts_must_be_there(tmp_path: Path) -> None:
     (done.folder / LOG).unlink()
     with pytest.raises(RecordingError, match="is gone, with the"):
         train(dataclasses.replace(config, resume=True))
+
+
+def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = PPOConfig(**SMALL, out=tmp_path / "run")
+    whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
+    take_room, asked = Sink.take_room, []
+
+    def fills(self: Sink, count: int) -> None:
+        asked.append(count)
+        if len(asked) == 4:
+            raise NoRoomError(28, "No space left on device")
+        take_room(self, count)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Sink, "take_room", fills)
+        with pytest.raises(RecordingError, match="No space left on device"):
+            train(config)
+    assert not (tmp_path / "run" / "agent").exists()
+    resumed = train(dataclasses.replace(config, resume=True))
+    assert (resumed.folder / LOG).read_bytes() == (whole.folder / LOG).read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+def test_a_run_killed_again_and_again_leaves_the_log_of_one_that_was_not(tmp_path: Path) -> None:
+    """At random moments; the environment variable SHUTTLE_KILLS says how often."""
+    flags = ["--rows", "64", "--steps", "4", "--width", "16", "--checkpoint-every", "5", "--evaluate-every", "1000"]
+    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--strokes", str(256 * 150), *flags]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+
+    def start(name: str, *more: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([*command, "--out", str(tmp_path / name), *more], env=environment, stderr=subprocess.DEVNULL)
+
+    assert start("whole").wait(300) == 0
+    rng, kills = np.random.default_rng(0), 0
+    process = start("run")
+    while kills < int(os.environ.get("SHUTTLE_KILLS", "2")):
+        # Once there is something to lose: at a random moment of what follows.
+        checkpoints = tmp_path / "run" / "checkpoints"
+        before = set(checkpoints.glob("0*")) if kills else set()
+        while process.poll() is None and not set(checkpoints.glob("0*")) - before:
+            time.sleep(0.005)
+        time.sleep(float(rng.uniform(0, 0.3)))
+        if process.poll() is not None:
+            break
+        process.kill()
+        process.wait()
+        kills += 1
+        process = start("run", "--resume")
+    assert process.wait(300) == 0
+    assert kills > 0
+    assert check(tmp_path / "run" / LOG, GAME).problems == ()
+    for name in (LOG, "agent/network.safetensors"):
+        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_flags_that_cannot_be_meant() -> None:
