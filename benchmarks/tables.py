@@ -193,6 +193,28 @@ def _millions(speed: float) -> str:
     return f"{speed / 1e6:.1f}" if speed >= 1e6 else f"{speed / 1e6:.3f}"
 
 
+def staging(_: Path) -> str:
+    """How believable staged rallies are, from ``benchmarks/results/staging.json``."""
+    result = _result("staging")
+    rows = [
+        ("racket to shuttle at a contact, worst", f"{1000 * result['contact_max']:.1f} mm", "10 mm"),
+        ("slide of a planted foot, worst", f"{1000 * result['slide_max']:.1f} mm", "20 mm"),
+        ("speed of a player, greatest", f"{result['speed_max']:.2f} m/s", "6.5 m/s"),
+        ("acceleration of a player, greatest", f"{result['acceleration_max']:.2f} m/s²", "12 m/s²"),
+        ("joint beyond its limit, worst", f"{result['joint_excess_deg']:.1f}°", "0°"),
+        ("shuttle over the net, least", f"{1000 * result['net_clearance_min']:.0f} mm", "10 mm"),
+        ("end of a flight to the chosen point, worst", f"{1000 * result['landing_error_max']:.1f} mm", "50 mm"),
+        ("strokes that end as they must: in their area, out, in the net", f"{100 * result['ends_as_it_must']:.1f} %", "100 %"),
+        ("flight times within the quartiles of their shot type", f"{100 * result['flight_times_in_quartiles']:.1f} %", "90 %"),
+        ("faster than real time, one core", f"{result['times_real_time']:.0f} times", "20 times"),
+    ]
+    staged = (
+        f"{result['rallies']:,} rallies between imitated players, {result['strokes']:,} strokes, {result['plants']:,} plants of "
+        f"a foot, {result['seconds'] / 60:,.0f} minutes. {_machine(result)}"
+    )
+    return f"{markdown(('', 'measured', 'asked for'), rows, left=('',))}\n\n{staged}"
+
+
 def _result(name: str) -> Any:
     result: Any = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     return result
@@ -224,6 +246,7 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("docs/analysis.md", "stroke_value"): stroke_value,
     ("docs/exact.md", "exact_values"): exact_values,
     ("docs/rally_log.md", "recording"): recording,
+    ("docs/staging.md", "staging"): staging,
 }
 """Page and name of every table, and what makes it from the run folder of the ranking."""
 WHOLE_PAGES: Final[dict[str, Callable[[Path], str]]] = {"docs/model_card.md": model_card}

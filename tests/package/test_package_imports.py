@@ -10,7 +10,21 @@ import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
 COMMANDS = ("data", "dynamics", "exact", "league", "recording")
-TABLE_FLOORS = ("rally", "scoring", "draws", "stroke", "policy", "kernel", "exact", "env", "recording", "analysis", "league")
+TABLE_FLOORS = (
+    "rally",
+    "scoring",
+    "draws",
+    "stroke",
+    "policy",
+    "kernel",
+    "exact",
+    "env",
+    "recording",
+    "analysis",
+    "staging",
+    "scene",
+    "league",
+)
 NEED_TORCH = ("shuttle_marl.env.batched",)
 
 
