@@ -17,6 +17,8 @@ LEAST_MATCHES: Final = 3
 LEAST_STROKES: Final = 200
 RESAMPLES: Final = 2000
 LEVEL: Final = 0.95
+_DRAWS_AT_ONCE: Final = 1 << 22
+"""So many numbers of a bootstrap are held at once."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -86,10 +88,10 @@ def rank_players(
         matches, cluster = np.unique(which[mine], return_inverse=True)
         if len(matches) < max(2, least_matches) or len(mine) < least_strokes:
             continue
-        rng = np.random.default_rng([seed, number])
-        drawn = rng.multinomial(len(matches), np.full(len(matches), 1 / len(matches)), RESAMPLES)
-        mean, low, high = _interval(value[mine], cluster, drawn)
-        chosen, chosen_low, chosen_high = _interval(decision[mine], cluster, drawn)
+        sums = np.stack([*_sums(value[mine], cluster), *_sums(decision[mine], cluster)], axis=1)
+        drawn = _resampled(sums, np.random.default_rng([seed, number]))
+        mean, low, high = _interval(sums[:, :2], drawn[:, :2])
+        chosen, chosen_low, chosen_high = _interval(sums[:, 2:], drawn[:, 2:])
         found.append(
             PlayerValue(
                 player=names[number],
@@ -111,14 +113,27 @@ def rank_players(
     return sorted(found, key=lambda p: (-p.value, p.player))
 
 
-def _interval(values: Floats, cluster: npt.NDArray[np.intp], drawn: npt.NDArray[np.int64]) -> tuple[float, float, float]:
-    """Mean of the values that are known, and its interval when clusters are drawn so often each."""
+def _sums(values: Floats, cluster: npt.NDArray[np.intp]) -> tuple[Floats, Floats]:
+    """``[M]`` each: sum and number of the values that are known, by cluster."""
     known = np.isfinite(values)
-    size = drawn.shape[1]
-    total = np.bincount(cluster[known], values[known], size)
-    count = np.bincount(cluster[known], minlength=size)
+    size = int(cluster.max()) + 1
+    total, count = np.bincount(cluster[known], values[known], size), np.bincount(cluster[known], minlength=size)
+    return np.asarray(total, dtype=np.float64), count.astype(np.float64)
+
+
+def _resampled(sums: Floats, rng: np.random.Generator) -> Floats:
+    """``[RESAMPLES, 4]`` sums when M clusters ``[M, 4]`` are drawn with replacement."""
+    size = len(sums)
+    at_once = max(1, _DRAWS_AT_ONCE // size)
+    counts = [min(at_once, RESAMPLES - first) for first in range(0, RESAMPLES, at_once)]
+    return np.concatenate([rng.multinomial(size, np.full(size, 1 / size), count) @ sums for count in counts])
+
+
+def _interval(sums: Floats, drawn: Floats) -> tuple[float, float, float]:
+    """A mean and its interval, from sums and numbers by cluster ``[M, 2]`` and as they were drawn ``[RESAMPLES, 2]``."""
+    size = len(sums)
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = (drawn @ total) / (drawn @ count)
-    mean = float(total.sum() / max(1, count.sum()))
-    error = float(np.nanstd(means)) * math.sqrt(size / (size - 1)) * float(stats.t.ppf((1 + LEVEL) / 2, size - 1))
+        spread = float(np.nanstd(drawn[:, 0] / drawn[:, 1]))
+    mean = float(sums[:, 0].sum() / max(1.0, sums[:, 1].sum()))
+    error = spread * math.sqrt(size / (size - 1)) * float(stats.t.ppf((1 + LEVEL) / 2, size - 1))
     return mean, mean - error, mean + error
