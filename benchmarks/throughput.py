@@ -38,6 +38,7 @@ BATCHES: Final = (1, 64, 1024, 8192, 65_536)
 THREADS: Final = (1, 2)
 SIZES: Final = ((40, 14), (80, 28), (160, 28), (320, 28), (590, 28), (320, 100))
 """Catalogue and legal strokes of a state of the synthetic games."""
+_QUICK_SIZES: Final = SIZES[:3]
 _SIZE_BATCH: Final = 4096
 _FLOOR_BATCH: Final = 8192
 SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
@@ -114,7 +115,13 @@ def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> li
 
 
 def measure(
-    only: Sequence[str], batches: Sequence[int], threads: Sequence[int], seconds: float, turns: int, *, sizes: bool
+    only: Sequence[str],
+    batches: Sequence[int],
+    threads: Sequence[int],
+    seconds: float,
+    turns: int,
+    *,
+    sizes: Sequence[tuple[int, int]],
 ) -> list[Row]:
     """All that is asked for, one fresh process after the other."""
     jobs: list[tuple[Callable[..., list[Row]], tuple[Any, ...]]] = [
@@ -124,7 +131,7 @@ def measure(
     if singles:
         jobs.append((measure_single, (singles, seconds, turns)))
     if sizes:
-        jobs += [(measure_size, (size, seconds, turns)) for size in (None, *SIZES)]
+        jobs += [(measure_size, (size, seconds, turns)) for size in (None, *sizes)]
     rows: list[Row] = []
     for job, arguments in track(jobs, "measuring", console=Console(stderr=True)):
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as fresh:
@@ -168,15 +175,15 @@ def main(
     only: tuple[str, ...] = _NAMES,
     batches: tuple[int, ...] = BATCHES,
     threads: tuple[int, ...] = THREADS,
-    seconds: float = 0.1,
-    turns: int = 20,
+    seconds: float = 0.02,
+    turns: int = 75,
     sizes: bool = True,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Measure and print.
 
     Args:
-        quick: four turns of 0.03 seconds each.
+        quick: ten turns of 0.01 seconds each, and no large games.
         only: what to measure; all of it by default.
         batches: rallies, matches or environments at once.
         threads: threads that share a batch.
@@ -189,8 +196,8 @@ def main(
     if unknown:
         raise ShuttleError(f"no such measurement: {', '.join(unknown)}; there are {', '.join(_NAMES)}")
     if quick:
-        seconds, turns = 0.03, 4
-    rows = measure(only, batches, threads, seconds, turns, sizes=sizes)
+        seconds, turns = 0.01, 10
+    rows = measure(only, batches, threads, seconds, turns, sizes=_QUICK_SIZES if quick and sizes else SIZES if sizes else ())
     if as_json:
         print(json.dumps(rows, indent=2))
     else:
