@@ -35,7 +35,9 @@ def test_an_interrupt_is_130() -> None:
     assert status_of(raising(KeyboardInterrupt())) == 130
 
 
-@pytest.mark.parametrize(("library", "extra"), [("torch", "train"), ("torch.nn", "train"), ("pygame", "render")])
+@pytest.mark.parametrize(
+    ("library", "extra"), [("torch", "train"), ("torch.nn", "train"), ("pygame", "render"), ("foxglove.messages", "scene")]
+)
 def test_a_library_of_an_extra_that_is_missing_is_named(
     library: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
