@@ -12,13 +12,14 @@ import difflib
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow.csv
 from rich.console import Console
 
+from benchmarks.markdown import ROOT, machine, markdown, saved
 from shuttle_marl import cli
 from shuttle_marl.dynamics.card import as_markdown, read_card
 from shuttle_marl.dynamics.shipped import model_folder
@@ -29,18 +30,9 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import HEADINGS, cells
 from shuttle_marl.league.run import run_league
 
-ROOT: Final = Path(__file__).parents[1]
-RESULTS: Final = ROOT / "benchmarks" / "results"
-
 
 class TableError(ShuttleError):
     """A table that cannot be written, or that is not what the results say."""
-
-
-def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str]) -> str:
-    """A table in Markdown; columns are right-aligned but for those headed by a name in ``left``."""
-    rule = ["---" if heading in left else "--:" for heading in headings]
-    return "\n".join("| " + " | ".join(line) + " |" for line in [headings, rule, *rows])
 
 
 def ranking(folder: Path) -> str:
@@ -70,7 +62,7 @@ def model_card(_: Path) -> str:
 
 def aec(_: Path) -> str:
     """Speed of PettingZoo's loop, from ``benchmarks/results/aec.json``."""
-    result = _result("aec")
+    result = saved("aec")
     rows = [
         (
             f"`{e['environment']}`",
@@ -81,19 +73,19 @@ def aec(_: Path) -> str:
         for e in result["environments"]
     ]
     headings = ("environment", "steps/s", "slowest to fastest turn", "times `connect_four_v3`")
-    return f"{markdown(headings, rows, left=('environment',))}\n\n{_machine(result)}"
+    return f"{markdown(headings, rows, left=('environment',))}\n\n{machine(result)}"
 
 
 def startup(_: Path) -> str:
     """CPU time of commands that do nothing yet, from ``benchmarks/results/startup.json``."""
-    result = _result("startup")
+    result = saved("startup")
     rows = [(f"`{c['command']}`", f"{c['cpu_s']:.2f}") for c in result["commands"]]
-    return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{_machine(result)}"
+    return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{machine(result)}"
 
 
 def recording(_: Path) -> str:
     """Cost of the rally log, from ``benchmarks/results/recording.json``."""
-    result = _result("recording")
+    result = saved("recording")
     rows = [
         ("CPU time to write a stroke", f"{result['cpu_us_per_stroke']:.3f} µs"),
         ("bytes a stroke of a tournament", f"{result['bytes_per_stroke']:.2f}"),
@@ -104,13 +96,13 @@ def recording(_: Path) -> str:
         ("strokes played again a second", f"{result['replay_strokes_per_s'] / 1e6:.1f} million"),
         (f"to open the log of {result['rallies']:,} rallies and read one of them", f"{result['find_rally_ms']:.1f} ms"),
     ]
-    played = f"{result['strokes']:,} strokes of a tournament. {_machine(result)}"
+    played = f"{result['strokes']:,} strokes of a tournament. {machine(result)}"
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
 def stroke_value(_: Path) -> str:
     """Players ranked by value added, from ``benchmarks/results/stroke_value.json``."""
-    result = _result("stroke_value")
+    result = saved("stroke_value")
     groups = []
     for kind, title in (("MS", "men"), ("WS", "women")):
         rows = [
@@ -133,14 +125,14 @@ def stroke_value(_: Path) -> str:
 
 def exact_values(_: Path) -> str:
     """Time of the exact solvers, from ``benchmarks/results/exact_values.json``."""
-    result = _result("exact_values")
+    result = saved("exact_values")
     rows = [(row["what"], f"{row['seconds']:.2f}", f"{row['cpu_s']:.2f}") for row in result["solvers"]]
-    return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{_machine(result)}"
+    return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{machine(result)}"
 
 
 def throughput(_: Path) -> str:
     """Million strokes a second by batch, from ``benchmarks/results/throughput.json``."""
-    rows = [row for row in _result("throughput") if "states" not in row]
+    rows = [row for row in saved("throughput") if "states" not in row]
     batches = sorted({row["batch"] for row in rows})
     lines = []
     for what, threads in dict.fromkeys((row["what"], row["threads"]) for row in rows):
@@ -149,6 +141,27 @@ def throughput(_: Path) -> str:
         lines.append((f"`{what}`", str(threads), *cells, f"{mine[max(mine)]['peak_mb']:.0f}"))
     headings = ("", "threads", *(f"{batch:,}" for batch in batches), "peak MB")
     return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}."
+
+
+def speed(_: Path) -> str:
+    """The figures of the README, from ``benchmarks/results/throughput.json`` and ``exact_values.json``."""
+    best: dict[str, float] = {}
+    for row in saved("throughput"):
+        if "states" not in row and row["batch"] in (1, 8192):
+            best[row["what"]] = max(best.get(row["what"], 0.0), row["strokes_per_s"])
+    solvers = {row["what"].partition(",")[0]: row["cpu_s"] for row in saved("exact_values")["solvers"]}
+    strokes = (
+        ("the kernel alone", "kernel"),
+        ("the kernel with observations and masks", "kernel_observed"),
+        ("`RallyEnv` in TorchRL's loop", "torchrl"),
+        ("a tournament, every stroke kept", "tournament"),
+    )
+    lines = [(name, f"{best[what] / 1e6:.0f} million strokes a second") for name, what in strokes]
+    times = best["aec"] / best["connect_four_v3"]
+    lines.append(("`rally_v0` in PettingZoo's loop", f"{times:.1f} times the speed of PettingZoo's `connect_four_v3`"))
+    lines.append(("perfect play of the whole game", f"{solvers['minimax']:.2f} s"))
+    lines.append(("a best response", f"{solvers['best response']:.2f} s"))
+    return f"{markdown(('', 'speed'), lines, left=('', 'speed'))}\n\nTwo cores, 8,192 rallies or matches at once."
 
 
 def throughput_floor(_: Path) -> str:
@@ -161,7 +174,7 @@ def throughput_floor(_: Path) -> str:
             f"{1e9 / row['floor_per_s']:.1f}",
             f"{1e9 / row['strokes_per_s']:.1f}",
         )
-        for row in _result("throughput")
+        for row in saved("throughput")
         if "floor_per_s" in row
     ]
     return markdown(("", "threads", "bytes a stroke", "floor, ns", "measured, ns"), lines, left=("",))
@@ -170,7 +183,7 @@ def throughput_floor(_: Path) -> str:
 def throughput_sizes(_: Path) -> str:
     """The kernel in games of other sizes, from ``benchmarks/results/throughput.json``."""
     by_game: dict[tuple[Any, ...], dict[str, float]] = {}
-    for row in _result("throughput"):
+    for row in saved("throughput"):
         if "states" in row:
             game = (row["synthetic"], row["strokes"], row["states"], row["legal_pairs"])
             by_game.setdefault(game, {})[row["what"]] = 1e9 / row["strokes_per_s"]
@@ -195,7 +208,7 @@ def _millions(speed: float) -> str:
 
 def staging(_: Path) -> str:
     """How believable staged rallies are, from ``benchmarks/results/staging.json``."""
-    result = _result("staging")
+    result = saved("staging")
     rows = [
         ("racket to shuttle at a contact, worst", f"{1000 * result['contact_max']:.1f} mm", "10 mm"),
         ("slide of a planted foot, worst", f"{1000 * result['slide_max']:.1f} mm", "20 mm"),
@@ -210,18 +223,9 @@ def staging(_: Path) -> str:
     ]
     staged = (
         f"{result['rallies']:,} rallies between imitated players, {result['strokes']:,} strokes, {result['plants']:,} plants of "
-        f"a foot, {result['seconds'] / 60:,.0f} minutes. {_machine(result)}"
+        f"a foot, {result['seconds'] / 60:,.0f} minutes. {machine(result)}"
     )
     return f"{markdown(('', 'measured', 'asked for'), rows, left=('',))}\n\n{staged}"
-
-
-def _result(name: str) -> Any:
-    result: Any = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-    return result
-
-
-def _machine(result: dict[str, Any]) -> str:
-    return f"Python {result['python']}, {result['machine']}, {result['cores']} cores."
 
 
 def replaced(text: str, name: str, table: str) -> str:
@@ -238,6 +242,7 @@ def replaced(text: str, name: str, table: str) -> str:
 
 TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("README.md", "ranking"): ranking,
+    ("README.md", "speed"): speed,
     ("benchmarks/README.md", "aec"): aec,
     ("benchmarks/README.md", "startup"): startup,
     ("benchmarks/README.md", "throughput"): throughput,

@@ -1,7 +1,11 @@
 """Strokes to learn from: TorchRL's collectors on the batched environments, named by a seed that can be given again."""
 
 import functools
+import importlib
+import os
+import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -43,7 +47,7 @@ class Strokes:
         self._config, self._actor = config, actor
         rows = config.rows // config.processes
         self._make: Callable[[], EnvBase] = functools.partial(_environment, game, tuple(opponents), rows)
-        self._collector: Collector | MultiSyncCollector | None = None
+        self._collector: Any = None
 
     def begin(self, seed: int) -> None:
         """Begin anew: from here on, what is collected depends on this seed and on the weights alone."""
@@ -53,7 +57,7 @@ class Strokes:
             self.close()
             env = self._make()
             env.set_seed(seed)
-            self._collector = Collector(env, self._actor, track_traj_ids=False, **self._options())
+            self._collector = self._one(env)
         elif self._collector is None:
             self._collector = self._several()
             self._collector.set_seed(seed)
@@ -73,23 +77,71 @@ class Strokes:
             self._collector.shutdown()
             self._collector = None
 
-    def _options(self) -> dict[str, object]:
+    def _options(self) -> dict[str, Any]:
         device = torch.device(self._config.device)
         devices = {} if device.type == "cpu" else {"policy_device": device, "storing_device": device, "env_device": "cpu"}
-        return {
-            "frames_per_batch": self._config.frames,
-            "total_frames": -1,
-            "auto_register_policy_transforms": False,
-            **devices,
-        }
+        return {"frames_per_batch": self._config.frames, **devices}
 
-    def _several(self) -> MultiSyncCollector:
+    def _one(self, env: EnvBase) -> Collector:
+        return Collector(
+            env,
+            self._actor,
+            total_frames=-1,
+            track_traj_ids=False,
+            auto_register_policy_transforms=False,
+            **self._options(),
+        )
+
+    def _several(self) -> Any:
         makers = [self._make] * self._config.processes
         if self._config.collector == "ray":
-            from torchrl.collectors.distributed import RayCollector  # noqa: PLC0415  an extra
+            return _ray_collector(makers, self._actor, self._options())
+        return MultiSyncCollector(
+            makers,
+            self._actor,
+            total_frames=-1,
+            cat_results=0,
+            auto_register_policy_transforms=False,
+            **self._options(),
+        )
 
-            return RayCollector(makers, self._actor, **self._options())
-        return MultiSyncCollector(makers, self._actor, cat_results=0, **self._options())
+
+class _SeededCollector(Collector):
+    """A collector in a process of its own, which `set_seed` begins anew, as it does those of MultiSyncCollector."""
+
+    def set_seed(self, seed: int, static_seed: bool = False) -> int:
+        torch.manual_seed(seed)
+        following = super().set_seed(seed, static_seed)
+        self.reset()
+        return int(following)
+
+
+def _ray_collector(makers: Sequence[Callable[[], EnvBase]], actor: ProbabilisticActor, options: dict[str, Any]) -> Any:
+    """A collector on the Ray cluster that RAY_ADDRESS names, or on one that is started on this machine.
+
+    Raises:
+        ModuleNotFoundError: ray is not installed.
+    """
+    ray = importlib.import_module("ray")  # an extra
+    from torchrl.collectors.distributed import RayCollector  # noqa: PLC0415
+
+    # Ray would hide GPUs from processes that asked for none, and says so at length.
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    if not ray.is_initialized():
+        ray.init(
+            log_to_driver=False, logging_level="ERROR", **({} if "RAY_ADDRESS" in os.environ else {"include_dashboard": False})
+        )
+    return RayCollector(
+        list(makers),
+        actor,
+        total_frames=sys.maxsize,
+        sync=True,
+        collector_class=_SeededCollector,
+        collector_kwargs={"track_traj_ids": False, "auto_register_policy_transforms": False},
+        remote_configs={"num_cpus": 1, "num_gpus": 0},
+        ray_init_config={},
+        **options,
+    )
 
 
 def _environment(game: Game, opponents: Sequence[TabulatedPolicy], rows: int) -> EnvBase:

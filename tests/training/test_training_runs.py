@@ -200,6 +200,20 @@ def test_several_processes_collect(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_ray_cluster_collects(tmp_path: Path) -> None:
+    """Runs where the extra `distributed` is installed; Ray then works on this machine."""
+    ray = pytest.importorskip("ray")
+    config = dataclasses.replace(CONFIGS["ppo"], processes=2, collector="ray", strokes=256 * 4)
+    try:
+        runs = [train(dataclasses.replace(config, out=tmp_path / name)) for name in ("a", "b")]
+    finally:
+        ray.shutdown()
+    assert [run.iterations for run in runs] == [4, 4]
+    assert weights(runs[0].folder) == weights(runs[1].folder)
+
+
+@pytest.mark.slow
 def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
     done = train(PPOConfig(out=tmp_path / "run", strokes=800_000, target=0.95, evaluate_every=5))
     assert done.evaluation.match_win >= 0.95
