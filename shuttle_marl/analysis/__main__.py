@@ -4,7 +4,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 
@@ -51,7 +51,7 @@ def analysis(
     valued = add_values(strokes_of(path, rallies=rallies), policy)
     found = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        found[str(against.name)] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
+        found[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         pq.write_table(valued, out / "strokes.parquet", compression="zstd")
@@ -84,17 +84,20 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
     from shuttle_marl.stroke import SHOTS  # noqa: PLC0415
 
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        return None if isinstance(value, float) and math.isnan(value) else value
+
     if as_json:
-        lists = {
-            name: {
-                **{f.name: getattr(s, f.name) for f in dataclasses.fields(s) if f.name != "points"},
+        listed = {name: {f.name: plain(getattr(s, f.name)) for f in dataclasses.fields(s)} for name, s in found.items()}
+        for name, s in found.items():
+            del listed[name]["points"]
+            listed[name] |= {
                 "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
                 "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
             }
-            for name, s in found.items()
-        }
-        plain = json.dumps(lists, default=lambda array: np.asarray(array).tolist())
-        sys.stdout.write(plain.replace("NaN", "null") + "\n")
+        sys.stdout.write(json.dumps(listed) + "\n")
         return
 
     def cell(value: float, scale: float, digits: int) -> str:
