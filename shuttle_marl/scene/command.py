@@ -58,7 +58,7 @@ def scene(
         raise SceneError("say where the scene goes: either --out FILE or --live")
     if live:
         check_port(port)
-    console = Console(stderr=True)
+    console = Console(stderr=True, soft_wrap=True)
 
     def progress(numbers: Sequence[int]) -> Iterable[int]:
         return track(numbers, "staging", console=console, transient=True)
