@@ -2,11 +2,14 @@
 
     python -m benchmarks.throughput [--quick] [--json] [--only WHAT ...]
 
-Every name is measured in a fresh process of its own, so that the peak of its memory is its own; environments that are played one
-at a time share a process and take turns. A turn lasts a given time on the clock; the fastest turn counts, because whatever
-else the machine does can only make a turn slower, and the median is given as well. ``--json`` prints a list of ``{"what",
-"batch", "threads", "strokes_per_s", ...}``; at the end of it stand synthetic games of other sizes (``strokes``, ``states``,
-``legal_pairs``). ``floor_per_s`` is what the reads of a stroke alone would allow (:mod:`benchmarks.floor`).
+Every name is measured in a fresh process of its own, so that the peak of its memory is its own; environments that are played
+one at a time share a process and take turns. Seconds are CPU seconds of the process where one thread plays, so that what else
+the machine does hardly counts, and seconds on the clock where several do. The fastest turn counts, because others can only make
+a turn slower; the median is given as well.
+
+``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``. At the end of it stand games of other sizes
+(``strokes``, ``states``, ``legal_pairs``). ``floor_per_s`` is what the reads of a stroke alone would allow
+(:mod:`benchmarks.floor`), ``load`` how many processes wanted a core when a process began to measure.
 
 What counts as a stroke: of ``vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of environments of
 other libraries an action.
@@ -46,22 +49,23 @@ SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
 _NAMES: Final = (*BATCHED, *SINGLE)
 
 
-def speeds(plays: Sequence[Play], seconds: float, turns: int) -> list[list[float]]:
+def speeds(plays: Sequence[Play], seconds: float, turns: int, threads: int) -> list[list[float]]:
     """Strokes a second of each turn; what plays takes turns.
 
-    A turn is over when its time is, but not amid a call; where calls take so long that all turns would need more than twice
-    their time, there are fewer.
+    A turn is over when its time is, but not amid a call; where all turns would need more than four times their time on the
+    clock, there are fewer.
     """
+    clock = time.process_time if threads == 1 else time.perf_counter
     for play in plays:
         play()  # compiles, if need be
     found: list[list[float]] = [[] for _ in plays]
-    last_start = time.perf_counter() + 2 * seconds * turns * len(plays)
+    last_start = time.perf_counter() + 4 * seconds * turns * len(plays)
     while len(found[0]) < turns and (not found[0] or time.perf_counter() < last_start):
         for play, speeds_of_play in zip(plays, found, strict=True):
-            strokes, begun = 0, time.perf_counter()
+            strokes, begun = 0, clock()
             while True:
                 strokes += play()
-                taken = time.perf_counter() - begun
+                taken = clock() - begun
                 if taken >= seconds:
                     break
             speeds_of_play.append(strokes / taken)
@@ -91,18 +95,18 @@ def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], s
     found = []
     for batch in sorted(batches):
         for count in threads if what not in ONE_THREAD else (1,):
-            (measured,) = speeds([BATCHED[what](batch, count)], seconds, turns)
+            (measured,) = speeds([BATCHED[what](batch, count)], seconds, turns, count)
             more: Row = {}
             if what in SIZED and batch == _FLOOR_BATCH:
                 least, more["bytes_per_stroke"] = floor(count, observed=what == "kernel_observed")
-                more["floor_per_s"] = max(speeds([least], seconds, turns)[0])
+                more["floor_per_s"] = max(speeds([least], seconds, turns, count)[0])
             found.append(row(what, batch, count, measured, **more))
     return found
 
 
 def measure_single(names: Sequence[str], seconds: float, turns: int) -> list[Row]:
     """Environments that are played one at a time, in turns."""
-    found = speeds([SINGLE[name](1, 1) for name in names], seconds, turns)
+    found = speeds([SINGLE[name](1, 1) for name in names], seconds, turns, threads=1)
     return [row(name, 1, 1, measured) for name, measured in zip(names, found, strict=True)]
 
 
@@ -110,7 +114,7 @@ def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> li
     """The kernel in a synthetic game of a catalogue and a number of legal strokes; None: in the shipped game."""
     game = game_of_size(*size) if size else default_game()
     about = {"strokes": game.n_strokes, "states": game.n_states, "legal_pairs": game.n_pairs, "synthetic": size is not None}
-    found = speeds([make(_SIZE_BATCH, 1, game) for make in SIZED.values()], seconds, turns)
+    found = speeds([make(_SIZE_BATCH, 1, game) for make in SIZED.values()], seconds, turns, threads=1)
     return [row(what, _SIZE_BATCH, 1, measured, **about) for what, measured in zip(SIZED, found, strict=True)]
 
 
@@ -135,7 +139,8 @@ def measure(
     rows: list[Row] = []
     for job, arguments in track(jobs, "measuring", console=Console(stderr=True)):
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as fresh:
-            rows += fresh.submit(job, *arguments).result()
+            load = round(os.getloadavg()[0], 1)
+            rows += [{**measured, "load": load} for measured in fresh.submit(job, *arguments).result()]
     machine = f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores"
     return [{**measured, "machine": machine} for measured in rows]
 
@@ -176,7 +181,7 @@ def main(
     batches: tuple[int, ...] = BATCHES,
     threads: tuple[int, ...] = THREADS,
     seconds: float = 0.02,
-    turns: int = 75,
+    turns: int = 50,
     sizes: bool = True,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:

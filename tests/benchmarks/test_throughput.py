@@ -26,7 +26,8 @@ def test_every_maker_plays(what: str) -> None:
         assert played % batch == 0 or what == "tournament"
 
 
-def test_turns_are_taken_and_end() -> None:
+@pytest.mark.parametrize("threads", [1, 2])
+def test_turns_are_taken_and_end(threads: int) -> None:
     order: list[str] = []
 
     def player(name: str) -> Play:
@@ -37,7 +38,7 @@ def test_turns_are_taken_and_end() -> None:
 
         return play
 
-    found = throughput.speeds([player("a"), player("b")], 0.02, 3)
+    found = throughput.speeds([player("a"), player("b")], 0.02, 3, threads)
     assert order == ["a", "b"] * 4, "a call to warm up and three turns"
     assert [len(speeds) for speeds in found] == [3, 3]
     assert all(speed > 0 for speeds in found for speed in speeds)
