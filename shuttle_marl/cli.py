@@ -17,7 +17,6 @@ _EXTRAS: Final = {
     "matplotlib": "plot",
     "mcap_protobuf": "scene",
     "pygame": "render",
-    "ray": "distributed",
     "torch": "train",
 }
 """Which extra of the package installs a library that not every command needs."""

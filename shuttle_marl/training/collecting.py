@@ -17,7 +17,7 @@ from torchrl.modules import ProbabilisticActor
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
-from shuttle_marl.training.config import TrainingConfig
+from shuttle_marl.training.config import TrainingConfig, TrainingError
 
 _SEEDS = 1 << 31
 """TorchRL hands seeds to numpy and torch, which take 32 bits."""
@@ -120,9 +120,12 @@ def _ray_collector(makers: Sequence[Callable[[], EnvBase]], actor: Probabilistic
     """A collector on the Ray cluster that RAY_ADDRESS names, or on one that is started on this machine.
 
     Raises:
-        ModuleNotFoundError: ray is not installed.
+        TrainingError: Ray is not installed.
     """
-    ray = importlib.import_module("ray")  # an extra
+    try:
+        ray = importlib.import_module("ray")
+    except ModuleNotFoundError as error:
+        raise TrainingError("--collector ray: Ray is not installed; `pip install ray` on every machine installs it") from error
     from torchrl.collectors.distributed import RayCollector  # noqa: PLC0415
 
     # Ray would hide GPUs from processes that asked for none, and says so at length.
