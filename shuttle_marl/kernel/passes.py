@@ -90,6 +90,16 @@ def play(part: Any, block: Any) -> None:
 
 
 @inlined
+def strike(tables: Any, part: Any, rank: Any, block: Any) -> None:
+    """Play, in every row of a part, the legal stroke whose rank is given."""
+    draw_strokes(part, block.bits)
+    for j in range(rank.size):
+        find_pair(tables, block, j, part.state[j], rank[j])
+    read_limits(tables, block, rank.size)
+    play(part, block)
+
+
+@inlined
 def list_where(block: Any, count: Any, over: Any) -> Any:
     """List the rows whose rally is over, or those whose rally goes on; returns their number."""
     listed = 0

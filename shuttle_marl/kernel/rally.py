@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl import draws
 from shuttle_marl.kernel.core import Players, Tables, compiled, pack, table_choice, uniform_choice
-from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
+from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits, strike
 from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
@@ -42,12 +42,8 @@ def _step(
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         count = end_block - begin_block
-        draw_strokes(part, block.bits)
-        played, rewards, over = rank[begin_block:end_block], reward[begin_block:end_block], done[begin_block:end_block]
-        for j in range(count):
-            find_pair(tables, block, j, part.state[j], played[j])
-        read_limits(tables, block, count)
-        play(part, block)
+        rewards, over = reward[begin_block:end_block], done[begin_block:end_block]
+        strike(tables, part, rank[begin_block:end_block], block)
         for j in range(count):
             ends = block.outcome[j] < 2
             part.live[j] = not ends

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl import draws
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
-from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, next_state, play, read_limits
+from shuttle_marl.kernel.passes import BLOCK, find_pair, list_where, new_block, next_state, read_limits, strike
 from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
 from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.rally import Game
@@ -79,12 +79,8 @@ def _step(
         part = part_of(rows, begin_block, end_block)
         count = end_block - begin_block
         opponent = duel.opponent[begin_block:end_block]
-        played, rewards, over = rank[begin_block:end_block], reward[begin_block:end_block], done[begin_block:end_block]
-        draw_strokes(part, block.bits)
-        for j in range(count):
-            find_pair(tables, block, j, part.state[j], played[j])
-        read_limits(tables, block, count)
-        play(part, block)
+        rewards, over = reward[begin_block:end_block], done[begin_block:end_block]
+        strike(tables, part, rank[begin_block:end_block], block)
         for j in range(count):
             ends = block.outcome[j] < 2
             over[j] = ends
