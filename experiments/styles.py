@@ -44,7 +44,7 @@ STYLES: Final[dict[str, PPOConfig]] = {
     "attacking": PPOConfig(
         strokes=1_500_000, bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.05", "push=0.05", "lift=-0.05")
     ),
-    "defensive": PPOConfig(strokes=1_500_000, bonus=("lift=0.1", "clear=0.1", "block=0.05", "smash=-0.05", "half-smash=-0.05")),
+    "defensive": PPOConfig(strokes=1_500_000, bonus=("lift=0.04", "clear=0.04", "block=0.02", "smash=-0.04", "half-smash=-0.04")),
     "cautious": PPOConfig(strokes=1_500_000, fault_cost=0.5, risk_aversion=1.0),
 }
 """Training settings by name; `plain` learns for the point alone."""
@@ -89,7 +89,7 @@ def _metres(game: Game) -> npt.NDArray[np.float64]:
 class Styles:
     """What to train."""
 
-    seeds: int = 5
+    seeds: int = 3
     """Training runs of every style."""
     quick: bool = False
     """Two seeds and little training: to see that all works, not to compare."""
