@@ -140,7 +140,9 @@ def throughput(_: Path) -> str:
         cells = [_millions(mine[batch]["strokes_per_s"]) if batch in mine else "" for batch in batches]
         lines.append((f"`{what}`", str(threads), *cells, f"{mine[max(mine)]['peak_mb']:.0f}"))
     headings = ("", "threads", *(f"{batch:,}" for batch in batches), "peak MB")
-    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}."
+    least, most = (f"{edge(row['load'] for row in rows):.0f}" for edge in (min, max))
+    load = least if least == most else f"{least} to {most}"
+    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}; {load} processes wanted a core meanwhile."
 
 
 def speed(_: Path) -> str:

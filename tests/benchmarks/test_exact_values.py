@@ -1,0 +1,17 @@
+"""The benchmark of the exact solvers measures what it says; how fast anything is, is not tested."""
+
+from benchmarks import exact_values
+from shuttle_marl.dynamics import default_game
+
+
+def test_thirty_policies_differ() -> None:
+    policies = exact_values.thirty_policies(default_game())
+    assert len({policy.cumulative.tobytes() for policy in policies}) == len(policies) == 30
+
+
+def test_times_are_medians_of_calls() -> None:
+    calls: list[None] = []
+    wall, cpu = exact_values.median_seconds(lambda: calls.append(None), 5)
+    assert len(calls) == 5
+    assert 0 <= cpu < 1
+    assert 0 < wall < 60
