@@ -42,16 +42,29 @@ OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {
     "plain": PPOConfig(strokes=1_500_000),
     "attacking": PPOConfig(
-        strokes=1_500_000, bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.05", "push=0.05", "lift=-0.05")
+        strokes=1_500_000,
+        bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.1", "push=-0.05", "lift=-0.05"),
     ),
-    "defensive": PPOConfig(strokes=1_500_000, bonus=("lift=0.04", "clear=0.04", "block=0.02", "smash=-0.04", "half-smash=-0.04")),
+    "defensive": PPOConfig(
+        strokes=1_500_000,
+        bonus=(
+            "lift=0.07",
+            "clear=0.07",
+            "block=0.07",
+            "smash=-0.07",
+            "half-smash=-0.07",
+            "push=-0.07",
+            "drive=-0.07",
+            "net-kill=-0.07",
+        ),
+    ),
     "cautious": PPOConfig(strokes=1_500_000, fault_cost=0.5, risk_aversion=1.0),
 }
 """Training settings by name; `plain` learns for the point alone."""
 QUICK_STROKES: Final = 200_000
-ATTACK: Final = ("smash", "half-smash", "net-kill", "drive", "push")
+ATTACK: Final = ("smash", "half-smash", "net-kill", "drive")
 FIGURES: Final = {
-    "attack": "share of strokes hit hard and flat or down: smash, half smash, net kill, drive, push",
+    "attack": "share of strokes hit hard, flat or down: smash, half smash, net kill, drive",
     "net": "share of strokes, serves aside, aimed at the front of the court",
     "tempo": "strokes a second, from the median flight time of each shot type in the matches",
     "faults": "own faults a stroke",
