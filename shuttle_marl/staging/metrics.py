@@ -35,7 +35,7 @@ class Metrics:
         joint_excess: greatest angle by which a joint passes its limits [degrees]; 0 if none does.
         joint: name of the joint that comes closest to or furthest beyond its limits.
         clearance: height of the shuttle over the net where strokes that cross it do [m].
-        landing: ``[n]`` end of each flight to the point that was chosen [m].
+        landing: ``[n]`` end of each flight to the point that was drawn for it [m].
         timely: for each returned stroke, whether its flight time lies in the data's interquartile range of its shot type.
         true_end: ``[n]`` whether each stroke ends as it must: in the area it was meant for, out of court, or in the net.
         seconds: length [s].
@@ -77,7 +77,7 @@ def measure(motion: Motion) -> Metrics:
         joint_excess=float(np.degrees(worst.excess)) if worst.excess > _ROUNDING else 0.0,
         joint=worst.name,
         clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(plan.end != NET)]),
-        landing=np.linalg.norm(motion.shuttle[ends] - plan.end_point, axis=1),
+        landing=np.linalg.norm(motion.shuttle[ends] - plan.chosen_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
         seconds=float(motion.time[-1]),

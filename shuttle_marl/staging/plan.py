@@ -51,7 +51,8 @@ class Plan:
         contact: ``[n, 3]`` where the shuttle is then [m].
         end: ``[n]`` index into :data:`ENDS`.
         end_time: ``[n]`` when the flight ends: at the receiver's racket, on the floor, or in the net [s].
-        end_point: ``[n, 3]`` where it ends: the chosen point [m].
+        chosen_point: ``[n, 3]`` where it shall end, as drawn [m].
+        end_point: ``[n, 3]`` where it ends [m]: the chosen point, unless the receiver's racket does not get there.
         flight: the n flights.
         stance: n stances, each in its striker's own frame.
         base: ``[n, 2, 2]`` where seats 0 and 1 wait when each stroke is struck, each in their own frame [m].
@@ -62,6 +63,7 @@ class Plan:
     contact: Floats
     end: npt.NDArray[np.int64]
     end_time: Floats
+    chosen_point: Floats
     end_point: Floats
     flight: Flights
     stance: tuple[Stance, ...]
@@ -192,6 +194,7 @@ class _Planner:
             contact=np.array(contacts) * turn,
             end=np.array(ends),
             end_time=np.array(end_times),
+            chosen_point=np.array(points) * turn,
             end_point=np.array(points) * turn,
             flight=_joined(flights, turn),
             stance=tuple(stances),

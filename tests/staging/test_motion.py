@@ -8,7 +8,7 @@ import pytest
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.rally import FAULT, WINNER
 from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
-from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height
+from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
 
@@ -131,6 +131,18 @@ def test_spoilt_motions_are_found_out(motions: list[Motion]) -> None:
     bent = matrix(rotation[at, 0, knee]) @ about(np.array([1.0, 0, 0]), 1.5)
     rotation[at, 0, knee] = quaternion(bent)
     assert measure(spoilt(motion, rotation=rotation)).joint_excess > 1
+
+
+def test_a_contact_that_is_moved_counts_as_a_miss_of_the_chosen_point(motions: list[Motion]) -> None:
+    """The last resort of the staging, where a racket does not get to the shuttle, is not hidden by the measure."""
+    motion = next(motion for motion in motions if len(motion.plan.rally) > 2)
+    moved = with_contacts_moved(motion.plan, {1: np.array([0.2, 0.0, 0.0])})
+    np.testing.assert_allclose(moved.end_point[0], motion.plan.end_point[0] + (0.2, 0, 0))
+    np.testing.assert_allclose(moved.contact[1], motion.plan.contact[1] + (0.2, 0, 0))
+    np.testing.assert_array_equal(moved.chosen_point, motion.plan.chosen_point)
+    there, _ = moved.flight.at(0, np.array([moved.end_time[0] - moved.time[0]]))
+    np.testing.assert_allclose(there[0], moved.end_point[0], atol=1e-3)
+    assert np.linalg.norm(there[0] - moved.chosen_point[0]) > 0.19
 
 
 def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:
