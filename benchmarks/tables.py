@@ -19,6 +19,7 @@ from typing import Any, Final
 import pyarrow.csv
 from rich.console import Console
 
+from benchmarks import training_tables
 from benchmarks.markdown import ROOT, machine, markdown, saved
 from shuttle_marl import cli
 from shuttle_marl.dynamics.card import as_markdown, read_card
@@ -253,6 +254,10 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("docs/analysis.md", "stroke_value"): stroke_value,
     ("docs/exact.md", "exact_values"): exact_values,
     ("docs/rally_log.md", "recording"): recording,
+    ("README.md", "win_rates"): training_tables.main_result,
+    ("docs/training.md", "win_rates"): training_tables.agents,
+    ("docs/training.md", "win_rates_matrix"): training_tables.matrix,
+    ("docs/training.md", "styles"): training_tables.style_figures,
     ("docs/staging.md", "staging"): staging,
 }
 """Page and name of every table, and what makes it from the run folder of the ranking."""

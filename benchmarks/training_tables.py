@@ -20,7 +20,7 @@ def agents(_: Path) -> str:
     return f"{table}\n\n{played}: {_made_by(result)}."
 
 
-def mainsaved(_: Path) -> str:
+def main_result(_: Path) -> str:
     """The same in short."""
     result = saved("win_rates")
     kept = ("agent", "matches won, %", "paper, %", "exact rally, %", "normalised score", "exploitability")

@@ -13,6 +13,8 @@ _OWN_PLAYERS: Final = 6
 """So many players' own models are in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
 """Solved policies of the default pool, nobody's achievement: what all others are measured by."""
+TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
+"""Trained agents of the default pool; see docs/training.md."""
 
 
 class LeagueError(ShuttleError):
@@ -24,8 +26,8 @@ class LeagueConfig:
     """A round robin: every pair of entrants plays the same number of matches."""
 
     pool: tuple[str, ...] = ()
-    """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles, random, and
-    the solved anchors."""
+    """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles, random, trained
+    agents, and the solved anchors."""
     matches: int = 1000
     """Matches of every pair; an even number, because each is played twice with the seats swapped and the same draws."""
     seed: int = 0
@@ -67,11 +69,11 @@ class LeagueConfig:
 
 
 def default_pool() -> tuple[str, ...]:
-    """The behaviour-cloned players (all together, and the first few on their own), the scripted styles, random, and anchors.
+    """Behaviour-cloned players (all together, and the first few on their own), scripted styles, random, trained agents, anchors.
 
     The anchors mark the ends of the scale: perfect play, and the best response to ``bc``.
     """
     names = registry.names()
     bc = [name for name in names if name.partition(":")[0] == "bc"]
-    others = ("attacking", "defensive", "safe", "random", *ANCHORS)
+    others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
