@@ -163,7 +163,7 @@ class _Board:
 
     def __call__(self, time: int) -> list[SceneEntity]:
         lines = [text(self.score, (*_BOARD_AT, 2.85), 0.32, _BOARD)]
-        lines += [text(line, (*_BOARD_AT, 2.47 - 0.30 * k), 0.22, _ACTION) for k, line in enumerate(self.words.split("\n"))]
+        lines += [text(line, (*_BOARD_AT, 2.43 - 0.34 * k), 0.27, _ACTION) for k, line in enumerate(self.words.split("\n"))]
         return [SceneEntity(id="board", timestamp=stamp(time), frame_id=WORLD, texts=lines)]
 
 

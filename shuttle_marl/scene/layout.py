@@ -73,7 +73,7 @@ def lichtblick() -> bytes:
                 "backgroundColor": _BACKGROUND,
                 "enableStats": False,
                 "meshUpAxis": "y_up",
-                "transforms": {"showLabel": False, "editable": False, "axisScale": 0, "lineWidth": 0, "enablePreloading": True},
+                "transforms": {"showLabel": False, "editable": False, "axisScale": 0, "lineWidth": 0, "enablePreloading": False},
             },
             "transforms": {},
             "layers": {},
@@ -87,7 +87,7 @@ def lichtblick() -> bytes:
                 {"value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime"} for path, label in _ROWS
             ],
         },
-        "Table!top": {"topicPath": f"{topics.POLICY}.top[:]"},
+        "Table!top": {"topicPath": f"{topics.POLICY}.top"},
         "RosOut!log": {"searchTerms": [], "minLogLevel": 1, "topicToRender": topics.LOG, "nameFilter": {}},
     }
     for i, (title, series, bounds) in enumerate(_PLOTS):
@@ -108,7 +108,8 @@ def lichtblick() -> bytes:
             "showXAxisLabels": True,
             "showYAxisLabels": True,
             "showLegend": True,
-            "legendDisplay": "floating",
+            "legendDisplay": "left",
+            "sidebarDimension": 150,
             "showPlotValuesInLegend": False,
             "isSynced": True,
             "xAxisVal": "timestamp",
@@ -117,7 +118,7 @@ def lichtblick() -> bytes:
     right: Any = "RosOut!log"
     for name, share in (("Table!top", 50), ("Plot!2", 33), ("Plot!1", 27), ("Plot!0", 24)):
         right = {"direction": "column", "splitPercentage": share, "first": name, "second": right}
-    left = {"direction": "column", "splitPercentage": 74, "first": "3D!court", "second": "StateTransitions!rally"}
+    left = {"direction": "column", "splitPercentage": 62, "first": "3D!court", "second": "StateTransitions!rally"}
     document = {
         "configById": panels,
         "globalVariables": {},
@@ -152,7 +153,9 @@ def foxglove() -> bytes:
             scene=fox.BaseRendererSceneSettings(
                 background_color=_BACKGROUND,
                 mesh_up_axis="y_up",
-                transforms=fox.BaseRendererTransforms(visible=False, show_label=False, axis_size=0.0, line_width=0.0),
+                transforms=fox.BaseRendererTransforms(
+                    visible=False, show_label=False, axis_size=0.0, line_width=0.0, enable_preloading=False
+                ),
             ),
             topics={
                 topic: fox.BaseRendererSceneUpdateTopicSettings(visible=True, show_outlines=False) for topic in topics.SCENES
@@ -174,11 +177,11 @@ def foxglove() -> bytes:
         )
         for title, series, bounds in _PLOTS
     ]
-    top = fox.TablePanel(title="Likeliest strokes", config=fox.TableConfig(topic_path=f"{topics.POLICY}.top[:]"))
+    top = fox.TablePanel(title="Likeliest strokes", config=fox.TableConfig(topic_path=f"{topics.POLICY}.top"))
     log = fox.LogPanel(title="Log", config=fox.LogConfig(topic_to_render=topics.LOG))
     left = fox.SplitContainer(
         direction="column",
-        items=[fox.SplitItem(content=court, proportion=0.74), fox.SplitItem(content=rally, proportion=0.26)],
+        items=[fox.SplitItem(content=court, proportion=0.62), fox.SplitItem(content=rally, proportion=0.38)],
     )
     right = fox.SplitContainer(
         direction="column",

@@ -202,7 +202,11 @@ class Teller:
         return dataclasses.replace(
             told,
             top=tuple(
-                Option(stroke=game.catalogue.names[strokes[k]], probability=float(p[k]), win_probability=float(wins[k]))
+                Option(
+                    stroke=game.catalogue.names[strokes[k]],
+                    probability=round(float(p[k]), 4),
+                    win_probability=round(float(wins[k]), 4),
+                )
                 for k in best
             ),
             value=own,
