@@ -258,6 +258,7 @@ TABLES: Final[dict[tuple[str, str], Callable[[Path], str]]] = {
     ("docs/training.md", "win_rates"): training_tables.agents,
     ("docs/training.md", "win_rates_matrix"): training_tables.matrix,
     ("docs/training.md", "styles"): training_tables.style_figures,
+    ("docs/training.md", "time_to_win"): training_tables.time_to_win,
     ("docs/staging.md", "staging"): staging,
 }
 """Page and name of every table, and what makes it from the run folder of the ranking."""

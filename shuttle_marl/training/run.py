@@ -24,7 +24,7 @@ from shuttle_marl.training.a2c import A2C
 from shuttle_marl.training.agents import save_agent
 from shuttle_marl.training.checkpoints import finite, last_checkpoint, save_checkpoint
 from shuttle_marl.training.collecting import Strokes, seeds
-from shuttle_marl.training.config import TrainingConfig
+from shuttle_marl.training.config import TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.inference import imitate, logit_network, tabulated
 from shuttle_marl.training.learner import Learner, NotFiniteError, Tensors
@@ -178,7 +178,7 @@ class _Run:
             raise self._astray("a weight is no finite number")
         # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
         self.rallies = log.flush()
-        about = {"seconds": self.seconds, "stopped": self.stopped, "rallies": self.rallies}
+        about = {"game": self.game.hash, "seconds": self.seconds, "stopped": self.stopped, "rallies": self.rallies}
         save_checkpoint(self.folder, self.iteration, state, about)
 
     def _astray(self, what: str) -> NotFiniteError:
@@ -216,6 +216,11 @@ class _Run:
             (self.folder / METRICS).unlink(missing_ok=True)
             return None
         about, state = saved
+        if about.get("game") != self.game.hash:
+            raise TrainingError(
+                f"{self.folder}: was trained on game {str(about.get('game'))[:12]}, this is {self.game.hash[:12]}; "
+                "go on with the same --game, or train anew with another --out"
+            )
         self.iteration, self.seconds, self.stopped = about["iteration"], about["seconds"], about["stopped"]
         self.rallies = about["rallies"]
         self.learner.restore(state)

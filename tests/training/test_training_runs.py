@@ -193,6 +193,17 @@ def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
     assert weights(resumed.folder) == weights(done.folder)
 
 
+def test_a_checkpoint_of_another_game_is_refused(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run")
+    done = train(config)
+    for about in done.folder.glob("checkpoints/*/about.json"):
+        about.write_text(json.dumps({**json.loads(about.read_text()), "game": "0" * 64}))
+    before = weights(done.folder)
+    with pytest.raises(TrainingError, match="was trained on game 000000000000, this is"):
+        train(dataclasses.replace(config, resume=True))
+    assert weights(done.folder) == before
+
+
 @pytest.mark.slow
 def test_several_processes_collect(tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS["ppo"], processes=2, out=tmp_path / "a")
