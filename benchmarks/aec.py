@@ -11,7 +11,6 @@ not count. Seconds are CPU seconds of the process, which has one thread.
 import dataclasses
 import json
 import os
-import platform
 import random
 import statistics
 import time
@@ -26,6 +25,7 @@ from pettingzoo.utils import wrappers
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.markdown import this_machine
 from shuttle_marl import match_v0, rally_v0
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -128,8 +128,7 @@ def main(*, seconds: float = 1.0, repeat: int = 5, as_json: Annotated[bool, tyro
     """
     speeds = measure(seconds, repeat)
     if as_json:
-        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-        print(json.dumps({**machine, "environments": [dataclasses.asdict(s) for s in speeds]}, indent=2))
+        print(json.dumps({**this_machine(), "environments": [dataclasses.asdict(s) for s in speeds]}, indent=2))
         return
     table = Table("environment", "steps/s", "slowest to fastest turn", f"times {_REFERENCE}")
     for s in speeds:

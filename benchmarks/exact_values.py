@@ -9,7 +9,6 @@ many times larger as there are cores. The time to compile is that of the first s
 
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -22,6 +21,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import best_response, crossplay, evaluate, regret, solve, visits
 from shuttle_marl.exact.sweeps import warm_up
@@ -100,8 +100,7 @@ def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")
     """
     found = measure(repeat)
     if as_json:
-        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-        print(json.dumps({**machine, "solvers": found}, indent=2))
+        print(json.dumps({**this_machine(), "solvers": found}, indent=2))
         return
     table = Table("solver", "seconds", "CPU seconds")
     for row in found:

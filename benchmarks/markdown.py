@@ -1,6 +1,8 @@
-"""What the writers of tables share: results of benchmarks, and Markdown."""
+"""What benchmarks and the writers of their tables share: where it was measured, saved results, and Markdown."""
 
 import json
+import os
+import platform
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +21,11 @@ def saved(name: str) -> Any:
     """What a benchmark or an experiment saved under ``benchmarks/results/``."""
     result: Any = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     return result
+
+
+def this_machine() -> dict[str, Any]:
+    """Where this process measures: Python, kind of machine, cores; goes into the results of every benchmark."""
+    return {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
 
 
 def machine(result: dict[str, Any]) -> str:

@@ -10,8 +10,6 @@ system, so other programs on the machine hardly change it; of several runs the f
 """
 
 import json
-import os
-import platform
 import statistics
 import tempfile
 import threading
@@ -25,6 +23,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
@@ -159,7 +158,7 @@ def measure(matches: int, strokes: int, repeat: int) -> dict[str, Any]:
         folder = Path(name)
         played = tournament(folder, matches, repeat)
         result = {**played, **log(folder / "run" / "rallies.mcap", folder, repeat), **training(folder, strokes, repeat)}
-    return {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count(), **result}
+    return {**this_machine(), **result}
 
 
 def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:

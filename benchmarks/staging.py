@@ -8,8 +8,6 @@ thread (set OMP_NUM_THREADS=1).
 """
 
 import json
-import os
-import platform
 import time
 from typing import Annotated, Any, Final
 
@@ -19,6 +17,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage
@@ -47,9 +46,7 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
 
     seconds = float(every("seconds").sum())
     return {
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
+        **this_machine(),
         "rallies": rallies,
         "strokes": len(every("contact")),
         "seconds": seconds,

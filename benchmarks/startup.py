@@ -8,8 +8,6 @@ that fills the bytecode caches.
 
 import dataclasses
 import json
-import os
-import platform
 import resource
 import subprocess
 import sys
@@ -21,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import shuttle_marl
+from benchmarks.markdown import this_machine
 
 _IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
 
@@ -65,8 +64,7 @@ def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")
     """
     timings = measure(repeat)
     if as_json:
-        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-        print(json.dumps({**machine, "commands": [dataclasses.asdict(t) for t in timings]}, indent=2))
+        print(json.dumps({**this_machine(), "commands": [dataclasses.asdict(t) for t in timings]}, indent=2))
         return
     table = Table("command", "CPU s")
     for timing in timings:

@@ -18,7 +18,6 @@ other libraries an action.
 import json
 import multiprocessing
 import os
-import platform
 import resource
 import statistics
 import time
@@ -31,6 +30,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.markdown import machine, this_machine
 from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, floor, game_of_size, kernel, kernel_observed
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
@@ -141,8 +141,8 @@ def measure(
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as fresh:
             load = round(os.getloadavg()[0], 1)
             rows += [{**measured, "load": load} for measured in fresh.submit(job, *arguments).result()]
-    machine = f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores"
-    return [{**measured, "machine": machine} for measured in rows]
+    where = machine(this_machine()).removesuffix(".")
+    return [{**measured, "machine": where} for measured in rows]
 
 
 def show(rows: Sequence[Row], console: Console) -> None:

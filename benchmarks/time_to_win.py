@@ -10,8 +10,6 @@ then is part of the time. MaskablePPO plays `shuttle_marl/Rally-v0` as it comes,
 import contextlib
 import dataclasses
 import json
-import os
-import platform
 import sys
 import tempfile
 import time
@@ -28,6 +26,7 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
+from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.observation import features
 from shuttle_marl.policy.registry import resolve
@@ -197,8 +196,13 @@ def main(
         found.append(theirs(seed, target, limit))
     rows = summary(found)
     if as_json:
-        machine = {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
-        result = {**machine, "target": target, "limit": limit, "learners": rows, "runs": [dataclasses.asdict(r) for r in found]}
+        result = {
+            **this_machine(),
+            "target": target,
+            "limit": limit,
+            "learners": rows,
+            "runs": [dataclasses.asdict(r) for r in found],
+        }
         print(json.dumps(result, indent=2))
         return
     table = Table(*("learner", "seconds", "slowest", "strokes", "match", "times ours"))

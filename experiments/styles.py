@@ -10,7 +10,6 @@ are adjusted for their number (Benjamini & Yekutieli 2001, which allows for depe
 
 import dataclasses
 import itertools
-import json as json_format
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -24,13 +23,12 @@ from rich.table import Table
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
 from experiments.spread import mean_and_deviation
-from experiments.training_runs import train_all
+from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.cli import run as run_command
 from shuttle_marl.court import area_centre
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import ONE, Game
@@ -70,7 +68,6 @@ FIGURES: Final = {
     "faults": "own faults a stroke",
     "movement": "metres from where the opponent struck to the middle of the area aimed at",
 }
-_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 
 
 def style_of(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, float]:
@@ -210,11 +207,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
             style: {name: run[0].fixed()[name] for name in ("bonus", "fault_cost", "risk_aversion", "strokes")}
             for style, run in training.items()
         }
-        result = {**runs.describe(_PACKAGES), **fixed, "objectives": objectives, **measure(training)}
-        runs.write_json(folder / "results.json", result)
-        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **runs.describe(_PACKAGES)})
-    if json is not None:
-        replace_file(json, (json_format.dumps(result, indent=1) + "\n").encode())
+        result = save_results(folder, {**fixed, "objectives": objectives, **measure(training)}, json)
     out = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
     table = Table(title=f"Against {OPPONENT}, exact; mean ± standard deviation of {config.seeds} seeds")
     for heading in HEADINGS:

@@ -25,12 +25,11 @@ from rich.progress import track
 from rich.table import Table
 
 from experiments.spread import IQM, mean_and_deviation
-from experiments.training_runs import train_all
+from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.cli import run as run_command
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
@@ -53,7 +52,6 @@ OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
 QUICK_STROKES: Final = {"a2c": 300_000, "ppo": 300_000, "sac": 60_000, "ppo, self-play": 300_000}
 _WIDTH: Final = 130
 """Columns of what is printed into a file or a pipe."""
-_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -155,7 +153,6 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
         rows.append(_row(row, found, [run for (agent, _), run in training.items() if agent == row]))
         matrix[row] = {name: float(np.mean([odds[name] for odds in against])) for name in others}
     return {
-        **runs.describe(_PACKAGES),
         "game": game.hash,
         **config.fixed(),
         "rows": rows,
@@ -249,11 +246,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     folder = runs.open_folder(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite)
     with runs.locked(folder):
         train_all(list(config.training(folder).values()), config.jobs, console)
-        result = measure(config, folder, console)
-        runs.write_json(folder / "results.json", result)
-        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **runs.describe(_PACKAGES)})
-    if json is not None:
-        replace_file(json, (json_format.dumps(result, indent=1) + "\n").encode())
+        result = save_results(folder, measure(config, folder, console), json)
     _print(result, config)
     Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 

@@ -23,7 +23,9 @@ class RunError(ShuttleError):
     """A run folder that cannot be used."""
 
 
-def open_folder(out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool) -> Path:
+def open_folder(
+    out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
+) -> Path:
     """The folder to run in: made for a new run, found for a resumed one.
 
     Args:
@@ -32,6 +34,7 @@ def open_folder(out: Path | None, name: str, fixed: dict[str, Any], *, resume: b
         fixed: what decides the results, written to ``config.json``; a resumed run must agree.
         resume: go on with the unfinished run in ``out``, or else with the latest one of that name.
         overwrite: replace the run that stands in ``out``.
+        called: the run in words, for errors; default ``named NAME``.
 
     Raises:
         RunError: a run stands in the folder and was not to be resumed or replaced; or the run to resume is not there or was
@@ -39,7 +42,7 @@ def open_folder(out: Path | None, name: str, fixed: dict[str, Any], *, resume: b
     """
     default = Path("runs") / name
     if resume:
-        return _resumed(out, default, fixed)
+        return _resumed(out, default, fixed, called or f"named {name}")
     folder = _new(out, default, overwrite=overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -68,14 +71,14 @@ def _new(out: Path | None, default: Path, *, overwrite: bool) -> Path:
     return out
 
 
-def _resumed(out: Path | None, default: Path, fixed: dict[str, Any]) -> Path:
+def _resumed(out: Path | None, default: Path, fixed: dict[str, Any], called: str) -> Path:
     if out is not None:
         folders = [out]
     else:
         newest = sorted(default.parent.glob(f"{default.name}*/{CONFIG}"), key=lambda p: p.stat().st_mtime)
         folders = [path.parent for path in newest if not is_finished(path.parent)]
     if not folders or not (folders[-1] / CONFIG).is_file():
-        where = f"in {out}" if out else f"named {default.name} in {default.parent}"
+        where = f"in {out}" if out else f"{called} in {default.parent}"
         raise RunError(f"there is no run to resume {where}; leave --resume out to start one")
     folder = folders[-1]
     before = read_json(folder / CONFIG)
@@ -112,7 +115,7 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with the process, however it ends
         except OSError as error:
-            raise RunError(f"{folder}: another process runs there; wait for it or name another with --out") from error
+            raise RunError(f"{folder}: another process plays there; wait for it or name another with --out") from error
         yield
 
 

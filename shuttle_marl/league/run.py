@@ -16,13 +16,14 @@ import pyarrow.parquet
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from shuttle_marl import runs
 from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.files import replace_file
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.exact_odds import ExactOdds, exact_odds
-from shuttle_marl.league.manifest import command_line, manifest
+from shuttle_marl.league.manifest import manifest
 from shuttle_marl.league.ranking import Standing, rank, ranking_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.results import PairResult, results_table
@@ -70,18 +71,25 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     for entrant in entrants:
         if entrant.failure:
             console.print(f"[bold red]forfeit:[/] {entrant.failure}", highlight=False)
+    try:
+        return _run(config, game, entrants, console)
+    except runs.RunError as error:
+        raise LeagueError(str(error)) from error
+
+
+def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> LeagueRun:
     folder = run_folder.open_folder(config)
-    with run_folder.locked(folder):
-        about = manifest(config, game, entrants, command_line())
+    with runs.locked(folder):
+        about = manifest(config, game, entrants)
         _check_same(folder, about)
         pairings = round_robin(config.pool)
         results = run_folder.read_results(folder)
-        if run_folder.is_finished(folder):
+        if runs.is_finished(folder):
             console.print(f"{folder}: finished already")
             standings = rank(config.pool, results, config.seed, _exact(game, entrants, console))
             return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
-        run_folder.write_json(folder / run_folder.MANIFEST, about)
+        runs.write_json(folder / runs.MANIFEST, about)
         strokes = _play(config, game, entrants, pairings, results, folder, console)
         seconds = time.monotonic() - begun
         standings = _write_tables(config, game, results, folder, _exact(game, entrants, console))
@@ -91,7 +99,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
             "strokes_played": strokes,
             "seconds": round(seconds, 2),
         }
-        run_folder.write_json(folder / run_folder.MANIFEST, {**about, **done})
+        runs.write_json(folder / runs.MANIFEST, {**about, **done})
         if strokes:
             speed = f"{strokes / seconds / 1e6:.1f} million a second"
             console.print(f"{strokes:,} strokes in {seconds:.1f} s, {speed}", highlight=False)
@@ -100,10 +108,10 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
 
 def _check_same(folder: Path, about: dict[str, object]) -> None:
     """Refuse to go on with a run that was started with another game or other policies."""
-    path = folder / run_folder.MANIFEST
+    path = folder / runs.MANIFEST
     if not path.exists():
         return
-    before = run_folder.read_json(path)
+    before = runs.read_json(path)
     for what in ("game", "policies"):
         if before.get(what) != about[what]:
             raise LeagueError(f"{folder}: the {what} changed since the run was started; start a new one with another --out")

@@ -19,11 +19,12 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.__main__ import main
-from shuttle_marl.league.folder import locked, read_results
+from shuttle_marl.league.folder import read_results
 from shuttle_marl.rally import FAULT
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
+from shuttle_marl.runs import locked
 
 POOL = ("random", "safe", "attacking")
 SAME = ("config.json", "pairings.jsonl", "results.csv", "results.parquet", "ranking.csv", "report.md", "rallies.mcap")
