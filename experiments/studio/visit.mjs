@@ -1,0 +1,135 @@
+// Opens a scene file in Foxglove Studio, in a browser without a window, and plays a little of it. Prints what was seen as JSON:
+// problems (what Studio says of the file and the layout), topics (number of messages of each), panels (text of each), clock
+// (in seconds: before and after it was played), errors (of the page).
+//
+//   node visit.mjs SCENE LAYOUT PICTURE [SECONDS]
+//
+// PICTURE is taken SECONDS after the beginning of the scene. Everything is served on 127.0.0.1; nothing else is asked.
+import { once } from "node:events";
+import { writeFile } from "node:fs/promises";
+import { createServer } from "node:http";
+import { basename, dirname, join, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
+import { setTimeout as pause } from "node:timers/promises";
+import puppeteer from "puppeteer-core";
+import sirv from "sirv";
+
+// With this, Chromium's libraries (NSS, Expat) come out of the package too, and need not be on the machine.
+process.env.AWS_EXECUTION_ENV = "AWS_Lambda_nodejs20.x";
+const { default: chromium } = await import("@sparticuz/chromium");
+
+const HERE = dirname(fileURLToPath(import.meta.url));
+const LIMIT = 120_000; // for each thing that is waited for [ms]
+const START = Date.UTC(2025, 0, 1); // when every scene begins
+const PLAYED = 1; // what is played [s of the scene]
+const PANELS = "[data-testid^=panel-mouseenter-container]";
+const [scene, layout, file, seconds = "2"] = process.argv.slice(2);
+
+// Studio asks for parts of the scene as it needs them.
+const setHeaders = (response) => response.setHeader("Accept-Ranges", "bytes");
+const folders = {
+  "/scene/": dirname(resolve(scene)),
+  "/layout/": dirname(resolve(layout)),
+  "/page/": join(HERE, "page"),
+  "/react/": join(HERE, "node_modules/react/umd"),
+  "/react-dom/": join(HERE, "node_modules/react-dom/umd"),
+  "/": join(HERE, "node_modules/@foxglove/studio-base/assets"),
+};
+const handlers = Object.entries(folders).map(([prefix, folder]) => [prefix, sirv(folder, { dev: true, setHeaders })]);
+
+async function serve() {
+  const server = createServer((request, response) => {
+    const [prefix, handle] = handlers.find(([start]) => request.url.startsWith(start));
+    request.url = request.url.slice(prefix.length - 1);
+    handle(request, response, () => response.writeHead(404).end());
+  });
+  server.listen(0, "127.0.0.1");
+  await once(server, "listening");
+  return server;
+}
+
+async function visit(page, origin) {
+  const errors = [];
+  page.on("pageerror", (error) => errors.push(error.stack ?? String(error)));
+  page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
+  page.on("response", (answer) => answer.status() >= 400 && errors.push(`${answer.status()} ${answer.url()}`));
+  page.setDefaultTimeout(LIMIT);
+  const address = new URL("/page/index.html", origin);
+  address.searchParams.set("ds", "remote-file");
+  address.searchParams.set("ds.url", `${origin}/scene/${basename(scene)}`);
+  address.searchParams.set("time", new Date(START + 1000 * Number(seconds)).toISOString());
+  address.searchParams.set("layout", `/layout/${basename(layout)}`);
+  await page.goto(address.href);
+
+  await page.waitForSelector("button[title='Play']:not([disabled])");
+  await still(page);
+  const topics = await page.$$eval("li", (rows) =>
+    Object.fromEntries(rows.map((row) => row.innerText.split("\n")).map(([name, , count]) => [name, Number(count.replaceAll(",", ""))])),
+  );
+  const problems = await problemsOf(page);
+
+  // The picture is of the panels alone.
+  await page.click("button[aria-label='Dismiss']");
+  await page.click("[role='tab'][title='Data source']");
+  const picture = await still(page);
+  const panels = await page.$$eval(PANELS, (all) => Object.fromEntries(all.map((e) => [e.dataset.testid.split(" ")[1], e.innerText])));
+
+  const before = await clock(page);
+  await page.click("button[title='Play']");
+  while ((await clock(page)) < before + PLAYED) {
+    await pause(100);
+  }
+  return { picture, seen: { problems, topics, panels, clock: [before, await clock(page)], errors } };
+}
+
+// What stands under the tab of the problems.
+async function problemsOf(page) {
+  const tab = await page.waitForSelector("::-p-xpath(//*[@role='tab'][starts-with(., 'Problems')])");
+  await tab.click();
+  await still(page);
+  return tab.evaluate((label) => {
+    const tabs = label.parentElement;
+    let around = tabs;
+    while (around.innerText === tabs.innerText) {
+      around = around.parentElement;
+    }
+    return around.innerText.slice(tabs.innerText.length).trim();
+  });
+}
+
+// The window when nothing in it changes any more.
+async function still(page) {
+  const end = Date.now() + LIMIT;
+  for (let last; Date.now() < end; await pause(1500)) {
+    const now = Buffer.from(await page.screenshot());
+    if (last?.equals(now)) {
+      return now;
+    }
+    last = now;
+  }
+  throw new Error("the window does not stand still");
+}
+
+// What the playback bar says [s since midnight].
+async function clock(page) {
+  const shown = await page.$$eval("input", (inputs) => inputs.map((input) => input.value).find((value) => value.endsWith("GMT")));
+  const [hours, minutes, rest] = shown.split(":");
+  return 3600 * (Number(hours) % 12) + 60 * Number(minutes) + parseFloat(rest);
+}
+
+const server = await serve();
+const browser = await puppeteer.launch({
+  executablePath: await chromium.executablePath(),
+  headless: "shell",
+  args: [...chromium.args, "--lang=en-US"],
+  defaultViewport: { width: 1500, height: 1000 },
+  protocolTimeout: LIMIT,
+});
+try {
+  const { picture, seen } = await visit(await browser.newPage(), `http://127.0.0.1:${server.address().port}`);
+  await writeFile(file, picture);
+  console.log(JSON.stringify(seen, null, 1));
+} finally {
+  await browser.close();
+  server.close();
+}
