@@ -4,6 +4,7 @@ So batch size, order and number of threads never change a rally, and any rally c
 mixing function is the finaliser of SplitMix64 (Steele, Lea & Flood, OOPSLA 2014; constants of Stafford's Mix13).
 """
 
+import hashlib
 from typing import Final
 
 import numpy as np
@@ -39,6 +40,12 @@ def extend(key: UInt64s, number: int | npt.NDArray[np.integer]) -> UInt64s:
     """Key of the stream named by the numbers of ``key`` and one more: ``stream(s, a, b) == extend(stream(s, a), b)``."""
     with np.errstate(over="ignore"):
         return mix((key ^ np.asarray(number).astype(np.uint64)) + _GOLDEN)
+
+
+def pairing_key(*names: str) -> int:
+    """The number that names the draws of two who play each other, whatever the order of their names."""
+    digest = hashlib.sha256("\n".join(sorted(names)).encode()).digest()
+    return int.from_bytes(digest[:8], "big") >> 1
 
 
 def draw(key: UInt64s, counter: npt.NDArray[np.integer] | int) -> UInt64s:

@@ -1,11 +1,13 @@
 """``python -m shuttle_marl.exact solve | evaluate | best-response | crossplay``: the game solved, policies measured by it."""
 
+import contextlib
+import functools
 import json as json_format
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -14,6 +16,10 @@ from rich.progress import track
 from shuttle_marl import cli
 from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.exact.errors import ExactError
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact import Scorecard, Scorer
+    from shuttle_marl.recording.played import Add
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
@@ -81,20 +87,33 @@ def solve(
     _console().print(facts(rows))
 
 
-def evaluate(policies: Policies, *, game: str = "default", matches: int = 400, seed: int = 0, json_output: Json = False) -> None:
+def evaluate(
+    policies: Policies,
+    *,
+    game: str = "default",
+    matches: int = 400,
+    seed: int = 0,
+    record: str = "all",
+    log: File = None,
+    json_output: Json = False,
+) -> None:
     """Measure policies exactly: against bc, against their best responses, and against perfect play.
 
-    A policy that reads the score has no table over states; it is sampled instead, with 95 % intervals.
+    A policy that reads the score has no table over states; it is sampled instead, with 95 % intervals, and its rallies are
+    recorded.
 
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
         matches: matches played out for a policy that is sampled.
         seed: of their draws.
+        record: which of their rallies are recorded: all, sample:N (those of one match in N) or none.
+        log: the rally log they go into; default: runs/evaluate-SEED.mcap, or the next such name that is free.
         json_output: print JSON.
     """
     from shuttle_marl.exact import Scorer  # noqa: PLC0415  numba
     from shuttle_marl.exact.text import play, scorecards  # noqa: PLC0415
+    from shuttle_marl.policy.base import reads_score  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     _check_some(policies)
@@ -102,7 +121,13 @@ def evaluate(policies: Policies, *, game: str = "default", matches: int = 400, s
         raise ExactError(f"--matches {matches}: expected 1 or more")
     scorer = Scorer(load_game(game))
     found = [(name, resolve(name, scorer.game)) for name in policies]
-    cards = [scorer.score(policy, name, matches=matches, seed=seed) for name, policy in _progress(found, "policies")]
+    sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
+    cards: list[Scorecard] = []
+    with _recorded(sampled, scorer, seed, record, log) as add:
+        watches = {name: functools.partial(add, i) for i, name in enumerate(sampled)} if add is not None else {}
+        for name, policy in _progress(found, "policies"):
+            watch = watches.pop(name, None)  # whom one names twice plays the same matches again
+            cards.append(scorer.score(policy, name, matches=matches, seed=seed, watch=watch))
     if json_output:
         _say(json_format.dumps([card.as_json() for card in cards]))
         return
@@ -217,6 +242,23 @@ def crossplay(policies: Policies, *, game: str = "default", json_output: Json = 
     console.print(matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(matrix("Rallies won by the row against the column", policies, odds.rally))
     console.print(f"exact: every chance of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
+
+
+@contextlib.contextmanager
+def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None) -> "Iterator[Add | None]":
+    """What records the matches of policies that are sampled; None if there is nothing to record."""
+    from shuttle_marl.exact.scorecard import REFERENCE  # noqa: PLC0415  numba
+    from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
+    from shuttle_marl.recording.played import free_name, sampled_log  # noqa: PLC0415
+
+    if not Sampling.parse(record).every or not sampled:
+        yield None
+        return
+    path = log or free_name(Path("runs") / f"evaluate-{seed}.mcap")
+    opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
+    with sampled_log(path, sampled, opponent, scorer.game, seed=seed, record=record) as add:
+        yield add
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"{path}: the rallies of {', '.join(sampled)}", markup=False)
 
 
 def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | None) -> None:

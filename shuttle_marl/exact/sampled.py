@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from statistics import NormalDist
 from typing import Final
 
@@ -9,12 +10,19 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from shuttle_marl import draws, scoring
-from shuttle_marl.policy.base import Policy, States, checked_probabilities
+from shuttle_marl import draws
+from shuttle_marl.kernel.lockstep import Ints, play, seen_by
+from shuttle_marl.kernel.played import Matches, Played
+from shuttle_marl.policy.base import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ROOT, WINNER, strike
+
+Watch = Callable[[int, Matches, Played], None]
+"""``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
+sampled, entrant 1 its opponent."""
 
 _Z: Final = NormalDist().inv_cdf(0.975)
+_BATCH: Final = 1 << 12
+"""So many matches are played side by side."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,49 +48,50 @@ class SampledOdds:
     match_interval: tuple[float, float]
 
 
-def sample(policy: Policy, opponent: TabulatedPolicy, *, matches: int, seed: int = 0, name: str = "policy") -> SampledOdds:
+def sample(
+    policy: Policy,
+    opponent: TabulatedPolicy,
+    *,
+    matches: int,
+    seed: int = 0,
+    key: int = 0,
+    name: str = "policy",
+    watch: Watch | None = None,
+) -> SampledOdds:
     """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
+
+    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
 
     Args:
         policy: may read the score.
         opponent: a table.
         matches: how many.
-        seed: names every draw.
+        seed: names every draw, with ``key``.
+        key: of the pairing, see :func:`shuttle_marl.draws.pairing_key`.
         name: of the policy, for errors.
+        watch: is shown what was played, see :data:`Watch`.
 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    game, table = opponent.game, opponent.padded()
-    number = np.arange(matches)
-    seat, score = number & 1, scoring.new((number >> 1) & 1)
-    key = draws.stream(seed, number)
-    state = np.full(matches, ROOT, dtype=np.int32)
-    striker = score.server.astype(np.int64)
-    rallies, won = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64)
-    strokes = counter = 0
-    while len(alive := np.flatnonzero(~score.over)):
-        bits = draws.draw(key[alive], counter)
-        choice = draws.choice_draw(bits)
-        k = (table[state[alive]] <= choice[:, None]).sum(axis=1)
-        own = np.flatnonzero(striker[alive] == seat[alive])
-        at = alive[own]
-        if len(at):
-            states = States(game=game, state=state[at], score=score.seen_by(striker)[at])
-            k[own] = _choose(checked_probabilities(policy, states, name), states, choice[own])
-        outcome, following = strike(game, state[alive], k, draws.outcome_draw(bits))
-        ended = following < 0
-        over = alive[ended]
-        winner = np.full(matches, -1)
-        winner[over] = np.where(outcome[ended] == WINNER, striker[over], 1 - striker[over])
-        rallies[over] += 1
-        won[over] += winner[over] == seat[over]
-        score = scoring.step(score, winner)
-        striker[alive] = np.where(ended, score.server[alive], 1 - striker[alive])
-        state[alive] = np.where(ended, ROOT, following)
-        strokes += len(alive)
-        counter += 1
-    wins = int((score.winner == seat).sum())
+    choose = _Choose(policy, opponent, name)
+    rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
+    for first in range(0, matches, _BATCH):
+        number = np.arange(first, min(first + _BATCH, matches))
+        seat = number & 1
+        seated = Matches(
+            entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
+            first_server=((number >> 1) & 1).astype(np.int8),
+            key=draws.stream(seed, key, number),
+        )
+        played = play(opponent.game, seated, choose, keep_strokes=watch is not None)
+        if watch is not None:
+            watch(first, seated, played)
+        match = first + played.match
+        rallies += np.bincount(match, minlength=matches)
+        won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
+        strokes += int(played.length.sum())
+        wins += int((played.games[np.arange(len(number)), seat] > played.games[np.arange(len(number)), 1 - seat]).sum())
     share = float(won.sum() / rallies.sum())
     # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
     interval = binomtest(wins, matches).proportion_ci(method="wilson")
@@ -98,8 +107,18 @@ def sample(policy: Policy, opponent: TabulatedPolicy, *, matches: int, seed: int
     )
 
 
-def _choose(p: npt.NDArray[np.float64], states: States, draw: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
-    """Which of its legal strokes is played, from ``[B, n]`` chances and draws in [0, 65535)."""
-    total = np.cumsum(p, axis=1)
-    stroke = (np.rint(total / total[:, -1:] * draws.CHOICE_ONE) > draw[:, None]).argmax(axis=1)
-    return states.game.reply_rank[states.incoming, states.contact, stroke].astype(np.intp)
+class _Choose:
+    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.lockstep.Choose`."""
+
+    def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
+        self._policy, self._name = policy, name
+        self._game, self._table = opponent.game, opponent.padded()
+
+    def __call__(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+        k = (self._table[state] <= draw[:, None]).sum(axis=1)
+        asked = np.flatnonzero(entrant == 0)
+        if len(asked):
+            states = States(game=self._game, state=state[asked], score=seen_by(striker[asked], score[:, asked]))
+            stroke = drawn_strokes(checked_probabilities(self._policy, states, self._name), draw[asked])
+            k[asked] = self._game.reply_rank[states.incoming, states.contact, stroke]
+        return k

@@ -4,13 +4,14 @@ import dataclasses
 import functools
 from typing import Any, Final
 
+from shuttle_marl.draws import pairing_key
 from shuttle_marl.exact.contraction import TOLERANCE
 from shuttle_marl.exact.losses import regret
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.exact.response import Response, best_response
-from shuttle_marl.exact.sampled import sample
+from shuttle_marl.exact.sampled import Watch, sample
 from shuttle_marl.policy.base import Policy, reads_score
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
@@ -105,7 +106,7 @@ class Scorer:
         # J(bc) is exactly one half: bc against itself.
         return (rally_win_vs_bc - 0.5) / (best.rally - 0.5) if best.rally - best.error_bound > 0.5 else None
 
-    def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0) -> Scorecard:
+    def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0, watch: Watch | None = None) -> Scorecard:
         """The figures of a policy.
 
         Args:
@@ -113,13 +114,14 @@ class Scorer:
             name: for the card and for errors.
             matches: how many matches to play out if it is sampled.
             seed: of their draws.
+            watch: is shown them, see :func:`shuttle_marl.exact.sample`.
 
         Raises:
             PolicyError: the policy raised, or is no distribution over the legal strokes somewhere.
             ExactError: play may go on for ever.
         """
         if reads_score(policy):
-            return self._sampled(policy, name, matches, seed)
+            return self._sampled(policy, name, matches, seed, watch)
         return self.score_table(tabulate(policy, self.game, name), name)
 
     def score_table(self, policy: TabulatedPolicy, name: str) -> Scorecard:
@@ -155,8 +157,9 @@ class Scorer:
             match_error_bound=odds.match_error_bound(),
         )
 
-    def _sampled(self, policy: Policy, name: str, matches: int, seed: int) -> Scorecard:
-        played = sample(policy, self.reference, matches=matches, seed=seed, name=name)
+    def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
+        key = pairing_key(name, REFERENCE)
+        played = sample(policy, self.reference, matches=matches, seed=seed, key=key, name=name, watch=watch)
         return Scorecard(
             policy=name,
             sampled=True,

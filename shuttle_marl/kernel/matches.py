@@ -1,6 +1,6 @@
 """Whole matches between tabulated policies, side by side, compiled.
 
-Bit for bit what :func:`shuttle_marl.league.lockstep.play` does with the same tables and keys; there the policies may also
+Bit for bit what :func:`shuttle_marl.kernel.lockstep.play` does with the same tables and keys; there the policies may also
 read the score, here they may not, and a stroke costs a small part of it.
 """
 

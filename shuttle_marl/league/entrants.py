@@ -1,14 +1,13 @@
 """The entrants of a tournament: policies as tables where they have one, and as calls where they read the score."""
 
 import dataclasses
-import hashlib
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.draws import CHOICE_ONE
-from shuttle_marl.league.lockstep import Ints
+from shuttle_marl.kernel.lockstep import Ints, seen_by
 from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, drawn_strokes, reads_score
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
@@ -34,7 +33,7 @@ class Entrant:
     @property
     def hash(self) -> str:
         """SHA-256 of the table, hexadecimal; empty without one."""
-        return "" if self.table is None else hashlib.sha256(self.table.cumulative.tobytes()).hexdigest()
+        return "" if self.table is None else self.table.hash
 
 
 def enter(name: str, game: Game) -> Entrant:
@@ -78,7 +77,7 @@ class Strikers:
             self._rows[first : first + len(table), : table.shape[1]] = table
 
     def choose(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
-        """Which of its legal strokes each striker plays; see :data:`shuttle_marl.league.lockstep.Choose`.
+        """Which of its legal strokes each striker plays; see :data:`shuttle_marl.kernel.lockstep.Choose`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.
@@ -91,10 +90,8 @@ class Strikers:
         k[rest] = self._read(entrant[rest], state[rest], draw[rest])
         for i in sampled:
             at = np.flatnonzero(entrant == i)
-            # Points and games as the striker sees them: own first.
-            seats = np.stack([striker[at], 1 - striker[at]])
-            seen = np.concatenate([score[seats, at], score[2 + seats, at]]).T
-            k[at] = self._ask(i, States(game=self._game, state=state[at], score=seen.astype(np.int16)), draw[at])
+            states = States(game=self._game, state=state[at], score=seen_by(striker[at], score[:, at]))
+            k[at] = self._ask(i, states, draw[at])
         return k
 
     def _read(self, entrant: Ints, state: Ints, draw: Ints) -> npt.NDArray[np.intp]:

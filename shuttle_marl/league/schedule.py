@@ -7,7 +7,6 @@ depends on the seed, the two names and its number, so other entrants, their orde
 """
 
 import dataclasses
-import hashlib
 import itertools
 from collections.abc import Iterator, Sequence
 
@@ -34,8 +33,7 @@ class Pairing:
     @property
     def key(self) -> int:
         """Names the draws of the pairing, whatever the order of its names."""
-        digest = hashlib.sha256("\n".join(sorted(self.names)).encode()).digest()
-        return int.from_bytes(digest[:8], "big") >> 1
+        return draws.pairing_key(*self.names)
 
     @property
     def swapped(self) -> bool:

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shuttle_marl.kernel import lockstep
 from shuttle_marl.kernel.played import Matches, Played
-from shuttle_marl.league import lockstep
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.results import PairResult, forfeited, tally
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
 from shuttle_marl.rally import Game
 from shuttle_marl.recording import Rallies
+from shuttle_marl.recording.played import rallies_of
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players
@@ -79,18 +80,7 @@ class Tournament:
         played = (self._play_tables if tabulated else self._ask)(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
-        return Rallies(
-            pairing=number[in_group],
-            match=(first + match).astype(np.uint32),
-            rally=played.rally.astype(np.uint16),
-            policy=matches.entrant[played.match].astype(np.uint16),
-            server=played.server,
-            winner=played.winner,
-            reason=played.reason,
-            score=played.score,
-            length=played.length,
-            stroke=played.stroke,
-        )
+        return rallies_of(played, pairing=number[in_group], match=first + match, policy=matches.entrant)
 
     def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> Played:
         """Play matches between entrants that all have a table."""

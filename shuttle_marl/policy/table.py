@@ -1,6 +1,7 @@
 """Policies compiled to tables: one 16-bit cumulative chance a legal pair, the same layout as the game."""
 
 import dataclasses
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,11 @@ class TabulatedPolicy:
 
     game: Game
     cumulative: npt.NDArray[np.uint16]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the table, hexadecimal."""
+        return hashlib.sha256(self.cumulative.tobytes()).hexdigest()
 
     def pair_probabilities(self) -> npt.NDArray[np.float64]:
         """``[P]`` chance of each legal pair given its state, exactly as it is played from the table."""

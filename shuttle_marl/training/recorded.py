@@ -8,7 +8,6 @@ not recorded.
 
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -114,10 +113,7 @@ def open_log(
         strokes=game.catalogue.names,
         policies=(
             Player(name=f"{config.algorithm}-{config.seed}"),
-            *(
-                Player(name=name, hash=hashlib.sha256(policy.cumulative.tobytes()).hexdigest())
-                for name, policy in zip(names, opponents, strict=True)
-            ),
+            *(Player(name=name, hash=policy.hash) for name, policy in zip(names, opponents, strict=True)),
         ),
         pairings=tuple(seed for segment in seeds for seed in segment),
         matches_per_draw=1,

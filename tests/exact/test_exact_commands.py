@@ -4,13 +4,17 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import solve
 from shuttle_marl.exact.__main__ import main
 from shuttle_marl.exact.plot import aims
-from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.table import TabulatedPolicy, tabulate
+from shuttle_marl.recording import Rallies, RallyLog, replay
+from shuttle_marl.recording.__main__ import main as recording
 
 GAME = default_game()
 SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))
@@ -44,28 +48,74 @@ def test_solve_for_people(capsys: pytest.CaptureFixture[str]) -> None:
         assert part in text
 
 
-def test_evaluate_prints_what_it_promises(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Name of a policy that reads the score: it plays at random, and in the second game not at all well."""
     (tmp_path / "my_reader.py").write_text(
         "def player(states):\n"
         "    assert states.score is not None\n"
-        "    return states.mask / states.mask.sum(axis=1, keepdims=True)\n"
+        "    last = states.mask.shape[1] - 1 - states.mask[:, ::-1].argmax(axis=1)\n"
+        "    p = states.mask / states.mask.sum(axis=1, keepdims=True)\n"
+        "    late = states.score[:, 2:].sum(axis=1) > 0\n"
+        "    p[late] = 0\n"
+        "    p[late, last[late]] = 1\n"
+        "    return p\n"
         "player.reads_score = True\n"
+        "def other(states):\n"
+        "    return player(states)\n"
+        "other.reads_score = True\n"
     )
     monkeypatch.chdir(tmp_path)
-    cards = json.loads(output(capsys, "evaluate", "random", "my_reader:player", "--matches", "40", "--json"))
-    assert [card["policy"] for card in cards] == ["random", "my_reader:player"]
+    return "my_reader:player"
+
+
+def test_evaluate_prints_what_it_promises(capsys: pytest.CaptureFixture[str], reader: str) -> None:
+    cards = json.loads(output(capsys, "evaluate", "random", reader, "--matches", "40", "--json"))
+    assert [card["policy"] for card in cards] == ["random", reader]
     for card in cards:
         assert {"rally_win_vs_bc", "match_win_vs_bc", "exploitability", "normalised_score", "sampled"} <= set(card)
     exact, sampled = cards
     assert (exact["sampled"], sampled["sampled"]) == (False, True)
     assert exact["normalised_score"] < 0 < exact["exploitability"] < 1
     assert sampled["exploitability"] is None
-    assert sampled["rally_interval"][0] < exact["rally_win_vs_bc"] < sampled["rally_interval"][1] + 0.02
-    text = output(capsys, "evaluate", "random", "my_reader:player", "--matches", "4")
-    assert "my_reader:player reads the score: sampled in 4 matches" in text
+    assert sampled["rally_interval"][0] < sampled["rally_win_vs_bc"] < exact["rally_win_vs_bc"]
+    text = output(capsys, "evaluate", "random", reader, "--matches", "4")
+    assert f"{reader} reads the score: sampled in 4 matches" in text
     assert "fault of the opponent" in text
+
+
+def test_sampled_rallies_are_recorded(capsys: pytest.CaptureFixture[str], reader: str) -> None:
+    names = (reader, "safe", "my_reader:other", reader)
+    cards = json.loads(output(capsys, "evaluate", *names, "--matches", "9", "--seed", "5", "--json"))
+    assert cards[0] == cards[3]
+    log = RallyLog(Path("runs/evaluate-5.mcap"))
+    again = replay(log, GAME, {"bc": tabulate(resolve("bc", GAME), GAME)})
+    assert again.wrong == ()
+    assert [player.name for player in log.policies] == ["bc", reader, "my_reader:other"]
+    rallies = Rallies.join([batch for _, batch in log.batches()])
+    for card, player in ((cards[0], 1), (cards[2], 2)):
+        mine = rallies.select((rallies.policy == player).any(axis=1))
+        seat = (mine.policy[:, 1] == player).astype(int)
+        assert len(np.unique(mine.match)) == card["matches"] == 9
+        assert (mine.policy[np.arange(len(mine)), 1 - seat] == 0).all()
+        assert (seat == mine.match % 2).all()
+        assert np.mean(mine.winner == seat) == pytest.approx(card["rally_win_vs_bc"], abs=1e-12)
+        assert mine.length.mean() == pytest.approx(card["rally_length_vs_bc"], abs=1e-12)
+    log.close()
+    assert recording(["check", "runs/evaluate-5.mcap"]) == 0
+    capsys.readouterr()
+
+
+def test_less_is_recorded_on_request(capsys: pytest.CaptureFixture[str], reader: str) -> None:
+    command = ("evaluate", reader, "--matches", "9", "--json")
+    card = output(capsys, *command)
+    assert output(capsys, *command, "--record", "none") == card
+    assert output(capsys, *command, "--record", "sample:2") == card
+    assert sorted(path.name for path in Path("runs").iterdir()) == ["evaluate-0-2.mcap", "evaluate-0.mcap"]
+    with RallyLog(Path("runs/evaluate-0-2.mcap")) as some, RallyLog(Path("runs/evaluate-0.mcap")) as log:
+        assert 0 < some.n_rallies < log.n_rallies
+    assert "there is a rally log already" in failure(capsys, *command, "--log", "runs/evaluate-0.mcap")
+    assert "--record most: expected all, none, or sample:N" in failure(capsys, *command, "--record", "most")
 
 
 def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

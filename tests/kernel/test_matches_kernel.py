@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.kernel import KernelError, Matches, Played, matches, pack, play_matches
+from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
-from shuttle_marl.league.lockstep import play
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import Game

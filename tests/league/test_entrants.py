@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
-from shuttle_marl.league.lockstep import play
 from shuttle_marl.league.ranking import rank
 from shuttle_marl.league.results import results_table
 from shuttle_marl.league.schedule import matches_of, round_robin

@@ -91,6 +91,13 @@ def play(
     return diary.read(games)
 
 
+def seen_by(striker: Ints, score: Ints) -> npt.NDArray[np.int16]:
+    """``[B, 4]`` points and games as the strikers see them, own first, from the ``[4, B]`` of :data:`Choose`."""
+    seats = np.stack([striker, 1 - striker])
+    column = np.arange(len(striker))
+    return np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+
+
 def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:
     """Count a rally in each column of ``now`` and set up the next one; returns which matches are over."""
     column = np.arange(now.shape[1])
