@@ -143,7 +143,7 @@ def throughput(_: Path) -> str:
     headings = ("", "threads", *(f"{batch:,}" for batch in batches), "peak MB")
     least, most = (f"{edge(row['load'] for row in rows):.0f}" for edge in (min, max))
     load = least if least == most else f"{least} to {most}"
-    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}; {load} processes wanted a core meanwhile."
+    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}; processes that wanted a core meanwhile: {load}."
 
 
 def speed(_: Path) -> str:

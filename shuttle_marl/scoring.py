@@ -59,6 +59,21 @@ def wins_game(own: int | Int8s, other: int | Int8s, rules: Rules = BWF) -> bool 
     return ((own >= rules.points) & (own - other >= rules.clear)) | (own >= rules.cap)
 
 
+def ends_changed(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> bool:
+    """Whether the players are at other ends of the court than in the first rally of the match.
+
+    They change after every game, and in the deciding one when the first of them has half of its points (BWF Law 8).
+
+    Args:
+        points: of both in the current game.
+        games: won by both.
+        rules: of the match.
+    """
+    deciding = rules.games > 1 and games[0] == games[1] == rules.games - 1
+    halved = deciding and max(points) >= (rules.points + 1) // 2
+    return bool((sum(games) + halved) % 2)
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Score:
     """The scores of B matches, of at most G games each. Players are 0 and 1.

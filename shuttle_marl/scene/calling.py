@@ -10,7 +10,7 @@ from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimi
 from shuttle_marl.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.drawing import at, box, colour, point, stamp, text
-from shuttle_marl.scene.poses import WORLD
+from shuttle_marl.scene.poses import PLAY, WORLD
 from shuttle_marl.scene.story import Story, Telling
 from shuttle_marl.scene.take import Send, Take, Timed, line, numbers, scene
 from shuttle_marl.staging import ENDS
@@ -193,8 +193,8 @@ class _Marks:
         centre = (sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006)
         target = box(centre, (x1 - x0, y1 - y0, 0.004), _TARGET)
         return [
-            SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[way]),
-            SceneEntity(id="target", timestamp=stamp(time), frame_id=WORLD, cubes=[target]),
+            SceneEntity(id="path", timestamp=stamp(time), frame_id=PLAY, lines=[way]),
+            SceneEntity(id="target", timestamp=stamp(time), frame_id=PLAY, cubes=[target]),
         ]
 
 
@@ -215,7 +215,7 @@ class _Landing:
             top_scale=1.0,
             color=shade,
         )
-        return [SceneEntity(id="landing", timestamp=stamp(time), frame_id=WORLD, cylinders=[disc])]
+        return [SceneEntity(id="landing", timestamp=stamp(time), frame_id=PLAY, cylinders=[disc])]
 
 
 def _area_box(area: int, serve: bool) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -19,7 +19,7 @@ from foxglove.messages import (
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.calling import calls
 from shuttle_marl.scene.drawing import at, colour, point, stamp
-from shuttle_marl.scene.poses import WORLD, poses_of
+from shuttle_marl.scene.poses import PLAY, poses_of
 from shuttle_marl.scene.take import Take, Timed, numbers, scene
 
 Floats = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ def messages(take: Take) -> list[Timed]:
 
 
 def _transforms(take: Take) -> Iterator[Timed]:
-    poses = poses_of(take.motion)
+    poses = poses_of(take.motion, ends_changed=take.story.ends_changed)
     place, turn = poses.translation.tolist(), poses.rotation.tolist()
     for frame, seconds in enumerate(take.motion.time.tolist()):
         yield take.at(seconds), _Transforms(poses.child, poses.parent, place[frame], turn[frame])
@@ -96,12 +96,14 @@ class _Trail:
             color=colour(*_TRAIL_COLOUR),
             colors=[colour(*_TRAIL_COLOUR, round(float(alpha), 2)) for alpha in fade],
         )
-        return [SceneEntity(id="trail", timestamp=stamp(time), frame_id=WORLD, lines=[line])]
+        return [SceneEntity(id="trail", timestamp=stamp(time), frame_id=PLAY, lines=[line])]
 
 
 def _states(take: Take) -> Iterator[Timed]:
     motion, plan = take.motion, take.motion.plan
-    hips = motion.position[:, :, 0, :2].astype(np.float64)
+    side = -1.0 if take.story.ends_changed else 1.0
+    hips = side * motion.position[:, :, 0, :2].astype(np.float64)
+    shuttle = motion.shuttle * np.array([side, side, 1.0])
     speed = np.linalg.norm(np.gradient(hips, 1 / motion.fps, axis=0), axis=2)
     fast = np.linalg.norm(motion.shuttle_velocity, axis=1)
     flying = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
@@ -109,7 +111,7 @@ def _states(take: Take) -> Iterator[Timed]:
         seconds, stroke = float(motion.time[frame]), int(flying[frame])
         over = seconds > float(plan.end_time[-1])
         phase = "before the serve" if stroke < 0 else "over" if over else f"{take.story.names[plan.rally.striker[stroke]]} struck"
-        x, y, z = (round(float(v), 3) for v in motion.shuttle[frame])
+        x, y, z = (round(float(v), 3) for v in shuttle[frame])
         content: dict[str, Any] = {"phase": phase, "shuttle": {"x": x, "y": y, "z": z, "speed": round(float(fast[frame]), 2)}}
         for seat in (0, 1):
             px, py = (round(float(v), 3) for v in hips[frame, seat])

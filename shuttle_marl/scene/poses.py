@@ -8,14 +8,19 @@ import numpy.typing as npt
 
 from shuttle_marl.staging import BONES, Motion
 from shuttle_marl.staging.rotation import cross, matrix, quaternion, unit
+from shuttle_marl.staging.skeleton import BONE
 
 Floats = npt.NDArray[np.float64]
 
 WORLD: Final = "court"
 """Frame of reference of the court."""
+PLAY: Final = "play"
+"""Frame of reference of players and shuttle: the court as the player at seat 0 began the match on it."""
 SHUTTLE: Final = "shuttle"
 _GRID: Final = 2.0**14
 """Numbers are rounded to 1/16384: 0.06 mm and 0.007 degrees, and compress to a third."""
+_NAME: Final = 0.42
+"""Height of the names over the heads [m]."""
 _FLIP: Final = 0.06
 """Time in which a shuttle turns its cork round after it was struck [s]."""
 
@@ -23,6 +28,11 @@ _FLIP: Final = 0.06
 def bone_frame(seat: int, bone: str) -> str:
     """Name of the frame of reference of a bone."""
     return f"player_{seat}/{bone}"
+
+
+def name_frame(seat: int) -> str:
+    """Name of the frame of reference over the head of a player, which never turns."""
+    return f"player_{seat}/name"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,11 +52,17 @@ class Poses:
     rotation: Floats
 
 
-def poses_of(motion: Motion) -> Poses:
-    """Every bone against the one it hangs on, and the shuttle."""
+def poses_of(motion: Motion, *, ends_changed: bool = False) -> Poses:
+    """Every bone against the one it hangs on, names, the shuttle, and the play on the court.
+
+    Args:
+        motion: what is seen.
+        ends_changed: whether seat 0 plays from the other end of the court.
+    """
     frames = len(motion.time)
-    child, parent = [], []
-    translation, rotation = [], []
+    child, parent = [PLAY], [WORLD]
+    translation = [np.zeros((frames, 1, 3))]
+    rotation = [np.tile([0.0, 0.0, 1.0, 0.0] if ends_changed else [0.0, 0.0, 0.0, 1.0], (frames, 1, 1))]
     for seat in (0, 1):
         above = motion.parents(seat)
         turn = matrix(motion.rotation[:, seat])
@@ -56,17 +72,18 @@ def poses_of(motion: Motion) -> Poses:
         offset = (against @ (place - place[:, base])[..., None])[..., 0]
         turned = against @ turn
         offset[:, above < 0], turned[:, above < 0] = place[:, above < 0], turn[:, above < 0]
-        translation.append(offset)
-        rotation.append(quaternion(turned))
-        child += [bone_frame(seat, bone) for bone in BONES]
-        parent += [bone_frame(seat, BONES[i]) if i >= 0 else WORLD for i in above]
-    translation.append(motion.shuttle.astype(np.float64)[:, None])
-    rotation.append(quaternion(_heading(motion))[:, None])
-    found = np.concatenate(translation, axis=1), np.concatenate(rotation, axis=1)
-    assert found[0].shape[:2] == (frames, len(child) + 1)
+        name = place[:, [BONE["Head"]]] + np.array([0.0, 0.0, _NAME])
+        translation += [offset, name]
+        rotation += [quaternion(turned), np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1, 1))]
+        child += [*(bone_frame(seat, bone) for bone in BONES), name_frame(seat)]
+        parent += [*(bone_frame(seat, BONES[i]) if i >= 0 else PLAY for i in above), PLAY]
+    found = (
+        np.concatenate([*translation, motion.shuttle.astype(np.float64)[:, None]], axis=1),
+        np.concatenate([*rotation, quaternion(_heading(motion))[:, None]], axis=1),
+    )
     return Poses(
         child=(*child, SHUTTLE),
-        parent=(*parent, WORLD),
+        parent=(*parent, PLAY),
         translation=np.rint(found[0] * _GRID) / _GRID,
         rotation=np.rint(found[1] * _GRID) / _GRID,
     )

@@ -8,7 +8,7 @@ from foxglove.messages import LinePrimitive, LinePrimitiveLineType, ModelPrimiti
 from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
 from shuttle_marl.scene import athlete, equipment
 from shuttle_marl.scene.drawing import at, box, colour, model, point, stamp, text
-from shuttle_marl.scene.poses import SHUTTLE, WORLD, bone_frame
+from shuttle_marl.scene.poses import SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.staging import Motion
 from shuttle_marl.staging.plan import net_height
 
@@ -83,21 +83,15 @@ def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEnti
         found = athlete.parts(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
         found = {**found, "Racket": equipment.racket(*motion.racket(seat))}
         out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
-        label = text(names[seat], (0, 0, 0.42), 0.20, NAME_COLOURS[seat])
-        out.append(_carried(time, bone_frame(seat, "Head"), texts=[label], suffix="/name"))
+        out.append(_carried(time, name_frame(seat), texts=[text(names[seat], (0, 0, 0), 0.20, NAME_COLOURS[seat])]))
     return out
 
 
 def _carried(
-    time: int,
-    frame: str,
-    *,
-    models: list[ModelPrimitive] | None = None,
-    texts: list[TextPrimitive] | None = None,
-    suffix: str = "",
+    time: int, frame: str, *, models: list[ModelPrimitive] | None = None, texts: list[TextPrimitive] | None = None
 ) -> SceneEntity:
     return SceneEntity(
-        id=frame + suffix,
+        id=frame,
         timestamp=stamp(time),
         frame_id=frame,
         frame_locked=True,

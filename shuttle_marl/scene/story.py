@@ -18,7 +18,7 @@ from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene.errors import SceneError
-from shuttle_marl.scoring import match_win_probability, wins_game
+from shuttle_marl.scoring import ends_changed, match_win_probability, wins_game
 from shuttle_marl.staging import PlayedRally
 from shuttle_marl.stroke import SHOTS
 
@@ -86,6 +86,7 @@ class Story:
         tellings: one a stroke.
         match_win_after: chance of seat 0 to win the match after the rally; None: not known.
         points_after: of seats 0 and 1 after the rally, before a new game begins.
+        ends_changed: whether the players are at other ends than in the first rally of the match.
         key: names the draws of the staging.
     """
 
@@ -100,6 +101,7 @@ class Story:
     tellings: tuple[Telling, ...]
     match_win_after: float | None
     points_after: tuple[int, int]
+    ends_changed: bool
     key: int
 
 
@@ -167,6 +169,7 @@ class Teller:
             ),
             match_win_after=None if match_odds is None else match_odds[winner],
             points_after=after,
+            ends_changed=ends_changed(points, games, header.rules),
             key=_key(header, rally),
         )
 

@@ -67,6 +67,15 @@ def reel(log_path: Path) -> Reel:
 
 
 @pytest.fixture(scope="session")
+def second_game(log_path: Path) -> Reel:
+    """The first rally of a second game."""
+    with RallyLog(log_path) as log:
+        number = next(number for number in range(log.n_rallies) if log.rally(number).score[0, 2:].sum() == 1)
+        content, _ = film(log, [number], default_game())
+    return Reel(content, [number], read(content))
+
+
+@pytest.fixture(scope="session")
 def scene_file(reel: Reel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("film") / "scene.mcap"
     path.write_bytes(reel.content)

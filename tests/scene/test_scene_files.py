@@ -22,7 +22,7 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.film import EPOCH, film
-from shuttle_marl.scene.poses import WORLD
+from shuttle_marl.scene.poses import PLAY, WORLD
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.rotation import matrix
 
@@ -89,10 +89,10 @@ def test_every_scene_message_stands_for_itself(reel: Any) -> None:
 
 
 def test_every_frame_of_reference_is_told_in_every_frame(reel: Any) -> None:
-    named = {f"player_{seat}/{bone}" for seat in (0, 1) for bone in BONES} | {"shuttle"}
+    named = {f"player_{seat}/{bone}" for seat in (0, 1) for bone in (*BONES, "name")} | {"shuttle", PLAY}
     used = {entity.frame_id for topic in topics.SCENES for _, message in reel.of(topic) for entity in message.entities}
     assert used <= named | {WORLD}
-    assert {"player_0/Racket", "player_1/Head", "shuttle"} <= used
+    assert {"player_0/Racket", "player_1/Head", "player_1/name", "shuttle", PLAY} <= used
     for _, message in reel.of(topics.TF):
         assert {t.child_frame_id for t in message.transforms} == named
 
@@ -109,6 +109,34 @@ def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
         shaft, _ = load_skeleton(athlete[seat]).racket(right_handed=hand[seat])
         turn, place = at[f"player_{seat}/Racket"]
         assert np.linalg.norm(place + SWEET_SPOT * turn @ shaft - at["shuttle"][1]) < 0.012
+
+
+def test_names_hang_over_the_heads(reel: Any) -> None:
+    for _, message in reel.of(topics.TF)[::50]:
+        at = placed(message)
+        for seat in (0, 1):
+            name, head = at[f"player_{seat}/name"], at[f"player_{seat}/Head"]
+            assert name[1] - head[1] == pytest.approx([0, 0, 0.42], abs=1e-3)
+
+
+def test_players_change_ends(reel: Any, second_game: Any) -> None:
+    """In the second game all is turned round: players, states, and where the shuttle comes down."""
+    for shot, near in ((reel, 0), (second_game, 1)):
+        frames = dict(shot.of(topics.TF))
+        assert shot.of(topics.STATE)
+        for time, state in shot.of(topics.STATE):
+            at = placed(frames[time])
+            for seat in (0, 1):
+                x, y, _ = at[f"player_{seat}/Hips"][1]
+                assert (y < 0) == (seat == near)
+                assert (state[f"player_{seat}"]["x"], state[f"player_{seat}"]["y"]) == pytest.approx((x, y), abs=2e-3)
+            shuttle = state["shuttle"]
+            assert at["shuttle"][1] == pytest.approx([shuttle["x"], shuttle["y"], shuttle["z"]], abs=2e-3)
+    (mark,) = (e for _, message in second_game.of(topics.STROKE_MARKS) for e in message.entities if e.id == "landing")
+    last = placed(second_game.of(topics.TF)[-1][1])
+    turn, _ = last[mark.frame_id]
+    down = turn @ [mark.cylinders[0].pose.position.x, mark.cylinders[0].pose.position.y, 0.0]
+    assert np.linalg.norm(down[:2] - last["shuttle"][1][:2]) < 1.5, "the shuttle rolls no farther"
 
 
 def test_shuttles_fly_cork_first(reel: Any) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.scoring import Rules, Score, ScoringError, new, step, wins_game
+from shuttle_marl.scoring import BWF, Rules, Score, ScoringError, ends_changed, new, step, wins_game
 
 
 def play(score: Score, winners: str) -> Score:
@@ -160,3 +160,23 @@ def test_matches_to_21_last_between_42_and_177_rallies() -> None:
         played = b > 0
         legal = ((b == 21) & (a <= 19)) | ((b > 21) & (b < 30) & (b - a == 2)) | ((b == 30) & (a >= 28))
         assert legal[played].all()
+
+
+@pytest.mark.parametrize(
+    ("points", "games", "rules", "changed"),
+    [
+        ((0, 0), (0, 0), BWF, False),
+        ((20, 19), (0, 0), BWF, False),
+        ((0, 0), (1, 0), BWF, True),
+        ((15, 20), (0, 1), BWF, True),
+        ((10, 10), (1, 1), BWF, False),
+        ((11, 3), (1, 1), BWF, True),
+        ((20, 29), (1, 1), BWF, True),
+        ((0, 1), (2, 2), Rules(points=11, clear=2, cap=15, games=3), False),
+        ((5, 6), (2, 2), Rules(points=11, clear=2, cap=15, games=3), True),
+        ((0, 0), (0, 0), Rules(points=1, clear=1, cap=1, games=1), False),
+    ],
+)
+def test_players_change_ends(points: tuple[int, int], games: tuple[int, int], rules: Rules, changed: bool) -> None:
+    assert ends_changed(points, games, rules) is changed
+    assert ends_changed(points[::-1], games[::-1], rules) is changed
