@@ -4,8 +4,9 @@ Everything works on stroke tables of one schema (:mod:`shuttle_marl.data.schema`
 same ways. See ``docs/analysis.md``. Names are imported when first used.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
+
+from shuttle_marl.lazy import on_demand
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.errors import AnalysisError
@@ -26,21 +27,13 @@ __all__ = [
     "summarise",
 ]
 
-_MODULES: Final = {
-    "errors": ("AnalysisError",),
-    "logs": ("strokes_of", "strokes_of_log"),
-    "ranking": ("PlayerValue", "rank_players"),
-    "summary": ("Summary", "rally_table", "summarise"),
-    "values": ("add_values",),
-}
-_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(f"shuttle_marl.analysis.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "errors": ("AnalysisError",),
+        "logs": ("strokes_of", "strokes_of_log"),
+        "ranking": ("PlayerValue", "rank_players"),
+        "summary": ("Summary", "rally_table", "summarise"),
+        "values": ("add_values",),
+    },
+)

@@ -3,8 +3,9 @@
 Names are imported when first used, because the solvers need numba, which takes longer to import than a command's help.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
+
+from shuttle_marl.lazy import on_demand
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.contraction import TOLERANCE
@@ -45,28 +46,20 @@ __all__ = [
     "visits",
 ]
 
-_MODULES: Final = {
-    "contraction": ("TOLERANCE",),
-    "pairwise": ("Crossplay", "crossplay"),
-    "errors": ("ExactError",),
-    "match": ("least_gain",),
-    "minimax": ("Solution", "solve"),
-    "odds": ("Odds",),
-    "profile": ("ProfileValue", "evaluate"),
-    "losses": ("Regret", "regret"),
-    "response": ("Exploitability", "Response", "best_response", "nash_conv"),
-    "sampled": ("SampledOdds", "sample"),
-    "scorecard": ("Scorecard", "Scorer"),
-    "occupancy": ("Visits", "visits"),
-}
-_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(f"shuttle_marl.exact.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "contraction": ("TOLERANCE",),
+        "pairwise": ("Crossplay", "crossplay"),
+        "errors": ("ExactError",),
+        "match": ("least_gain",),
+        "minimax": ("Solution", "solve"),
+        "odds": ("Odds",),
+        "profile": ("ProfileValue", "evaluate"),
+        "losses": ("Regret", "regret"),
+        "response": ("Exploitability", "Response", "best_response", "nash_conv"),
+        "sampled": ("SampledOdds", "sample"),
+        "scorecard": ("Scorecard", "Scorer"),
+        "occupancy": ("Visits", "visits"),
+    },
+)

@@ -3,8 +3,9 @@
 Names are imported when first used, because numba takes longer to import than a command's help.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
+
+from shuttle_marl.lazy import on_demand
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.core import KernelError, Players, pack
@@ -27,22 +28,14 @@ __all__ = [
     "play_matches",
 ]
 
-_MODULES: Final = {
-    "core": ("KernelError", "Players", "pack"),
-    "matches": ("play_matches",),
-    "played": ("Matches", "Played"),
-    "rally": ("RallyBatch", "Tally"),
-    "rows": ("IllegalStrokeError",),
-    "versus": ("VersusBatch",),
-}
-_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(f"shuttle_marl.kernel.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "core": ("KernelError", "Players", "pack"),
+        "matches": ("play_matches",),
+        "played": ("Matches", "Played"),
+        "rally": ("RallyBatch", "Tally"),
+        "rows": ("IllegalStrokeError",),
+        "versus": ("VersusBatch",),
+    },
+)

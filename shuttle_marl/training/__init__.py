@@ -3,8 +3,9 @@
 Names are imported when first used, because PyTorch takes longer to import than a command's help.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
+
+from shuttle_marl.lazy import on_demand
 
 if TYPE_CHECKING:
     from shuttle_marl.training.agents import load_agent
@@ -25,20 +26,12 @@ __all__ = [
     "train",
 ]
 
-_MODULES: Final = {
-    "agents": ("load_agent",),
-    "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
-    "evaluation": ("Evaluation", "Evaluator"),
-    "run": ("TrainingRun", "train"),
-}
-_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(f"shuttle_marl.training.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "agents": ("load_agent",),
+        "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
+        "evaluation": ("Evaluation", "Evaluator"),
+        "run": ("TrainingRun", "train"),
+    },
+)
