@@ -8,6 +8,8 @@ MATCHES ?= 200
 TORCH_INDEX ?=
 # Further flags of pytest, for example '-m "not slow"'.
 PYTEST_FLAGS ?=
+# Tests that run side by side; those of one file run one after the other. 0: all one after the other.
+JOBS ?= auto
 
 export PIP_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -35,7 +37,7 @@ demo: $(RUN_STAMP)
 	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo --overwrite
 
 test: $(TEST_STAMP)
-	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+	$(BIN)/python -m pytest -n $(JOBS) --maxprocesses 4 --dist loadfile $(PYTEST_FLAGS)
 
 install: $(TEST_STAMP)
 

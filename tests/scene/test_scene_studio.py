@@ -1,6 +1,7 @@
 """Scene files opened in a real viewer, in a browser without a window."""
 
 import io
+import json
 import os
 import re
 import shutil
@@ -72,11 +73,14 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
     assert len(re.findall(r"[a-z-]+:[a-z-]+:(?:above|below):[a-z-]+", seen["panels"]["Table!top"])) == 5
 
 
-def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path) -> None:
-    path = tmp_path / "cut.mcap"
+def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, picture = tmp_path / "cut.mcap", tmp_path / "cut.png"
     path.write_bytes(reel.content[: len(reel.content) * 2 // 3])
-    assert "unindexed" in visit(folder, path, tmp_path / "cut.png")["problems"]
-    assert main([str(path), "--folder", str(folder), "--picture", str(tmp_path / "cut.png")]) == 1
+    assert main([str(path), "--folder", str(folder), "--picture", str(picture)]) == 1
+    said = capsys.readouterr()
+    assert "cut.mcap: This file is unindexed" in said.err
+    assert json.loads(said.out)["topics"]["/tf"] > 0
+    assert picture.stat().st_size > 10_000
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
