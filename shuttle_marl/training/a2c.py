@@ -30,6 +30,7 @@ class A2C:
         self.actor = make_actor(game, width=config.width, hidden=config.hidden).to(config.device)
         self.critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
         self.loss = A2CLoss(self.actor, self.critic, entropy_coeff=config.entropy, critic_coeff=config.critic)
+        self.loss.entropy_bonus = True  # with a weight of 0 it would leave the entropy out
         # A vectorised estimator fails on a negative gamma.
         gamma = -1.0 if config.self_play else 1.0
         self.loss.make_value_estimator(ValueEstimators.GAE, gamma=gamma, lmbda=config.lmbda, vectorized=False)

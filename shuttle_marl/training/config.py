@@ -6,6 +6,7 @@ The defaults reach the figures of ``docs/training.md`` on two cores; ``benchmark
 import dataclasses
 import json
 import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal
 
@@ -19,6 +20,26 @@ _NOT_DECISIVE: Final = ("out", "resume", "overwrite")
 
 class TrainingError(ShuttleError):
     """A run that cannot be started, gone on with, or finished."""
+
+
+def _bounds() -> Iterator[tuple[str, Callable[[float], bool], str]]:
+    """Name of a field, whether a value of it can be meant, and what was expected; NaN fits nowhere."""
+    counts = ("strokes", "rows", "steps", "width", "evaluate_every", "checkpoint_every", "processes", "threads")
+    for name in (*counts, "epochs", "minibatch", "buffer", "updates"):
+        yield name, lambda value: value >= 1, "1 or more"
+    for name in ("hidden", "warm_up"):
+        yield name, lambda value: value >= 0, "0 or more"
+    for name in ("learning_rate", "temperature_rate", "gradient_norm", "critic"):
+        yield name, lambda value: 0 < value < math.inf, "a number above 0"
+    for name in ("clip", "temperature", "entropy_share", "target"):
+        yield name, lambda value: 0 < value <= 1, "a number above 0, at most 1"
+    for name in ("lmbda", "polyak"):
+        yield name, lambda value: 0 <= value <= 1, "a number from 0 to 1"
+    for name in ("entropy", "fault_cost", "risk_aversion"):
+        yield name, lambda value: 0 <= value <= 10, "a number from 0 to 10"
+
+
+_BOUNDS: Final = tuple(_bounds())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,25 +99,19 @@ class TrainingConfig:
         from shuttle_marl.recording.sampling import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
         Sampling.parse(self.record)
-        for name in ("strokes", "rows", "steps", "width", "evaluate_every", "checkpoint_every", "processes", "threads"):
-            if getattr(self, name) < 1:
-                raise TrainingError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected 1 or more")
-        if self.hidden < 0:
-            raise TrainingError(f"--hidden {self.hidden}: expected 0 or more")
+        for name, fits, expected in _BOUNDS:
+            value = getattr(self, name, None)
+            if value is not None and not fits(value):
+                raise TrainingError(f"--{name.replace('_', '-')} {value}: expected {expected}")
         if self.rows % self.processes:
             raise TrainingError(f"--rows {self.rows}: expected a multiple of --processes {self.processes}")
         if not 0 <= self.seed < 1 << 63:
             raise TrainingError(f"--seed {self.seed}: expected a number from 0 up to 2^63")
-        if self.target is not None and not 0 < self.target <= 1:
-            raise TrainingError(f"--target {self.target}: expected a chance above 0, at most 1")
         if not self.opponent:
             raise TrainingError("--opponent: expected a policy or more, or self")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} stands alone, for self-play")
         self.bonuses()
-        for name in ("fault_cost", "risk_aversion"):
-            if not 0 <= getattr(self, name) <= 10:
-                raise TrainingError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected a number from 0 to 10")
         if self.self_play and (self.bonus or self.fault_cost):
             raise TrainingError("--bonus and --fault-cost: not in self-play, where what one player wins the other loses")
         if self.resume and self.overwrite:

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import json
+import math
 import os
 import signal
 import subprocess
@@ -171,6 +172,22 @@ def test_bad_input_is_refused_before_anything_is_written(
 def test_flags_that_make_no_sense(change: dict[str, object], message: str) -> None:
     with pytest.raises(TrainingError, match=message):
         dataclasses.replace(CONFIGS["ppo"], **change)
+
+
+@pytest.mark.parametrize("name", ["ppo", "a2c", "sac"])
+def test_no_number_is_taken_that_cannot_be_meant(name: str) -> None:
+    config = CONFIGS[name]
+    for field in dataclasses.fields(config):
+        if type(getattr(config, field.name)) in (int, float):
+            for wrong in (-1, math.nan, math.inf if isinstance(getattr(config, field.name), float) else -7):
+                with pytest.raises(TrainingError, match=f"--{field.name.replace('_', '-')} {wrong}: expected"):
+                    dataclasses.replace(config, **{field.name: wrong})
+
+
+@pytest.mark.parametrize("name", ["ppo", "a2c"])
+def test_the_entropy_may_be_worth_nothing(name: str, tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS[name], entropy=0.0, out=tmp_path / "run")
+    assert train(config).iterations == config.iterations
 
 
 def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:
