@@ -139,15 +139,24 @@ def _action(story: Story, i: int) -> str:
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     name = story.names[played.striker[i]]
-    return f"{name}: {shot} to {area}, {technique}\ngood {100 * told.p_succ:.0f} %, returned {100 * told.p_ret:.0f} %"
+    return f"{name}: {shot} to {area}, {technique}\ngood {percent(told.p_succ)}, returned {percent(told.p_ret)}"
 
 
 def _sentence(content: dict[str, Any]) -> str:
-    chosen = f", chosen with {100 * content['probability']:.0f} %" if "probability" in content else ""
+    chosen = f", chosen with {percent(content['probability'])}" if "probability" in content else ""
     return (
         f"#{content['number']} {content['shot']} to {content['area']} ({content['technique']}, {content['speed_kmh']:.0f} km/h"
-        f"{chosen}): good {100 * content['p_succ']:.0f} %, returned {100 * content['p_ret']:.0f} %"
+        f"{chosen}): good {percent(content['p_succ'])}, returned {percent(content['p_ret'])}"
     )
+
+
+def percent(chance: float) -> str:
+    """A chance in whole percent; what may happen is never 0 %, and what may not happen never 100 %."""
+    if 0 < chance < 0.005:
+        return "under 1 %"
+    if 0.995 < chance < 1:
+        return "over 99 %"
+    return f"{100 * chance:.0f} %"
 
 
 def _ending(take: Take) -> str:

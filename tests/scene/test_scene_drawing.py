@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.scene import athlete, equipment
+from shuttle_marl.scene.calling import percent
 from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
 from shuttle_marl.scene.picture import Film
@@ -151,3 +152,11 @@ def test_what_is_no_scene_cannot_be_drawn(log_path: Path, tmp_path: Path) -> Non
         Film(tmp_path / "text.mcap")
     with pytest.raises(SceneError, match="holds no scene"):
         Film(log_path)
+
+
+@pytest.mark.parametrize(
+    ("chance", "words"),
+    [(0.0, "0 %"), (0.001, "under 1 %"), (0.006, "1 %"), (0.5, "50 %"), (0.994, "99 %"), (0.999, "over 99 %"), (1.0, "100 %")],
+)
+def test_no_chance_is_rounded_to_a_certainty(chance: float, words: str) -> None:
+    assert percent(chance) == words
