@@ -1,5 +1,8 @@
 """What all command lines share: commands generated from typed functions, and errors without traceback."""
 
+import errno
+import os
+import select
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -20,6 +23,7 @@ _EXTRAS: Final = {
     "torch": "train",
 }
 """Which extra of the package installs a library that not every command needs."""
+_NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
@@ -33,7 +37,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
 
     Returns:
         0, or 1 after a :class:`ShuttleError` (its message goes to standard error) or when the extra that a command needs is
-        not installed, or 130 after an interrupt.
+        not installed or the output cannot be written, or 130 after an interrupt, or 141 when nobody reads the output any more.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -42,6 +46,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
             tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args)
         else:
             tyro.cli(commands, prog=prog, description=description, args=args)
+        sys.stdout.flush()
     except ShuttleError as error:
         console.print(f"[bold red]error:[/] {prog}: ", end="")
         console.print(str(error), markup=False)
@@ -54,7 +59,31 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         console.print(f"[bold red]error:[/] {prog}: ", end="")
         console.print(f"this needs {library}, which is not installed; {advice}", markup=False)
         return 1
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) and _nobody_reads():
+            _drop_output()
+            return 141
+        if error.errno not in _NO_ROOM:
+            raise
+        _drop_output()
+        console.print(f"[bold red]error:[/] {prog}: ", end="")
+        console.print(f"{error.filename or 'the output'} cannot be written ({error.strerror}); make room", markup=False)
+        return 1
     except KeyboardInterrupt:
         console.print("interrupted; what was written is whole")
         return 130
     return 0
+
+
+def _nobody_reads() -> bool:
+    """Whether standard output is a pipe of which the other end is closed."""
+    if not hasattr(select, "poll"):
+        return True
+    pipe = select.poll()
+    pipe.register(sys.stdout.fileno(), select.POLLOUT)
+    return any(state & select.POLLERR for _, state in pipe.poll(0))
+
+
+def _drop_output() -> None:
+    """Let what still waits to be written go nowhere; the interpreter would try once more when it ends, and complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

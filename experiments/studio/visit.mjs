@@ -56,9 +56,9 @@ async function visit(page, origin) {
   page.setDefaultTimeout(LIMIT);
   const address = new URL("/page/index.html", origin);
   address.searchParams.set("ds", "remote-file");
-  address.searchParams.set("ds.url", `${origin}/scene/${basename(scene)}`);
+  address.searchParams.set("ds.url", `${origin}/scene/${encodeURIComponent(basename(scene))}`);
   address.searchParams.set("time", new Date(START + 1000 * Number(seconds)).toISOString());
-  address.searchParams.set("layout", `/layout/${basename(layout)}`);
+  address.searchParams.set("layout", `/layout/${encodeURIComponent(basename(layout))}`);
   await page.goto(address.href);
 
   await page.waitForSelector("button[title='Play']:not([disabled])");
@@ -76,7 +76,7 @@ async function visit(page, origin) {
 
   const before = await clock(page);
   await page.click("button[title='Play']");
-  while ((await clock(page)) < before + PLAYED) {
+  for (const end = Date.now() + LIMIT; Date.now() < end && (await clock(page)) < before + PLAYED; ) {
     await pause(100);
   }
   return { picture, seen: { problems, topics, panels, clock: [before, await clock(page)], errors } };

@@ -1,8 +1,10 @@
 """What all command lines share: exit statuses, and messages instead of tracebacks."""
 
 import importlib
+import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +35,47 @@ def test_an_error_that_users_can_mend_is_a_message(capsys: pytest.CaptureFixture
 
 def test_an_interrupt_is_130() -> None:
     assert status_of(raising(KeyboardInterrupt())) == 130
+
+
+TALKS = """
+import sys
+from shuttle_marl import cli
+
+def command() -> None:
+    for i in range({lines}):
+        sys.stdout.write(f"{{i:100}}\\n")
+
+sys.exit(cli.run(command, prog="tea", description="Talks.", argv=[]))
+"""
+
+
+@pytest.mark.parametrize("flags", [(), ("-u",)], ids=["buffered", "unbuffered"])
+@pytest.mark.parametrize("lines", [1, 10_000], ids=["at the end", "on the way"])
+def test_nobody_reads_to_the_end(lines: int, flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    command = [sys.executable, *flags, "-c", TALKS.format(lines=lines)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()
+        assert program.stderr.read() == ""
+        assert program.wait(60) == 141
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
+@pytest.mark.parametrize("flags", [(), ("-u",)], ids=["buffered", "unbuffered"])
+def test_the_output_does_not_fit_on_the_disk(flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, *flags, "-c", TALKS.format(lines=1)]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    assert done.stderr == "error: tea: the output cannot be written (No space left on device); make room\n"
+    assert done.returncode == 1
+
+
+def test_another_error_of_the_system_is_a_defect_and_not_hidden() -> None:
+    with pytest.raises(BrokenPipeError):
+        status_of(raising(BrokenPipeError()))
 
 
 @pytest.mark.parametrize(

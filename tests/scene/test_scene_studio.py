@@ -74,11 +74,11 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
 
 
 def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, picture = tmp_path / "cut.mcap", tmp_path / "cut.png"
+    path, picture = tmp_path / "cut off.mcap", tmp_path / "cut.png"
     path.write_bytes(reel.content[: len(reel.content) * 2 // 3])
     assert main([str(path), "--folder", str(folder), "--picture", str(picture)]) == 1
     said = capsys.readouterr()
-    assert "cut.mcap: This file is unindexed" in said.err
+    assert "cut off.mcap: This file is unindexed" in said.err
     assert json.loads(said.out)["topics"]["/tf"] > 0
     assert picture.stat().st_size > 10_000
 
