@@ -1,6 +1,5 @@
 """What all command lines share: commands generated from typed functions, and errors without traceback."""
 
-import errno
 import os
 import select
 import sys
@@ -11,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import NO_ROOM
 
 Command = Callable[..., Any]
 
@@ -23,7 +23,6 @@ _EXTRAS: Final = {
     "torch": "train",
 }
 """Which extra of the package installs a library that not every command needs."""
-_NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
@@ -63,7 +62,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         if isinstance(error, BrokenPipeError) and _nobody_reads():
             _drop_output()
             return 141
-        if error.errno not in _NO_ROOM:
+        if error.errno not in NO_ROOM:
             raise
         _drop_output()
         console.print(f"[bold red]error:[/] {prog}: ", end="")

@@ -1,11 +1,16 @@
 """Files that are whole or not there: written beside, then moved into place."""
 
 import contextlib
+import errno
 import os
 import tempfile
 from pathlib import Path
+from typing import Final
 
 from shuttle_marl.errors import ShuttleError
+
+NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""Errors of the system that say that something does not fit."""
 
 
 class FileWriteError(ShuttleError):

@@ -4,35 +4,27 @@ Two imitated players play a match, all of it becomes a scene file, and Foxglove 
 smash in the middle.
 """
 
-import json
 import tempfile
 from pathlib import Path
 from typing import Final
 
-from mcap.reader import make_reader
+from make_scene import PLAYERS, strokes
 
 from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording.__main__ import main as recording
+from shuttle_marl.scene.picture import Film
 
 PICTURE: Final = Path(__file__).with_name("foxglove.png")
-PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 AFTER: Final = 0.14
 """From the contact to the picture [s]."""
 
 
 def smash(scene: Path) -> float:
     """When the smash is struck that is nearest to the middle of a scene [s]."""
-    with scene.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        if summary is None or summary.statistics is None:
-            raise SystemExit(f"{scene}: has no summary")
-        start, end = summary.statistics.message_start_time, summary.statistics.message_end_time
-        struck = [
-            m.log_time for _, _, m in reader.iter_messages(topics=["/rally/stroke"]) if json.loads(m.data)["shot"] == "smash"
-        ]
-    return min(((time - start) / 1e9 for time in struck), key=lambda seconds: abs(seconds - (end - start) / 2e9))
+    film = Film(scene)
+    middle = (film.end - film.start) / 2e9
+    return min((seconds for seconds, shot in strokes(scene) if shot == "smash"), key=lambda seconds: abs(seconds - middle))
 
 
 def main() -> None:

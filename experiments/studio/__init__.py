@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.scene.film import EPOCH
 from shuttle_marl.scene.layout import lichtblick
 
 NO_PROBLEMS: Final = "No problems found"
 """What Studio says of a file that it has nothing against."""
 _KIT: Final = Path(__file__).parent
-_LIMITS: Final = {"npm": 600, "node": 600}
-"""How long they may take [s]."""
+_LIMIT: Final = 600
+"""How long npm and Node may take [s]."""
 
 
 class StudioError(ShuttleError):
@@ -62,8 +63,9 @@ def visit(folder: Path, scene: Path, picture: Path, seconds: float = 2.0) -> dic
         )
     layout = folder / "layout.json"
     layout.write_bytes(lichtblick())
+    time = EPOCH // 10**6 + round(1000 * seconds)
     paths = (str(path.resolve()) for path in (scene, layout, picture))
-    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(seconds), folder=folder))
+    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), folder=folder))
     return seen
 
 
@@ -73,13 +75,12 @@ def _call(program: str, *arguments: str, folder: Path) -> str:
         raise StudioError(f"{program} is not on this machine; install Node.js 20.11 or later")
     # The browser is unpacked into the folder for temporary files, and looked for there the next time.
     place = {**os.environ, "TMPDIR": str(folder.resolve())}
-    limit = _LIMITS[program]
     try:
         done = subprocess.run(
-            [path, *arguments], cwd=folder, env=place, capture_output=True, text=True, check=False, timeout=limit
+            [path, *arguments], cwd=folder, env=place, capture_output=True, text=True, check=False, timeout=_LIMIT
         )
     except subprocess.TimeoutExpired as error:
-        raise StudioError(f"{program} has not ended after {limit} s") from error
+        raise StudioError(f"{program} has not ended after {_LIMIT} s") from error
     if done.returncode:
         raise StudioError(f"{program} {arguments[0]} failed: {done.stderr[-2000:].strip()}")
     return done.stdout

@@ -2,9 +2,9 @@
 // problems (what Studio says of the file and the layout), topics (number of messages of each), panels (text of each), clock
 // (in seconds: before and after it was played), errors (of the page).
 //
-//   node visit.mjs SCENE LAYOUT PICTURE [SECONDS]
+//   node visit.mjs SCENE LAYOUT PICTURE TIME
 //
-// PICTURE is taken SECONDS after the beginning of the scene. Everything is served on 127.0.0.1; nothing else is asked.
+// PICTURE is taken at TIME, in milliseconds since 1970 as the scene counts them. Everything is served on 127.0.0.1; nothing else is asked.
 import { once } from "node:events";
 import { writeFile } from "node:fs/promises";
 import { createServer } from "node:http";
@@ -20,10 +20,9 @@ const { default: chromium } = await import("@sparticuz/chromium");
 
 const HERE = dirname(fileURLToPath(import.meta.url));
 const LIMIT = 120_000; // for each thing that is waited for [ms]
-const START = Date.UTC(2025, 0, 1); // when every scene begins
 const PLAYED = 1; // what is played [s of the scene]
 const PANELS = "[data-testid^=panel-mouseenter-container]";
-const [scene, layout, file, seconds = "2"] = process.argv.slice(2);
+const [scene, layout, file, time] = process.argv.slice(2);
 
 // Studio asks for parts of the scene as it needs them.
 const setHeaders = (response) => response.setHeader("Accept-Ranges", "bytes");
@@ -57,7 +56,7 @@ async function visit(page, origin) {
   const address = new URL("/page/index.html", origin);
   address.searchParams.set("ds", "remote-file");
   address.searchParams.set("ds.url", `${origin}/scene/${encodeURIComponent(basename(scene))}`);
-  address.searchParams.set("time", new Date(START + 1000 * Number(seconds)).toISOString());
+  address.searchParams.set("time", new Date(Number(time)).toISOString());
   address.searchParams.set("layout", `/layout/${encodeURIComponent(basename(layout))}`);
   await page.goto(address.href);
 

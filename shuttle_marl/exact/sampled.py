@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy.stats import binomtest
 
 from shuttle_marl import draws
-from shuttle_marl.kernel.lockstep import Ints, play, seen_by
+from shuttle_marl.kernel.lockstep import Ints, ask, play
 from shuttle_marl.kernel.played import Matches, Played
-from shuttle_marl.policy.base import Policy, States, checked_probabilities, drawn_strokes
+from shuttle_marl.policy.base import Policy
 from shuttle_marl.policy.table import TabulatedPolicy
 
 Watch = Callable[[int, Matches, Played], None]
@@ -91,7 +91,7 @@ def sample(
         rallies += np.bincount(match, minlength=matches)
         won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
         strokes += int(played.length.sum())
-        wins += int((played.games[np.arange(len(number)), seat] > played.games[np.arange(len(number)), 1 - seat]).sum())
+        wins += int((played.games.argmax(axis=1) == seat).sum())
     share = float(won.sum() / rallies.sum())
     # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
     interval = binomtest(wins, matches).proportion_ci(method="wilson")
@@ -118,7 +118,6 @@ class _Choose:
         k = (self._table[state] <= draw[:, None]).sum(axis=1)
         asked = np.flatnonzero(entrant == 0)
         if len(asked):
-            states = States(game=self._game, state=state[asked], score=seen_by(striker[asked], score[:, asked]))
-            stroke = drawn_strokes(checked_probabilities(self._policy, states, self._name), draw[asked])
-            k[asked] = self._game.reply_rank[states.incoming, states.contact, stroke]
+            mine = state[asked], draw[asked], striker[asked], score[:, asked]
+            k[asked] = ask(self._policy, self._name, self._game, *mine)
         return k

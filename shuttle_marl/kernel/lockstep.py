@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from shuttle_marl import draws
 from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
+from shuttle_marl.policy.base import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.rally import ROOT, WINNER, Game, strike
 from shuttle_marl.scoring import BWF, Rules, wins_game
 
@@ -91,11 +92,18 @@ def play(
     return diary.read(games)
 
 
-def seen_by(striker: Ints, score: Ints) -> npt.NDArray[np.int16]:
-    """``[B, 4]`` points and games as the strikers see them, own first, from the ``[4, B]`` of :data:`Choose`."""
-    seats = np.stack([striker, 1 - striker])
-    column = np.arange(len(striker))
-    return np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+    """Which of its legal strokes a policy plays that has to be asked; for :data:`Choose`, whose arrays it takes.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the legal strokes; ``name`` says which one.
+    """
+    # Points and games as the strikers see them: own first.
+    seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
+    seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+    states = States(game=game, state=state, score=seen)
+    stroke = drawn_strokes(checked_probabilities(policy, states, name), draw)
+    return game.reply_rank[states.incoming, states.contact, stroke].astype(np.intp)
 
 
 def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:

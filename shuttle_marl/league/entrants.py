@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.draws import CHOICE_ONE
-from shuttle_marl.kernel.lockstep import Ints, seen_by
-from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, drawn_strokes, reads_score
+from shuttle_marl.kernel.lockstep import Ints, ask
+from shuttle_marl.policy.base import Policy, PolicyError, reads_score
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.rally import Game
@@ -90,18 +90,16 @@ class Strikers:
         k[rest] = self._read(entrant[rest], state[rest], draw[rest])
         for i in sampled:
             at = np.flatnonzero(entrant == i)
-            states = States(game=self._game, state=state[at], score=seen_by(striker[at], score[:, at]))
-            k[at] = self._ask(i, states, draw[at])
+            k[at] = self._ask(i, state[at], draw[at], striker[at], score[:, at])
         return k
 
     def _read(self, entrant: Ints, state: Ints, draw: Ints) -> npt.NDArray[np.intp]:
         rows = self._rows.take(self._first_row[entrant] + state, axis=0)
         return (rows > draw.astype(np.uint16)[:, None]).argmax(axis=1)
 
-    def _ask(self, i: int, states: States, draw: Ints) -> npt.NDArray[np.intp]:
+    def _ask(self, i: int, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
         entrant = self._entrants[i]
         try:
-            p = checked_probabilities(entrant.policy, states, entrant.name)
+            return ask(entrant.policy, entrant.name, self._game, state, draw, striker, score)
         except PolicyError as error:
             raise ForfeitError(entrant.name, str(error)) from error
-        return self._game.reply_rank[states.incoming, states.contact, drawn_strokes(p, draw)].astype(np.intp)

@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 from typing import Final
 
+from shuttle_marl.files import NO_ROOM
+
 _STEP: Final = 1 << 20
 """Room is taken in steps of so many bytes."""
-_NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 class NoRoomError(OSError):
@@ -65,7 +66,7 @@ class Sink:
             except OSError as error:
                 if error.errno in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS):  # not on this file system
                     return
-                if error.errno not in _NO_ROOM:
+                if error.errno not in NO_ROOM:
                     raise
                 full = error
             else:
