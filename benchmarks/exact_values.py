@@ -23,11 +23,11 @@ from rich.table import Table
 
 from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.exact import best_response, crossplay, evaluate, regret, solve, visits
+from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, visits
 from shuttle_marl.exact.sweeps import warm_up
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
 
 _POLICIES = 30
 _COMPILE = """
@@ -82,7 +82,7 @@ def measure(repeat: int) -> list[dict[str, Any]]:
         "value of a profile": lambda: evaluate(bc, other),
         "best response": lambda: best_response(bc),
         "visits": lambda: visits(bc, other),
-        "regret": lambda: regret(bc, solution=solution),
+        "regret": lambda: policy_regret(bc, solution=solution),
     }
     times = {what: median_seconds(call, repeat) for what, call in calls.items()}
     policies = thirty_policies(game)

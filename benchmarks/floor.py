@@ -12,10 +12,10 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.core import tables_of
 from shuttle_marl.kernel.rows import in_slices
-from shuttle_marl.rally import Game
 
 _BATCH: Final = 8192
 _STEPS: Final = 16

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.court import AREAS
-from shuttle_marl.rally import Game, layout, thresholds
-from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.rally import Game, layout, thresholds
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 _SERVES: Final = 4
 """Strokes of a synthetic catalogue that are serves."""

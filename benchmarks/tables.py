@@ -21,11 +21,11 @@ from rich.console import Console
 
 from benchmarks import training_tables
 from benchmarks.markdown import ROOT, machine, markdown, saved
-from shuttle_marl import cli
+from shuttle_marl.commands import cli
 from shuttle_marl.dynamics.card import as_markdown, read_card
-from shuttle_marl.dynamics.shipped import model_folder
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import HEADINGS, cells

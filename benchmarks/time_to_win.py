@@ -29,9 +29,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.observation import features
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import from_pair_probabilities, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import from_pair_probabilities, tabulate
-from shuttle_marl.rally import Game
 from shuttle_marl.training import Evaluation, Evaluator, PPOConfig, train
 
 OPPONENT: Final = "bc"

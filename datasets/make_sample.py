@@ -14,16 +14,17 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl import __version__, cli
+from shuttle_marl import __version__
+from shuttle_marl.commands import cli
 from shuttle_marl.data.account import Account
 from shuttle_marl.data.schema import FAULT, WINNER
-from shuttle_marl.data.simulate import account_of, simulate
 from shuttle_marl.data.table import write_parquet
-from shuttle_marl.dynamics.shipped import default_game
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.recording.simulate import account_of, simulate
 
 PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"

@@ -17,7 +17,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl import cli, court
+from shuttle_marl.commands import cli
 from shuttle_marl.data import split_of, upstream
 from shuttle_marl.data.clean import clean_game
 from shuttle_marl.data.inference import (
@@ -33,6 +33,7 @@ from shuttle_marl.data.inference import (
 )
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
+from shuttle_marl.game import court
 
 Measures = dict[str, npt.NDArray[np.bool_]]
 """Yes or no by name, each over rows, rallies or games."""

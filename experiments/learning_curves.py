@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.cli import run
+from shuttle_marl.commands.cli import run
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 

@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.cli import run
+from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.splits import Split
 from shuttle_marl.dynamics import model_folder

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.cli import run
+from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import FAULT, UNKNOWN, WINNER
 from shuttle_marl.data.splits import Split
@@ -25,8 +25,8 @@ from shuttle_marl.dynamics import load_game
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.health import Solver, play_statistics
 from shuttle_marl.dynamics.make import rows_of
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import bc
-from shuttle_marl.stroke import SHOTS
 
 RESAMPLES: Final = 2000
 Floats = npt.NDArray[np.float64]

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.cli import run
+from shuttle_marl.commands.cli import run
 from shuttle_marl.dynamics import load_game, model_folder
-from shuttle_marl.training.agents import load_agent, shipped_folder
+from shuttle_marl.policy.agents import load_agent, shipped_folder
 
 OF_WIN_RATES: Final = {"ppo": "ppo-0", "a2c": "a2c-0", "sac": "sac-0", "ppo:self-play": "ppo-self-play-0"}
 OF_STYLES: Final = {"ppo:attacking": "attacking-0", "ppo:defensive": "defensive-0", "ppo:cautious": "cautious-0"}

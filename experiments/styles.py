@@ -25,15 +25,15 @@ from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 from experiments.spread import mean_and_deviation
 from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
-from shuttle_marl.cli import run as run_command
-from shuttle_marl.court import area_centre
+from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.court import area_centre
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ONE, Game
 from shuttle_marl.staging.measured import load_measured
-from shuttle_marl.stroke import SHOTS
 from shuttle_marl.training import PPOConfig
 
 OPPONENT: Final = "bc"

@@ -27,14 +27,14 @@ from rich.table import Table
 from experiments.spread import IQM, mean_and_deviation
 from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
-from shuttle_marl.cli import run as run_command
+from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
 
 PAPER: Final = {"bc": (33.2, 1.2), "a2c": (65.8, 2.0), "ppo": (98.3, 2.5), "sac": (90.5, 7.7)}

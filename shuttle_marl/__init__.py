@@ -1,8 +1,8 @@
-"""shuttle_marl: two-player badminton for multi-agent reinforcement learning, learned from elite matches."""
+"""Two-player badminton for multi-agent reinforcement learning, learned from elite matches."""
 
-import importlib
-from types import ModuleType
 from typing import TYPE_CHECKING
+
+import lazy_loader
 
 from shuttle_marl.gymnasium_ids import register_when_imported
 
@@ -11,19 +11,9 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_ENVIRONMENTS = ("match_v0", "rally_v0")
-
 __all__ = ["__version__", "match_v0", "rally_v0"]
 
+# The environments are imported when first used, so that ``import shuttle_marl`` does not import PettingZoo.
+__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"env": ["match_v0", "rally_v0"]})
+
 register_when_imported()
-
-
-def __getattr__(name: str) -> ModuleType:
-    """The environments, imported when first asked for, so that ``import shuttle_marl`` needs no PettingZoo."""
-    if name in _ENVIRONMENTS:
-        return importlib.import_module(f"shuttle_marl.env.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_ENVIRONMENTS])

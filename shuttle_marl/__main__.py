@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from collections.abc import Sequence
 from typing import Final
 
 _COMMANDS: Final = {
@@ -16,16 +17,23 @@ _COMMANDS: Final = {
 }
 
 
-def main() -> int:
-    """Run the command named by the first argument."""
-    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command named by the first argument.
+
+    Args:
+        argv: the command and its own arguments; default ``sys.argv[1:]``.
+
+    Returns:
+        The exit status.
+    """
+    name, *arguments = (sys.argv[1:] if argv is None else argv) or ["--help"]
     if name not in _COMMANDS:
         lines = "\n".join(f"  {command:10} {text}" for command, text in _COMMANDS.items())
         out = sys.stdout if name in ("--help", "-h") else sys.stderr
         out.write(f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n`shuttle-marl COMMAND --help` shows the flags of one.\n")
         return 0 if out is sys.stdout else 2
-    command = importlib.import_module(f"shuttle_marl.{name}.__main__")
-    return int(command.main(sys.argv[2:]))
+    command = importlib.import_module(f"shuttle_marl.commands.{name}")
+    return int(command.main(arguments))
 
 
 if __name__ == "__main__":

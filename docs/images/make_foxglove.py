@@ -11,8 +11,8 @@ from typing import Final
 from make_scene import PLAYERS, strokes
 
 from experiments.studio import NO_PROBLEMS, install, visit
+from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.recording.__main__ import main as recording
 from shuttle_marl.scene.picture import Film
 
 PICTURE: Final = Path(__file__).with_name("foxglove.png")

@@ -12,9 +12,9 @@ import pygame
 
 from shuttle_marl import match_v0
 from shuttle_marl.env.snapshot import Snapshot
-from shuttle_marl.policy.base import States
+from shuttle_marl.game.policy import States
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.stroke import SHOTS
 
 PLAYERS: Final = ("defensive", "attacking")
 SMASH: Final = SHOTS.index("smash")

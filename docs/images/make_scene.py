@@ -13,13 +13,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from mcap.reader import make_reader
 
+from shuttle_marl.commands.recording import main as recording
+from shuttle_marl.game.rally import WINNER
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.rally import WINNER
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.__main__ import main as recording
 from shuttle_marl.scene.picture import Film
 from shuttle_marl.scene.raster import Camera
-from shuttle_marl.stroke import SHOTS
 
 FOLDER: Final = Path(__file__).parent
 PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")

@@ -15,9 +15,9 @@ from shuttle_marl.scene import athlete, equipment
 from shuttle_marl.scene.raster import Camera, Canvas
 from shuttle_marl.staging import Motion, play_rallies, stage
 from shuttle_marl.staging.contact import MOTIONS
-from shuttle_marl.staging.plan import facing
 from shuttle_marl.staging.rotation import matrix, unit
 from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.staging.trajectory import facing
 
 INSTANTS = (-0.50, -0.28, -0.12, 0.0, 0.12, 0.35)
 SIZE = 170

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.scene.film import EPOCH
 from shuttle_marl.scene.layout import lichtblick
+from shuttle_marl.scene.write import EPOCH
 
 NO_PROBLEMS: Final = "No problems found"
 """What Studio says of a file that it has nothing against."""

@@ -14,7 +14,7 @@ from typing import Annotated, Final
 import tyro
 
 from experiments.studio import NO_PROBLEMS, StudioError, install, visit
-from shuttle_marl.cli import run
+from shuttle_marl.commands.cli import run
 
 _FOLDER: Final = Path("runs") / "studio"
 

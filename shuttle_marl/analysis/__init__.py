@@ -6,7 +6,7 @@ same ways. See ``docs/analysis.md``. Names are imported when first used.
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.lazy import on_demand
+import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.errors import AnalysisError
@@ -27,9 +27,9 @@ __all__ = [
     "summarise",
 ]
 
-__getattr__, __dir__ = on_demand(
+__getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
-    {
+    submod_attrs={
         "errors": ("AnalysisError",),
         "logs": ("strokes_of", "strokes_of_log"),
         "ranking": ("PlayerValue", "rank_players"),

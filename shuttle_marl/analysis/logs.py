@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl import court
 from shuttle_marl.analysis.errors import AnalysisError
 from shuttle_marl.data import load_strokes, placing
 from shuttle_marl.data.players import discipline
 from shuttle_marl.data.schema import FAULT, RETURNED, STROKES, WINNER
-from shuttle_marl.rally import WINNER as WON
+from shuttle_marl.game import court
+from shuttle_marl.game.rally import WINNER as WON
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.parts import SUFFIX
 from shuttle_marl.recording.tables import rows_of_strokes

@@ -11,11 +11,11 @@ import pyarrow as pa
 
 from shuttle_marl.analysis.errors import AnalysisError
 from shuttle_marl.analysis.ranking import PlayerValue
+from shuttle_marl.analysis.replies import area_box, draw_court
 from shuttle_marl.analysis.summary import LONGEST, Summary
-from shuttle_marl.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, area_centre
-from shuttle_marl.exact.plot import area_box, draw_court
 from shuttle_marl.files import replace_file
-from shuttle_marl.stroke import N_SERVES, SHOTS
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, area_centre
+from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _INK: Final = "#0b0f17"

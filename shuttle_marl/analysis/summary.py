@@ -8,9 +8,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.analysis.errors import AnalysisError
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, REASONS, UNKNOWN, WINNER
-from shuttle_marl.stroke import N_SHOTS
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import N_SHOTS
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, RETURNED, WINNER
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.exact.sweeps import stroke_values
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ONE, ROOT, Game
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

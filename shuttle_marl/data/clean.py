@@ -35,7 +35,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl import court
 from shuttle_marl.data.account import DROP_REASONS, Account
 from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.inference import (
@@ -51,7 +50,8 @@ from shuttle_marl.data.inference import (
 )
 from shuttle_marl.data.schema import FAULT, REACH_OVER, STROKES
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
-from shuttle_marl.stroke import N_SERVES
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import N_SERVES
 
 _COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
 

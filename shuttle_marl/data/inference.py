@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
 from shuttle_marl.data.shuttleset import RawGame
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS
 
 HEIGHTS_AGREE: Final = 0.7
 """The contact heights of a game mean nothing where its two records of them agree less often than this."""

@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl import court
 from shuttle_marl.data.schema import (
     DISCIPLINES,
     FAULT,
@@ -22,7 +21,8 @@ from shuttle_marl.data.schema import (
     WINNER,
 )
 from shuttle_marl.data.shuttleset import FAR_OFF
-from shuttle_marl.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
 Bools = npt.NDArray[np.bool_]
 

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import court
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
-from shuttle_marl.stroke import N_SERVES
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import N_SERVES
 
 Floats = npt.NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """The one schema of annotated strokes: every reader writes it, everything else reads it.
 
-One row is one stroke that passed cleaning. Coordinates are egocentric metres (see :mod:`shuttle_marl.court`): origin
+One row is one stroke that passed cleaning. Coordinates are egocentric metres (see :mod:`shuttle_marl.game.court`): origin
 on the floor under the middle of the net, ``y`` from the striker towards the opponent, ``x`` to the striker's right.
 """
 
@@ -31,11 +31,11 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("stroke", pa.int16(), False, "Stroke within the rally, the serve is 1. Dropped strokes leave a gap."),
     ("player", pa.string(), False, "The striker's identifier, e.g. viktor-axelsen."),
     ("opponent", pa.string(), False, "The receiver's identifier."),
-    ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.stroke.SHOTS."),
+    ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.game.stroke.SHOTS."),
     ("height", pa.int8(), False, "Contact height: 0 below, 1 above the net."),
     ("technique", pa.int8(), False, "0 forehand, 1 backhand, 2 around the head."),
     ("area", pa.int8(), True, "Area of the landing point recomputed from it (nearest area if outside the court), index "
-     "into shuttle_marl.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
+     "into shuttle_marl.game.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
      "fault it is where the shuttle came down, NOT the target. Null if no landing was recorded."),
     ("in_court", pa.bool_(), True, "Whether the landing point lies in the opponent's singles court."),
     ("landing_x", pa.float32(), True, "Landing point [m]."),

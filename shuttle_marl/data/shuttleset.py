@@ -21,8 +21,8 @@ from shuttle_marl.data import upstream
 from shuttle_marl.data.errors import DataError, Problem
 from shuttle_marl.data.players import discipline, player_id
 from shuttle_marl.data.schema import REASONS
-from shuttle_marl.data.sheet import Sheet
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.data.strict_csv import Sheet
+from shuttle_marl.game.stroke import SHOTS
 
 SHOT_NAMES: Final = {
     "發短球": "short-serve",
@@ -139,7 +139,7 @@ class RawGame:
         unreadable: ``[n]`` rows with an impossible value, which was replaced by a missing one.
         rally, stroke: ``[n]`` numbers given by the annotators, from 1; 0 missing.
         by_a: ``[n]`` whether player A is the striker.
-        shot: ``[n]`` index into :data:`shuttle_marl.stroke.SHOTS`, -1 unknown.
+        shot: ``[n]`` index into :data:`shuttle_marl.game.stroke.SHOTS`, -1 unknown.
         height: ``[n]`` contact height: 0 below, 1 above the net, -1 missing.
         met_height: ``[n]`` height at which the receiver met the shuttle, likewise.
         backhand, around_head, flaw: ``[n]`` flags.

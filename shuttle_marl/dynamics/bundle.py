@@ -12,7 +12,6 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.dynamics.features import DISCIPLINES, Codes, Rows
 from shuttle_marl.dynamics.models import GOOD, SPECS, sigmoid, softmax
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode
@@ -21,6 +20,7 @@ from shuttle_marl.dynamics.ridge import ridge_logits
 from shuttle_marl.dynamics.training import predict
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.court import N_AREAS
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS
 
 CARD: Final = "card.json"
 

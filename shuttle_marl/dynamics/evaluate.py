@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import rankdata
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, RETURNED
 from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
 from shuttle_marl.dynamics.trees import tree_predictions
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import RETURNED
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 DISCIPLINES: Final = ("MS", "WS")
 

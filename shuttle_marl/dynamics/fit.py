@@ -9,7 +9,6 @@ import numpy.typing as npt
 import torch
 from scipy.optimize import minimize
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, RETURNED
 from shuttle_marl.dynamics import players as pooling
 from shuttle_marl.dynamics.bundle import Bundle
@@ -35,8 +34,9 @@ from shuttle_marl.dynamics.ridge import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.support import Support, catalogue_of, replies_of, support_of
 from shuttle_marl.dynamics.training import TrainingConfig, fold_of_match, predict, unseen
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import N_TECHNIQUES
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 Report = Callable[[str], None]

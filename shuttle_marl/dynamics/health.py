@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.dynamics.support import Support, is_serve_pair
-from shuttle_marl.rally import ONE, ROOT, Game
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.stroke import SHOTS
 
 Floats = npt.NDArray[np.float64]
 

@@ -20,12 +20,12 @@ from shuttle_marl.dynamics.evaluate import evaluate
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.health import extremes, health
-from shuttle_marl.dynamics.shipped import BC, GAME
 from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import BC, GAME
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 SUPPORT: Final = "support.safetensors"
 """What the data carries, beside the models: the torch reference of the tables needs it."""

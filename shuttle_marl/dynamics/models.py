@@ -24,12 +24,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
 from shuttle_marl.dynamics.features import STATE, Codes, Rows
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode
 from shuttle_marl.dynamics.training import TrainingConfig, fit_ensemble, predict
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 

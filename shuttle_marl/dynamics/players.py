@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch
 
 from shuttle_marl.dynamics.features import SLOTS, Codes
-from shuttle_marl.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 

@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import beta
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, WINNER
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
 
 Floats = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]

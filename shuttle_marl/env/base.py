@@ -10,14 +10,14 @@ import numpy.typing as npt
 from gymnasium import spaces
 from pettingzoo import AECEnv
 
-from shuttle_marl.dynamics.shipped import default_game, load_game
 from shuttle_marl.env.episode_draws import EpisodeDraws
 from shuttle_marl.env.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.env.snapshot import Snapshot
 from shuttle_marl.env.tables import Stroke, tables_of
 from shuttle_marl.env.text import as_text
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game
+from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game
+from shuttle_marl.game.shipped import default_game, load_game
 
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
@@ -121,11 +121,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     @property
     def state_number(self) -> int:
-        """State of the agent to move, as in :mod:`shuttle_marl.rally`; what policies and exact values are tables over."""
+        """State of the agent to move, as in :mod:`shuttle_marl.game.rally`; what policies and exact values are tables over."""
         return self._state
 
     def choice_draw(self) -> int:
-        """The number in [0, 65535) by which a policy chooses the stroke that is due; see :mod:`shuttle_marl.draws`."""
+        """The number in [0, 65535) by which a policy chooses the stroke that is due; see :mod:`shuttle_marl.game.draws`."""
         return self._source.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
 
     def score_of(self, player: int) -> tuple[int, int, int, int] | None:  # noqa: ARG002

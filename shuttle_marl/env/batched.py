@@ -15,9 +15,9 @@ from torchrl.envs import EnvBase
 
 from shuttle_marl.env.base import resolve_game
 from shuttle_marl.env.opponents import Opponents, tabulated
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Seen, Server
-from shuttle_marl.rally import Game
 
 TOKENS = 3
 """Numbers in an observation: own last stroke, incoming stroke, contact."""
@@ -64,7 +64,7 @@ class _BatchedEnv(EnvBase):
 
     @property
     def states(self) -> npt.NDArray[np.int32]:
-        """``[B]`` state of each striker, as in :mod:`shuttle_marl.rally`; a copy."""
+        """``[B]`` state of each striker, as in :mod:`shuttle_marl.game.rally`; a copy."""
         return self._batch.rows.state.copy()
 
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:

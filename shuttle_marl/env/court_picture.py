@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, LENGTH, SHORT_SERVICE, WIDTH
 from shuttle_marl.env.painting import GREEN, INK, PLAYERS, RED, WHITE, XY, YELLOW, Layer
 from shuttle_marl.env.scene import Flight, Point, Scene, area_corners
-from shuttle_marl.rally import FAULT, WINNER
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.rally import FAULT, WINNER
 
 PX: Final = 51.0
 """Pixels per metre."""

@@ -1,11 +1,11 @@
-"""The random numbers of one rally after another, named by seed, rally and stroke as in :mod:`shuttle_marl.draws`."""
+"""The random numbers of one rally after another, named by seed, rally and stroke as in :mod:`shuttle_marl.game.draws`."""
 
 from array import array
 from typing import Final
 
 import numpy as np
 
-from shuttle_marl.draws import UInt64s, choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
 
 _RALLIES: Final = 32
 _STROKES: Final = 32

@@ -9,8 +9,8 @@ from shuttle_marl.env.base import AGENTS, RENDER_MODES, OptionError, RenderMode,
 from shuttle_marl.env.episode_draws import EpisodeDraws
 from shuttle_marl.env.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
-from shuttle_marl.rally import Game
-from shuttle_marl.scoring import BWF, Rules, wins_game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.scoring import BWF, Rules, wins_game
 
 __all__ = ["env", "raw_env"]
 

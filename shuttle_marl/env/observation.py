@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import N_AREAS
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl.policy.base import Policy, States, checked_probabilities, drawn_strokes, reads_score
+from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
 
 Opponents = str | Policy | Sequence[str | Policy]
 """Name of a policy, a policy, or several of either."""

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Final
 
-from shuttle_marl.court import AREAS
 from shuttle_marl.env.painting import (
     EDGE,
     GREEN,
@@ -23,8 +22,9 @@ from shuttle_marl.env.painting import (
 from shuttle_marl.env.snapshot import Snapshot
 from shuttle_marl.env.tables import Stroke
 from shuttle_marl.env.text import shot_in_words, standing
-from shuttle_marl.rally import FAULT, OUTCOMES, WINNER
-from shuttle_marl.stroke import HEIGHTS, TECHNIQUES
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER
+from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
 
 SIZE: Final = (1200, 584)
 """Width and height of the picture [px]."""

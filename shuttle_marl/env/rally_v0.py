@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 from shuttle_marl.env.base import RENDER_MODES, OptionError, RenderMode, ShuttleEnv
 from shuttle_marl.env.episode_draws import EpisodeDraws
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 
 __all__ = ["env", "raw_env"]
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.court import BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT, area_centre
 from shuttle_marl.env.snapshot import Snapshot
 from shuttle_marl.env.tables import Stroke
-from shuttle_marl.rally import FAULT, WINNER
+from shuttle_marl.game.court import BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT, area_centre
+from shuttle_marl.game.rally import FAULT, WINNER
 
 Point = tuple[float, float]
 

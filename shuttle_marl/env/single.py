@@ -23,9 +23,9 @@ from shuttle_marl.env.base import (
     resolve_game,
 )
 from shuttle_marl.env.opponents import Opponent
-from shuttle_marl.policy.base import Policy
-from shuttle_marl.rally import Game
-from shuttle_marl.scoring import BWF, Rules
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.scoring import BWF, Rules
 
 Seat = Literal[0, 1]
 
@@ -66,7 +66,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def state_number(self) -> int:
-        """State of the learner, as in :mod:`shuttle_marl.rally`."""
+        """State of the learner, as in :mod:`shuttle_marl.game.rally`."""
         return self.raw.state_number
 
     @property

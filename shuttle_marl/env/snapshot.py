@@ -3,7 +3,7 @@
 import dataclasses
 
 from shuttle_marl.env.tables import Stroke
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

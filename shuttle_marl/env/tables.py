@@ -1,6 +1,6 @@
 """One stroke at a time on the tables of a game, in plain Python numbers.
 
-The same rule as :func:`shuttle_marl.rally.strike`, without the cost of numpy calls on single numbers; a test holds the
+The same rule as :func:`shuttle_marl.game.rally.strike`, without the cost of numpy calls on single numbers; a test holds the
 two equal.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.env.observation import features
-from shuttle_marl.rally import ONE, Game
+from shuttle_marl.game.rally import ONE, Game
 
 
 class Stroke(NamedTuple):
@@ -20,7 +20,7 @@ class Stroke(NamedTuple):
     Attributes:
         player: who played it, 0 or 1.
         stroke: catalogue index.
-        outcome: index into :data:`shuttle_marl.rally.OUTCOMES`.
+        outcome: index into :data:`shuttle_marl.game.rally.OUTCOMES`.
         p_succ: chance that the stroke was good.
         p_ret: chance that a good one was returned.
     """

@@ -1,9 +1,9 @@
 """A rally as text, for ``render_mode="ansi"``."""
 
-from shuttle_marl.court import AREAS
 from shuttle_marl.env.snapshot import Snapshot
-from shuttle_marl.rally import OUTCOMES
-from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 
 def as_text(snapshot: Snapshot) -> str:

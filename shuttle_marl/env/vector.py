@@ -13,9 +13,9 @@ from shuttle_marl.env.base import ILLEGAL, ActionError, OptionError, resolve_gam
 from shuttle_marl.env.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.env.tables import tables_of
+from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
 from shuttle_marl.kernel import VersusBatch
 from shuttle_marl.kernel.rows import Server
-from shuttle_marl.rally import FAULT, OUTCOMES, WINNER, Game
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -5,21 +5,19 @@ Names are imported when first used, because the solvers need numba, which takes 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.lazy import on_demand
+import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.contraction import TOLERANCE
     from shuttle_marl.exact.errors import ExactError
-    from shuttle_marl.exact.losses import Regret, regret
     from shuttle_marl.exact.match import least_gain
     from shuttle_marl.exact.minimax import Solution, solve
     from shuttle_marl.exact.occupancy import Visits, visits
     from shuttle_marl.exact.odds import Odds
     from shuttle_marl.exact.pairwise import Crossplay, crossplay
     from shuttle_marl.exact.profile import ProfileValue, evaluate
+    from shuttle_marl.exact.regret import Regret, policy_regret
     from shuttle_marl.exact.response import Exploitability, Response, best_response, nash_conv
-    from shuttle_marl.exact.sampled import SampledOdds, sample
-    from shuttle_marl.exact.scorecard import Scorecard, Scorer
 
 __all__ = [
     "TOLERANCE",
@@ -30,9 +28,6 @@ __all__ = [
     "ProfileValue",
     "Regret",
     "Response",
-    "SampledOdds",
-    "Scorecard",
-    "Scorer",
     "Solution",
     "Visits",
     "best_response",
@@ -40,15 +35,14 @@ __all__ = [
     "evaluate",
     "least_gain",
     "nash_conv",
-    "regret",
-    "sample",
+    "policy_regret",
     "solve",
     "visits",
 ]
 
-__getattr__, __dir__ = on_demand(
+__getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
-    {
+    submod_attrs={
         "contraction": ("TOLERANCE",),
         "pairwise": ("Crossplay", "crossplay"),
         "errors": ("ExactError",),
@@ -56,10 +50,8 @@ __getattr__, __dir__ = on_demand(
         "minimax": ("Solution", "solve"),
         "odds": ("Odds",),
         "profile": ("ProfileValue", "evaluate"),
-        "losses": ("Regret", "regret"),
+        "regret": ("Regret", "policy_regret"),
         "response": ("Exploitability", "Response", "best_response", "nash_conv"),
-        "sampled": ("SampledOdds", "sample"),
-        "scorecard": ("Scorecard", "Scorer"),
         "occupancy": ("Visits", "visits"),
     },
 )

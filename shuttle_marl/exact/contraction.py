@@ -34,7 +34,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.exact.errors import ExactError
-from shuttle_marl.rally import ONE, Game
+from shuttle_marl.game.rally import ONE, Game
 
 ROUNDING: Final = 2.0**-40
 """More than the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at

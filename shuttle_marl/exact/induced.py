@@ -8,8 +8,8 @@ import numpy.typing as npt
 from shuttle_marl.exact.contraction import FIRST_RALLY_STATE
 from shuttle_marl.exact.errors import ExactError
 from shuttle_marl.exact.sweeps import mean_following, pushed
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ONE, Game
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 

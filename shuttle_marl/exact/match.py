@@ -6,7 +6,7 @@ every rally is minimax in the match (Walker, Wooders & Amir, Games and Economic 
 because the winner of a rally serves next, and serving can be a disadvantage.
 """
 
-from shuttle_marl.scoring import BWF, Rules, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, wins_game
 
 Situation = tuple[int, int, int, int, int]
 """Games of players 0 and 1, their points, and who serves."""

@@ -6,12 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import CHOICE_ONE
 from shuttle_marl.exact.contraction import FIRST_RALLY_STATE, ROUNDING, TOLERANCE, error_bound, largest_continuation
 from shuttle_marl.exact.induced import check_same_layout
 from shuttle_marl.exact.sweeps import best_values, greedy_strokes
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ROOT, Game
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from shuttle_marl.exact.contraction import ROUNDING, TOLERANCE
 from shuttle_marl.exact.induced import check_same_layout, induced
 from shuttle_marl.exact.linear import solve_linear
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ONE, ROOT
-from shuttle_marl.stroke import N_SHOTS
+from shuttle_marl.game.rally import ONE, ROOT
+from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Visits:
         return shares
 
     def shot_mix(self, player: int) -> Floats:
-        """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.stroke.SHOTS`."""
+        """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.game.stroke.SHOTS`."""
         game = self.policies[player].game
         played = np.bincount(game.catalogue.shot[game.pair_stroke], self.pairs(player), N_SHOTS)
         return np.asarray(played / played.sum())

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from shuttle_marl.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

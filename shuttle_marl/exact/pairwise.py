@@ -13,8 +13,8 @@ from shuttle_marl.exact.contraction import TOLERANCE
 from shuttle_marl.exact.errors import ExactError
 from shuttle_marl.exact.induced import check_same_layout, induced
 from shuttle_marl.exact.profile import evaluate_chains
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 

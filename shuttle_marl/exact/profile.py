@@ -9,8 +9,8 @@ from shuttle_marl.exact.contraction import FIRST_RALLY_STATE, TOLERANCE, error_b
 from shuttle_marl.exact.induced import InducedChain, check_same_layout, induced
 from shuttle_marl.exact.linear import solve_linear
 from shuttle_marl.exact.odds import Odds
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ROOT
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from shuttle_marl.exact.induced import check_same_layout, induced
 from shuttle_marl.exact.minimax import greedy_policy, iterate
 from shuttle_marl.exact.profile import ProfileValue
 from shuttle_marl.exact.sweeps import best_values
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ROOT, Game
+from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.table import TabulatedPolicy
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,6 +1,6 @@
 """Sweeps over all legal pairs of a game, compiled: the best stroke of every state, the mean under a policy, and its transpose.
 
-The next states of a state's legal strokes lie next to each other (:mod:`shuttle_marl.rally`): those of a state s are
+The next states of a state's legal strokes lie next to each other (:mod:`shuttle_marl.game.rally`): those of a state s are
 ``2 * first_reply[s]`` and the 2 K behind it, contact below and above in turn. So a sweep reads weights and values in order and
 needs no index of its own. Sums run in four lanes whose order is fixed: they have the same bits on every machine.
 """
@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.rally import ONE, Game
+from shuttle_marl.game.rally import ONE, Game
 
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]

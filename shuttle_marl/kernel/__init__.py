@@ -5,7 +5,7 @@ Names are imported when first used, because numba takes longer to import than a 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.lazy import on_demand
+import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.core import KernelError, Players, pack
@@ -28,9 +28,9 @@ __all__ = [
     "play_matches",
 ]
 
-__getattr__, __dir__ = on_demand(
+__getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
-    {
+    submod_attrs={
         "core": ("KernelError", "Players", "pack"),
         "matches": ("play_matches",),
         "played": ("Matches", "Played"),

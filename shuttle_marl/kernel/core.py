@@ -1,7 +1,7 @@
 """One stroke of one row, compiled: draws, the table read that decides a stroke, and the choice of a tabulated policy.
 
-Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.rally.strike`, the draws
-are those of :mod:`shuttle_marl.draws`; tests hold them equal bit for bit.
+Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.game.rally.strike`, the draws
+are those of :mod:`shuttle_marl.game.draws`; tests hold them equal bit for bit.
 """
 
 import functools
@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -84,7 +84,7 @@ def tables_of(game: Game) -> Tables:
 
 @inlined
 def mix(x: Any) -> Any:
-    """:func:`shuttle_marl.draws.mix` of one number."""
+    """:func:`shuttle_marl.game.draws.mix` of one number."""
     x = (x ^ (x >> np.uint64(30))) * _MIX_1
     x = (x ^ (x >> np.uint64(27))) * _MIX_2
     return x ^ (x >> np.uint64(31))
@@ -92,13 +92,13 @@ def mix(x: Any) -> Any:
 
 @inlined
 def extend(key: Any, number: Any) -> Any:
-    """:func:`shuttle_marl.draws.extend` of one key."""
+    """:func:`shuttle_marl.game.draws.extend` of one key."""
     return mix((key ^ np.uint64(number)) + _GOLDEN)
 
 
 @inlined
 def draw(key: Any, counter: Any) -> Any:
-    """:func:`shuttle_marl.draws.draw` of one key."""
+    """:func:`shuttle_marl.game.draws.draw` of one key."""
     return mix(mix(key + np.uint64(counter) * _GOLDEN) + _GOLDEN)
 
 
@@ -144,7 +144,7 @@ class Players(NamedTuple):
     """K tabulated policies, packed for choosing strokes.
 
     Attributes:
-        cumulative: ``[K, P]`` uint16, as in :class:`shuttle_marl.policy.table.TabulatedPolicy`.
+        cumulative: ``[K, P]`` uint16, as in :class:`shuttle_marl.game.table.TabulatedPolicy`.
         guide: ``[K, S, 16]`` uint8, where to begin looking, by the highest four bits of a draw.
     """
 

@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.game.scoring import BWF, Rules, wins_game
 from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
-from shuttle_marl.policy.base import Policy, States, checked_probabilities, drawn_strokes
-from shuttle_marl.rally import ROOT, WINNER, Game, strike
-from shuttle_marl.scoring import BWF, Rules, wins_game
 
 Ints = npt.NDArray[np.int32]
 Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]

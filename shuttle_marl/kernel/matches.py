@@ -13,13 +13,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, extend, inlined, pack, table_choice, tables_of
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
 from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
-from shuttle_marl.scoring import BWF, Rules
 
 _STROKES_A_MATCH: Final = 1600
 """First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import UInt64s
-from shuttle_marl.rally import Game
-from shuttle_marl.scoring import Rules
+from shuttle_marl.game.draws import UInt64s
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.scoring import Rules
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,7 +38,7 @@ class Played:
         rally: ``[R]`` int32 number of the rally within its match, from 0.
         server: ``[R]`` uint8 seat that served.
         winner: ``[R]`` uint8 seat that won.
-        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.rally`.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
         score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
         length: ``[R]`` int32 strokes of each rally.
         stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where

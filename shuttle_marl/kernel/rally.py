@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import Players, Tables, compiled, pack, table_choice, uniform_choice
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits, strike
 from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
 
 _NOBODY: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
 

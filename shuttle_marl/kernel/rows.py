@@ -10,9 +10,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, new_block
-from shuttle_marl.rally import Game
 
 BY_LOT: Final = -1
 """Who serves: drawn by lot."""

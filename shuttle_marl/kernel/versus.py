@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
 from shuttle_marl.kernel.passes import BLOCK, find_pair, list_where, new_block, next_state, read_limits, strike
 from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
 
 
 class Duel(NamedTuple):

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.policy import Policy, PolicyError, reads_score
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.lockstep import Ints, ask
-from shuttle_marl.policy.base import Policy, PolicyError, reads_score
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

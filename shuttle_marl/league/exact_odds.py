@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.policy.base import PolicyError
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
 
 Floats = npt.NDArray[np.float64]
 
@@ -69,7 +69,8 @@ def exact_odds(game: Game, entrants: Sequence[Entrant]) -> ExactOdds:
 
 
 def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy]) -> ExactOdds:
-    from shuttle_marl.exact import Scorer, crossplay, nash_conv  # noqa: PLC0415  numba
+    from shuttle_marl.exact import crossplay, nash_conv  # noqa: PLC0415  numba
+    from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     at, policies = list(tables), list(tables.values())
     try:

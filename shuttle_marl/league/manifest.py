@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from shuttle_marl import runs
+from shuttle_marl.game.rally import Game
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.rally import Game
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
 """Packages whose versions can change a file of the run."""

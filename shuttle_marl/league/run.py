@@ -17,8 +17,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from shuttle_marl import runs
-from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
@@ -29,7 +30,6 @@ from shuttle_marl.league.report import report
 from shuttle_marl.league.results import PairResult, results_table
 from shuttle_marl.league.schedule import Pairing, round_robin
 from shuttle_marl.league.tournament import Tournament
-from shuttle_marl.rally import Game
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.resume import rallies_of_pairings
 from shuttle_marl.recording.resume import resume as resume_log

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
 from shuttle_marl.kernel.played import Matches
 
 

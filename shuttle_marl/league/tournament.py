@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import lockstep
 from shuttle_marl.kernel.played import Matches, Played
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.results import PairResult, forfeited, tally
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
-from shuttle_marl.rally import Game
 from shuttle_marl.recording import Rallies
 from shuttle_marl.recording.played import rallies_of
 

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from safetensors import SafetensorError, safe_open
 
-from shuttle_marl.dynamics.shipped import BC, folder_of, model_folder
-from shuttle_marl.policy.base import PolicyError
-from shuttle_marl.policy.table import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.rally import Game
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import BC, folder_of, model_folder
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -28,13 +28,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.policy import bc
-from shuttle_marl.policy.base import Policy, PolicyError, States
+from shuttle_marl.game.policy import Policy, PolicyError, States
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tempered import TemperedPolicy
+from shuttle_marl.game.uniform import UniformPolicy
+from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.policy.tempered import TemperedPolicy
-from shuttle_marl.policy.uniform import UniformPolicy
-from shuttle_marl.rally import Game
 
 Load = Callable[[str | None, Game], Policy]
 
@@ -223,15 +223,19 @@ def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
         raise PolicyError(f"policy {name!r}: making it raised {type(error).__name__}: {error}") from error
 
 
-def _plain(key: str, make: Callable[[], Policy]) -> None:
+def _plain(key: str, make: Callable[[Game], Policy]) -> None:
     """Register a policy that takes no argument."""
 
-    def load(argument: str | None, game: Game) -> Policy:  # noqa: ARG001  every family is called alike
+    def load(argument: str | None, game: Game) -> Policy:
         if argument is not None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
-        return make()
+        return make(game)
 
     register(key, load)
+
+
+def _scripted(style: Any, game: Game) -> Policy:  # noqa: ARG001  every family is called alike
+    return ScriptedPolicy(style)
 
 
 def _load_bc(player: str | None, game: Game) -> Policy:
@@ -248,8 +252,33 @@ def _bc_names() -> list[str]:
     return ["bc", *(f"bc:{player}" for player in bc.players())] if bc.installed() else []
 
 
+@functools.lru_cache(maxsize=4)
+def minimax_policy(game: Game) -> TabulatedPolicy:
+    """The minimax policy of a game, solved once."""
+    from shuttle_marl.exact.minimax import solve  # noqa: PLC0415  numba, only when it is asked for
+
+    return solve(game).policy[0]
+
+
+def _load_best_response(name: str | None, game: Game) -> Policy:
+    from shuttle_marl.exact.response import best_response  # noqa: PLC0415  numba, only when it is asked for
+
+    if not name:
+        raise PolicyError("policy best-response: expected the name of a policy behind the colon, as in best-response:bc")
+    return best_response(tabulate(resolve(name, game), game, name)).policy
+
+
+def _best_response_names() -> tuple[str, ...]:
+    return ("best-response:bc",) if bc.installed() else ()
+
+
 register("bc", _load_bc, _bc_names)
 for _key, _style in STYLES.items():
-    _plain(_key, functools.partial(ScriptedPolicy, _style))
-_plain("random", UniformPolicy)
+    _plain(_key, functools.partial(_scripted, _style))
+_plain("random", lambda _: UniformPolicy())
+_plain("minimax", minimax_policy)
+register("best-response", _load_best_response, _best_response_names, of_policies=True)
+for _key in agents.ALGORITHMS:
+    register(_key, functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key))
+register("agent", agents.load_folder, lambda: ())
 register("table", _load_table, lambda: ())

@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import area_centre
-from shuttle_marl.policy.base import States
-from shuttle_marl.rally import ONE
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.court import area_centre
+from shuttle_marl.game.policy import States
+from shuttle_marl.game.rally import ONE
+from shuttle_marl.game.stroke import SHOTS
 
 Points = npt.NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.tables import rows_of_strokes

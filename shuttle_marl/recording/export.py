@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies, RecordingError

@@ -10,12 +10,12 @@ from mcap.opcode import Opcode
 from mcap.records import Header, Metadata
 
 from shuttle_marl import __version__
-from shuttle_marl.draws import UInt64s
-from shuttle_marl.draws import stream as draw_stream
+from shuttle_marl.game.draws import UInt64s
+from shuttle_marl.game.draws import stream as draw_stream
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.recording.container import FRAME, MAGIC, PROFILE, read_record, stream
 from shuttle_marl.recording.sampling import Sampling
 from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError
-from shuttle_marl.scoring import BWF, Rules
 
 METADATA: Final = "shuttle_marl.rally_log"
 """Name of the MCAP metadata record that holds the header."""
@@ -50,7 +50,7 @@ class LogHeader:
 
     Attributes:
         seed: names all draws.
-        game: hash of the game, see :attr:`shuttle_marl.rally.Game.hash`.
+        game: hash of the game, see :attr:`shuttle_marl.game.rally.Game.hash`.
         strokes: names of the catalogue, by number.
         policies: who played, by number.
         pairings: key of each pairing, by number, from 0 up to 2^64; names its draws.
@@ -93,7 +93,7 @@ class LogHeader:
         Sampling.parse(self.record)
 
     def rally_key(self, rallies: Rallies) -> UInt64s:
-        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.draws`; the counter is the stroke, from 0.
+        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.game.draws`; the counter is the stroke, from 0.
 
         Raises:
             RecordingError: the draws are unknown.

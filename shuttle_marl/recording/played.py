@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import pairing_key
+from shuttle_marl.game.draws import pairing_key
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.played import Matches, Played
-from shuttle_marl.rally import Game
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.parts import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder

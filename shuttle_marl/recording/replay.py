@@ -6,9 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import WINNER, Game, strike
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import WINNER, Game, strike
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording.derived import require_game, states
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog

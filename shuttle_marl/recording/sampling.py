@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
 from shuttle_marl.recording.schema import Rallies, RecordingError
 
 if TYPE_CHECKING:

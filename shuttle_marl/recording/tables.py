@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.rally import OUTCOMES, RETURNED_BELOW
+from shuttle_marl.game.rally import OUTCOMES, RETURNED_BELOW
+from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.schema import OF_STROKES, Rallies
-from shuttle_marl.stroke import Catalogue
 
 Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
 """Makes further columns ``[N]`` of the strokes of a batch."""

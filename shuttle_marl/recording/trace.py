@@ -12,10 +12,10 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import Players, pack, tables_of
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
 from shuttle_marl.recording.follow import DONE, TOO_LONG, WRONG, Ended, Played, Rows, Setting, begin_all, follow
 from shuttle_marl.recording.schema import OF_STROKES, Rallies, RecordingError
 

@@ -17,10 +17,10 @@ from foxglove.messages import (
 )
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.calling import calls
+from shuttle_marl.scene.commentary import calls
 from shuttle_marl.scene.drawing import at, colour, point, stamp
 from shuttle_marl.scene.poses import PLAY, poses_of
-from shuttle_marl.scene.take import Take, Timed, numbers, scene
+from shuttle_marl.scene.staged import Take, Timed, numbers, scene
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from typing import Final
 import numpy as np
 from foxglove.messages import LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
-from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
 from shuttle_marl.scene import athlete, equipment
 from shuttle_marl.scene.drawing import at, box, colour, model, point, stamp, text
 from shuttle_marl.scene.poses import SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.staging import Motion
-from shuttle_marl.staging.plan import net_height
+from shuttle_marl.staging.trajectory import net_height
 
 KITS: Final[tuple[tuple[athlete.Colour, athlete.Colour], ...]] = (
     ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),

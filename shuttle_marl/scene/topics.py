@@ -5,7 +5,7 @@ from typing import Any, Final
 from foxglove import Channel, Context
 from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateChannel
 
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS
 
 COURT: Final = "/scene/court"
 PLAYERS: Final = "/scene/players"

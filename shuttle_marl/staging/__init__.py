@@ -9,7 +9,6 @@ models, and :class:`Skeleton` their rest pose, bone by bone.
 from shuttle_marl.staging.joints import Joint, joints
 from shuttle_marl.staging.metrics import Metrics, measure
 from shuttle_marl.staging.motion import Motion, stage
-from shuttle_marl.staging.plan import ENDS, Plan
 from shuttle_marl.staging.played import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,
@@ -21,6 +20,7 @@ from shuttle_marl.staging.skeleton import (
     load_skeleton,
     model_file,
 )
+from shuttle_marl.staging.trajectory import ENDS, Plan
 
 __all__ = [
     "ATHLETES",

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.stroke import SHOTS, TECHNIQUES
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 

@@ -14,13 +14,13 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
 from shuttle_marl.data import clean_matches, matches_of
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
 from shuttle_marl.data.table import provenance_of
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.staging.measured import DISTANCES, FILE, QUANTILES, QUARTILES
-from shuttle_marl.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import AREAS
-from shuttle_marl.stroke import HEIGHTS, N_SERVES, SHOTS
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.staging.joints import joints
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height
 from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl import draws
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.policy.base import Policy, States, checked_probabilities
-from shuttle_marl.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
-from shuttle_marl.stroke import Catalogue
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import Policy, States, checked_probabilities
+from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
+from shuttle_marl.game.stroke import Catalogue
 
 
 class StagingError(ShuttleError):
@@ -26,7 +26,7 @@ class PlayedRally:
         catalogue: the strokes that can be played.
         server: seat that serves, 0 or 1; strikers alternate.
         stroke: ``[n]`` catalogue index of every stroke, n >= 1.
-        ending: how the last stroke ended the rally, FAULT or WINNER of :mod:`shuttle_marl.rally`.
+        ending: how the last stroke ended the rally, FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
     """
 
     catalogue: Catalogue
@@ -40,7 +40,7 @@ class PlayedRally:
 
         Args:
             catalogue: the strokes that can be played.
-            strokes: seat of the striker, catalogue index, and outcome (index into ``shuttle_marl.rally.OUTCOMES``) of each.
+            strokes: seat of the striker, catalogue index, and outcome (index into ``shuttle_marl.game.rally.OUTCOMES``) of each.
 
         Raises:
             StagingError: seats that do not alternate, outcomes that do not fit, or what :meth:`checked` refuses.
@@ -85,7 +85,7 @@ class PlayedRally:
 
     @functools.cached_property
     def outcome(self) -> npt.NDArray[np.int64]:
-        """``[n]`` outcome of each stroke, index into ``shuttle_marl.rally.OUTCOMES``."""
+        """``[n]`` outcome of each stroke, index into ``shuttle_marl.game.rally.OUTCOMES``."""
         following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
         return np.r_[following, self.ending]
 

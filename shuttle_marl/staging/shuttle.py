@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.flight import GRAVITY, fall
-from shuttle_marl.staging.plan import NET, Plan
+from shuttle_marl.staging.trajectory import NET, Plan
 
 Floats = npt.NDArray[np.float64]
 

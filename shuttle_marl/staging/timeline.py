@@ -21,9 +21,9 @@ from shuttle_marl.staging.feet import Stand
 from shuttle_marl.staging.flight import GRAVITY
 from shuttle_marl.staging.library import TRUNK, Library, bent
 from shuttle_marl.staging.motions import CONTACT
-from shuttle_marl.staging.plan import RETURN, Plan, facing
 from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.stances import OVERHEADS, feet_at, landing, split, waiting
+from shuttle_marl.staging.trajectory import RETURN, Plan, facing
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from shuttle_marl.staging.plan import WIN, Plan, facing
+from shuttle_marl.staging.trajectory import WIN, Plan, facing
 
 Floats = npt.NDArray[np.float64]
 

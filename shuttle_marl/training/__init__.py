@@ -5,10 +5,9 @@ Names are imported when first used, because PyTorch takes longer to import than 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.lazy import on_demand
+import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.training.agents import load_agent
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
     from shuttle_marl.training.evaluation import Evaluation, Evaluator
     from shuttle_marl.training.run import TrainingRun, train
@@ -22,14 +21,12 @@ __all__ = [
     "TrainingConfig",
     "TrainingError",
     "TrainingRun",
-    "load_agent",
     "train",
 ]
 
-__getattr__, __dir__ = on_demand(
+__getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
-    {
-        "agents": ("load_agent",),
+    submod_attrs={
         "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
         "evaluation": ("Evaluation", "Evaluator"),
         "run": ("TrainingRun", "train"),

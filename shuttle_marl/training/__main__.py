@@ -1,49 +1,8 @@
-"""``python -m shuttle_marl.training ppo | a2c | sac``: train an agent."""
+"""``python -m shuttle_marl.training``: the command in :mod:`shuttle_marl.commands.training`."""
 
 import sys
-from collections.abc import Sequence
 
-import tyro
-from rich.console import Console
-
-from shuttle_marl.cli import Command, run
-from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
-
-
-def _train(config: TrainingConfig) -> None:
-    from shuttle_marl.training.run import train  # noqa: PLC0415  torch
-
-    done = train(config, Console(stderr=True, highlight=False))
-    figures = done.evaluation
-    out = Console(highlight=False, soft_wrap=True)
-    against = "bc" if config.self_play else " and ".join(config.opponent)
-    out.print(
-        f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
-        f"normalised score {figures.normalised_score:.3f}, exploitability {figures.exploitability:.3f}"
-    )
-    out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
-
-
-def ppo(config: tyro.conf.OmitArgPrefixes[PPOConfig]) -> None:
-    """Proximal policy optimisation."""
-    _train(config)
-
-
-def a2c(config: tyro.conf.OmitArgPrefixes[A2CConfig]) -> None:
-    """Advantage actor-critic."""
-    _train(config)
-
-
-def sac(config: tyro.conf.OmitArgPrefixes[SACConfig]) -> None:
-    """Soft actor-critic for discrete actions."""
-    _train(config)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    commands: dict[str, Command] = {"ppo": ppo, "a2c": a2c, "sac": sac}
-    return run(commands, prog="python -m shuttle_marl.training", description=__doc__ or "", argv=argv)
-
+from shuttle_marl.__main__ import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(["training", *sys.argv[1:]]))

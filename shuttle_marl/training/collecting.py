@@ -15,8 +15,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 
 _SEEDS = 1 << 31

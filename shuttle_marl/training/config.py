@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, Literal
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS
 
 SELF: Final = "self"
 """The opponent that is the learner itself."""

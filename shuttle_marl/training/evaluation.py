@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from shuttle_marl import exact
-from shuttle_marl.exact.scorecard import REFERENCE
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
+from shuttle_marl.policy.scorecard import REFERENCE
 
 _TOLERANCE = 1e-5
 """Error bound of the values: far below what a figure of a learning curve can show."""

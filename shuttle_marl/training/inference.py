@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor
 
-from shuttle_marl.policy.table import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.training.networks import IMPOSSIBLE
 
 

@@ -15,7 +15,7 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 
 IMPOSSIBLE: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its chance 0."""

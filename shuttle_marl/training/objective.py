@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 
-from shuttle_marl.rally import ONE, Game
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.training.config import TrainingConfig
 
 

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.objectives import ClipPPOLoss, ValueEstimators
 
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 from shuttle_marl.training.config import PPOConfig
 from shuttle_marl.training.learner import (
     Tensors,

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from tensordict import TensorDictBase
 
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.resume import resume
 from shuttle_marl.recording.trace import RallyTrace

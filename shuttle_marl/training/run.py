@@ -14,14 +14,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from safetensors.torch import save
 from torch.utils.tensorboard import SummaryWriter
 
-from shuttle_marl import draws, exact, runs
-from shuttle_marl.dynamics.shipped import load_game
+from shuttle_marl import exact, runs
 from shuttle_marl.files import replace_file
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.agents import save_agent
 from shuttle_marl.training.checkpoints import finite, last_checkpoint, save_checkpoint
 from shuttle_marl.training.collecting import Strokes, seeds
 from shuttle_marl.training.config import TrainingConfig, TrainingError

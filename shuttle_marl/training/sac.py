@@ -13,7 +13,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 from shuttle_marl.training.config import SACConfig
 from shuttle_marl.training.learner import (
     Tensors,

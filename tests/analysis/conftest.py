@@ -7,8 +7,8 @@ import pytest
 
 from shuttle_marl.analysis import add_values, strokes_of
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 
 
 @pytest.fixture(scope="session")

@@ -14,12 +14,12 @@ from shuttle_marl.analysis.values import COLUMNS, _nearest
 from shuttle_marl.data.schema import FAULT
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.sweeps import stroke_values
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ROOT
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.derived import states
-from shuttle_marl.stroke import Catalogue
 
 MATCHES = os.environ.get("SHUTTLESET")
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

@@ -9,12 +9,12 @@ import pytest
 
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
-from shuttle_marl.analysis.__main__ import main as analysis
 from shuttle_marl.analysis.summary import ENDINGS, players_of
+from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.stroke import SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 

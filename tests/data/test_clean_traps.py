@@ -22,12 +22,12 @@ from upstream_layout import (
     write_rows,
 )
 
-from shuttle_marl import court
 from shuttle_marl.data import clean_matches
 from shuttle_marl.data.clean import Cleaned
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.schema import FAULT, OUTCOMES, REASONS, RETURNED, UNKNOWN, WINNER
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import SHOTS
 
 NAME = "Viktor_AXELSEN _CHEN_Long_Malaysia_Masters_2020_ Finals"
 

@@ -10,8 +10,8 @@ import pytest
 from upstream_layout import Layout, plain_game
 
 from shuttle_marl.__main__ import main as top
+from shuttle_marl.commands.data import main
 from shuttle_marl.data import load_account, load_strokes, upstream
-from shuttle_marl.data.__main__ import main
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.data.table import write_parquet
 

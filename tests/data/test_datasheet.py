@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl import court
 from shuttle_marl.data import matches_of, upstream
 from shuttle_marl.data.account import DROP_REASONS
 from shuttle_marl.data.schema import STROKES
+from shuttle_marl.game import court
 
 DATASHEET = Path(__file__).parents[2] / "docs" / "datasheet.md"
 LINES = DATASHEET.read_text(encoding="utf-8").splitlines()

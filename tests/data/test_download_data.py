@@ -17,8 +17,8 @@ from urllib.parse import quote, unquote
 import pooch
 import pytest
 
+from shuttle_marl.commands.data import main
 from shuttle_marl.data import upstream
-from shuttle_marl.data.__main__ import main
 from shuttle_marl.data.download import DownloadError, download
 
 CONTENT = {

@@ -7,8 +7,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from shuttle_marl.commands.data import main
 from shuttle_marl.data import load_account, load_strokes
-from shuttle_marl.data.__main__ import main
 
 DATASETS = Path(__file__).parents[2] / "datasets"
 SAMPLE = DATASETS / "sample" / "strokes.parquet"

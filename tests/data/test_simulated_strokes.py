@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from shuttle_marl import court, draws, scoring
 from shuttle_marl.data import placing, split_of
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
-from shuttle_marl.data.simulate import SimulationError, _choose, _cumulative, account_of, simulate
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
-from shuttle_marl.rally import Game, layout, thresholds
-from shuttle_marl.stroke import Catalogue
+from shuttle_marl.game import court, draws, scoring
+from shuttle_marl.game.rally import Game, layout, thresholds
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.recording.simulate import SimulationError, _choose, _cumulative, account_of, simulate
 
 SERVES = ("short-serve:front-centre:below:backhand", "long-serve:back-right:below:forehand")
 REPLIES = (

@@ -6,7 +6,7 @@ from shuttle_marl.data import matches_of, split_of, upstream
 from shuttle_marl.data.players import MEN, WOMEN, discipline, player_id
 from shuttle_marl.data.shuttleset import SHOT_NAMES
 from shuttle_marl.data.splits import SPLITS
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS
 
 
 def test_every_published_match_is_in_exactly_one_split() -> None:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.draws import draw, outcome_draw, stream
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.dynamics.health import Solver, play_statistics
+from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.rally import FAULT, ROOT, Game, layout, strike, thresholds
+from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.policy import bc
-from shuttle_marl.rally import FAULT, ROOT, Game, layout, strike, thresholds
-from shuttle_marl.stroke import Catalogue
 
 NAMES = (
     "short-serve:front-centre:below:backhand",

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.court import N_AREAS
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.fit import intended_targets
 from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, outcome_chances, softmax
 from shuttle_marl.dynamics.network import Spec, encode
 from shuttle_marl.dynamics.training import TrainingConfig, predict
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import SHOTS
 
 N = 40_000
 # Of the shuttle aimed at each area: out, and short of the net (recorded in a front area, wherever it was aimed).

@@ -12,8 +12,8 @@ from shuttle_marl.dynamics.compile import LEAST_END
 from shuttle_marl.dynamics.health import health
 from shuttle_marl.dynamics.make import load_support, reference_game
 from shuttle_marl.dynamics.support import is_serve_pair
+from shuttle_marl.game.rally import ONE
 from shuttle_marl.policy import bc
-from shuttle_marl.rally import ONE
 
 ULP = 1.0 / ONE
 

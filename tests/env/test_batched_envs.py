@@ -14,11 +14,11 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.base import ShuttleEnv
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.observation import stroke_features
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel import IllegalStrokeError, KernelError
-from shuttle_marl.policy.base import PolicyError, States
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ROOT
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

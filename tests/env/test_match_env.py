@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
-from shuttle_marl.draws import draw, outcome_draw, stream
 from shuttle_marl.env.base import OptionError
-from shuttle_marl.rally import OUTCOMES, ROOT, strike
-from shuttle_marl.scoring import Rules, new, step
+from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.rally import OUTCOMES, ROOT, strike
+from shuttle_marl.game.scoring import Rules, new, step
 
 AGENTS = ("player_0", "player_1")
 SHORT = Rules(points=3, clear=2, cap=5, games=2)

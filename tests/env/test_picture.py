@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.court import LENGTH, WIDTH
+from shuttle_marl.game.court import LENGTH, WIDTH
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.court import AREAS
-from shuttle_marl.draws import draw, outcome_draw, stream
 from shuttle_marl.dynamics import default_game, model_folder
 from shuttle_marl.env.base import ActionError, IllegalStrokeError, OptionError
-from shuttle_marl.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, strike
-from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, strike
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 AGENTS = ("player_0", "player_1")
 

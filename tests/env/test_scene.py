@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.env.scene import area_corners, scene_of, to_plan
 from shuttle_marl.env.text import as_text, in_words
-from shuttle_marl.rally import OUTCOMES
-from shuttle_marl.scoring import Rules
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
+from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.scoring import Rules
 
 
 def moments(play, env, seed):

@@ -14,16 +14,17 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import shuttle_marl
-from shuttle_marl import draws, match_v0, rally_v0
+from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.base import ActionError, OptionError
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.scoring import Rules
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel import VersusBatch
-from shuttle_marl.policy.base import PolicyError, States
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ROOT
-from shuttle_marl.scoring import Rules
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

@@ -15,8 +15,8 @@ from shuttle_marl.env.base import ActionError, OptionError
 from shuttle_marl.env.observation import SWAP, features, stroke_features
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
+from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.kernel import KernelError
-from shuttle_marl.policy.base import PolicyError
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.analysis.replies import aims
+from shuttle_marl.commands.exact import main
+from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import solve
-from shuttle_marl.exact.__main__ import main
-from shuttle_marl.exact.plot import aims
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.recording import Rallies, RallyLog, replay
-from shuttle_marl.recording.__main__ import main as recording
 
 GAME = default_game()
 SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import least_gain, solve
 from shuttle_marl.exact.match import match_table
-from shuttle_marl.scoring import Rules, match_win_probability
+from shuttle_marl.game.scoring import Rules, match_win_probability
 
 SHORT = Rules(points=3, clear=2, cap=5, games=2)
 

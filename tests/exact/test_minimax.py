@@ -12,7 +12,7 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.dynamics.health import Solver
 from shuttle_marl.exact import ExactError, best_response, nash_conv, solve
 from shuttle_marl.exact.contraction import largest_continuation
-from shuttle_marl.rally import ROOT, Game
+from shuttle_marl.game.rally import ROOT, Game
 
 GAME = default_game()
 SOLUTION = solve(GAME)

@@ -10,7 +10,7 @@ import pytest
 from exact_games import hand_made, random_game
 
 from shuttle_marl.exact import solve
-from shuttle_marl.rally import FAULT, ONE, RETURNED_BELOW, ROOT, WINNER, Game
+from shuttle_marl.game.rally import FAULT, ONE, RETURNED_BELOW, ROOT, WINNER, Game
 
 TYPE = pyspiel.GameType(
     short_name="python_shuttle_marl",

@@ -7,13 +7,13 @@ import pytest
 from exact_games import games, random_game, random_policy, seeds
 from hypothesis import given, settings
 
-from shuttle_marl.draws import choice_draw, draw, outcome_draw, stream
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import ExactError, crossplay, evaluate
+from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.game.scoring import match_win_probability
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ROOT, WINNER, Game, strike
-from shuttle_marl.scoring import match_win_probability
 
 GAME = default_game()
 NAMES = ("bc", "attacking", "defensive", "safe", "random")

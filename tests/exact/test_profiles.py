@@ -20,11 +20,11 @@ from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.dynamics.health import Solver, play_statistics
-from shuttle_marl.exact import ExactError, best_response, evaluate, nash_conv, regret, solve, visits
+from shuttle_marl.exact import ExactError, best_response, evaluate, nash_conv, policy_regret, solve, visits
+from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ONE, ROOT, Game
-from shuttle_marl.stroke import SHOTS
 
 GAME = default_game()
 BC = tabulate(resolve("bc", GAME), GAME)
@@ -154,7 +154,7 @@ def test_visits_give_the_odds_and_add_up(game: Game, seed: int, server: int | No
 @given(games, seeds, sharpness)
 def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> None:
     policy, solution = random_policy(game, seed, sharp), solve(game)
-    loss = regret(policy, solution=solution)
+    loss = policy_regret(policy, solution=solution)
     against_perfect = evaluate(policy, solution.policy[1]).odds().value
     assert loss.per_rally == pytest.approx(-against_perfect, abs=1e-7)
     assert loss.state.min() >= -1e-8
@@ -165,7 +165,7 @@ def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> 
 
 def test_perfect_play_has_no_regret() -> None:
     solution = solve(GAME)
-    loss = regret(solution.policy[0], BC, solution=solution)
+    loss = policy_regret(solution.policy[0], BC, solution=solution)
     assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
 
 

@@ -7,15 +7,17 @@ import pytest
 from exact_games import hand_made, random_policy
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.exact import Scorer, crossplay, evaluate, nash_conv, sample, solve
+from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league.config import ANCHORS, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.exact_odds import exact_odds
-from shuttle_marl.policy.base import PolicyError, States
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ROOT
+from shuttle_marl.policy.sampled import sample
+from shuttle_marl.policy.scorecard import Scorer
 
 GAME = default_game()
 SCORER = Scorer(GAME)

@@ -10,10 +10,10 @@ from safetensors.numpy import save_file
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.base import PolicyError
 from shuttle_marl.policy.registry import Family, resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 
 GAME = default_game()
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from experiments import next_stroke, realism
+from shuttle_marl.commands.dynamics import main as dynamics
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import FAULT, RETURNED, WINNER
-from shuttle_marl.dynamics.__main__ import main as dynamics
 from shuttle_marl.dynamics.features import rows_from_strokes
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

@@ -1,15 +1,15 @@
-"""The compiled draws and choices against the definitions in ``shuttle_marl.draws`` and ``shuttle_marl.policy.table``."""
+"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.table``."""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl import draws
-from shuttle_marl.draws import CHOICE_ONE
+from shuttle_marl.game import draws
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel.core import compiled
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import ONE, Game
 from tests.exact.exact_games import random_game, random_policy
 
 words = st.integers(0, 2**64 - 1)

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl import draws, scoring
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import draws, scoring
+from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
 from shuttle_marl.kernel.lockstep import Matches, Played, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of, round_robin
-from shuttle_marl.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
 
 GAME = default_game()
 NAMES = ("attacking", "safe", "random", "attacking@greedy")

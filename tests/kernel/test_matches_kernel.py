@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Played, matches, pack, play_matches
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import Game
-from shuttle_marl.scoring import BWF, Rules
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

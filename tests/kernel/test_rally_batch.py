@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl import draws
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, strike
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.kernel import IllegalStrokeError, KernelError, RallyBatch, Tally
 from shuttle_marl.kernel.rows import Rows, Seen, _show
 from shuttle_marl.policy.bc import load
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy.uniform import UniformPolicy
-from shuttle_marl.rally import FAULT, ROOT, WINNER, Game, strike
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

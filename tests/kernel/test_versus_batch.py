@@ -7,12 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from shuttle_marl import draws, rally_v0
+from shuttle_marl import rally_v0
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import draws
+from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import IllegalStrokeError, KernelError, VersusBatch
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ROOT, Game
 from tests.exact.exact_games import random_game, random_policy
 
 GAME = default_game()

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.policy import States
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
 from shuttle_marl.league.ranking import rank
 from shuttle_marl.league.results import results_table
 from shuttle_marl.league.schedule import matches_of, round_robin
 from shuttle_marl.league.tournament import Tournament
-from shuttle_marl.policy.base import States
 from shuttle_marl.policy.registry import FunctionPolicy, resolve
-from shuttle_marl.policy.table import tabulate
 
 GAME = default_game()
 

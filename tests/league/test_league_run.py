@@ -14,13 +14,13 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from shuttle_marl import scoring
+from shuttle_marl.commands.league import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import scoring
+from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
-from shuttle_marl.league.__main__ import main
 from shuttle_marl.league.folder import read_results
-from shuttle_marl.rally import FAULT
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
@@ -114,8 +114,8 @@ def test_the_log_is_whole_and_plays_again_the_same(finished: Path) -> None:
 
 
 def test_every_choice_follows_from_the_policies(finished: Path) -> None:
+    from shuttle_marl.game.table import tabulate
     from shuttle_marl.policy.registry import resolve
-    from shuttle_marl.policy.table import tabulate
 
     game = default_game()
     tables = {name: tabulate(resolve(name, game), game) for name in POOL}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl import cli
+from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
 
 
@@ -39,7 +39,7 @@ def test_an_interrupt_is_130() -> None:
 
 TALKS = """
 import sys
-from shuttle_marl import cli
+from shuttle_marl.commands import cli
 
 def command() -> None:
     for i in range({lines}):

@@ -24,9 +24,9 @@ def test_a_module_imports_only_from_floors_below_its_own() -> None:
 @pytest.mark.parametrize(
     ("module", "line"),
     [
-        ("court.py", "import shuttle_marl.rally"),
+        ("court.py", "import shuttle_marl.game.rally"),
         ("data/clean.py", "def late():\n    from shuttle_marl.policy import base"),
-        ("policy/base.py", "import shuttle_marl.cli"),
+        ("policy/base.py", "import shuttle_marl.commands.cli"),
         ("attic.py", "x = 1"),
     ],
 )

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.base import PolicyError, States, checked_probabilities
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
 
 GAME = default_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::97].astype(np.int32))

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.court import AREAS, area_centre
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.court import AREAS, area_centre
+from shuttle_marl.game.policy import States
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy import scripted
-from shuttle_marl.policy.base import States
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ROOT
-from shuttle_marl.stroke import SHOTS
 
 GAME = default_game()
 PLAYABLE = np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states))).astype(np.int32)

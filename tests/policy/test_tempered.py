@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.policy.base import PolicyError, States, checked_probabilities
+from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
+from shuttle_marl.game.tempered import TemperedPolicy
 from shuttle_marl.policy.registry import FunctionPolicy, resolve
-from shuttle_marl.policy.tempered import TemperedPolicy
 
 GAME = default_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::211].astype(np.int32))

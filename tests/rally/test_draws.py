@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from shuttle_marl.draws import CHOICE_ONE, choice_draw, draw, mix, outcome_draw, stream
+from shuttle_marl.game.draws import CHOICE_ONE, choice_draw, draw, mix, outcome_draw, stream
 
 words = st.integers(0, 2**64 - 1)
 _GOLDEN = 0x9E3779B97F4A7C15

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike, thresholds
+from shuttle_marl.game.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike, thresholds
 
 chance = st.floats(0.0, 1.0)
 

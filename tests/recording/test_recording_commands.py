@@ -9,9 +9,9 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+from shuttle_marl.commands.recording import main
+from shuttle_marl.game.stroke import parse
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.__main__ import main
-from shuttle_marl.stroke import parse
 
 
 def test_info(played: Path, capsys: pytest.CaptureFixture[str]) -> None:

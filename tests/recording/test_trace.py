@@ -8,10 +8,10 @@ import numpy.typing as npt
 import pytest
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Seen
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 from shuttle_marl.recording import (
     SINGLE_RALLY,
     LogHeader,

@@ -13,8 +13,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.film import film
 from shuttle_marl.scene.selection import select
+from shuttle_marl.scene.write import film
 
 RALLIES = 3
 

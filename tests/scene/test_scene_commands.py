@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.commands.recording import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
-from shuttle_marl.recording.__main__ import main
-from shuttle_marl.scene.film import film
 from shuttle_marl.scene.playback import Playback
 from shuttle_marl.scene.selection import select
+from shuttle_marl.scene.write import film
 from shuttle_marl.staging import StagingError, play_rallies
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.scene import athlete, equipment
-from shuttle_marl.scene.calling import percent
+from shuttle_marl.scene.commentary import percent
 from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
 from shuttle_marl.scene.picture import Film

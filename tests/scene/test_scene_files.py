@@ -15,14 +15,14 @@ from mcap.reader import make_reader
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ROOT
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.film import EPOCH, film
 from shuttle_marl.scene.poses import PLAY, WORLD
+from shuttle_marl.scene.write import EPOCH, film
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.rotation import matrix
 

@@ -18,8 +18,8 @@ from experiments.studio import NO_PROBLEMS, StudioError, install, visit
 from experiments.studio.__main__ import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.film import film
 from shuttle_marl.scene.selection import select
+from shuttle_marl.scene.write import film
 
 COURT = np.array([34, 115, 83]) / 255
 """Colour of the mat as Studio lights it."""

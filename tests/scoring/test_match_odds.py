@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.scoring import (
+from shuttle_marl.game.scoring import (
     Rules,
     Score,
     ScoringError,

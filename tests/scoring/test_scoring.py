@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.scoring import BWF, Rules, Score, ScoringError, ends_changed, new, step, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, ends_changed, new, step, wins_game
 
 
 def play(score: Score, winners: str) -> Score:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.rally import FAULT, WINNER
+from shuttle_marl.game.rally import FAULT, WINNER
 from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
-from shuttle_marl.staging.plan import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
 
 
 def spoilt(motion: Motion, **changes: np.ndarray) -> Motion:

@@ -12,8 +12,8 @@ from torchrl.objectives.value import GAE
 from shuttle_marl import exact
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
 
 GAME = default_game()
 BC = tabulate(resolve("bc", GAME), GAME, "bc")

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.exact import visits
+from shuttle_marl.game.rally import ONE
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.rally import ONE
-from shuttle_marl.stroke import SHOTS
 from shuttle_marl.training import PPOConfig, TrainingError, train
 from shuttle_marl.training.objective import Objective, fault_penalty
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl.dynamics import default_game, model_folder
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.base import PolicyError
-from shuttle_marl.policy.table import tabulate
-from shuttle_marl.training import Evaluator, load_agent
-from shuttle_marl.training.agents import CARD, NETWORK, TABLE, read_card, shipped_folder
+from shuttle_marl.policy.agents import CARD, NETWORK, TABLE, load_agent, read_card, shipped_folder
+from shuttle_marl.training import Evaluator
 
 GAME = default_game()
 SHIPPED = ("a2c", "ppo", "ppo:attacking", "ppo:cautious", "ppo:defensive", "ppo:self-play", "sac")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import tabulate
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.sink import NoRoomError, Sink

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.policy.base import PolicyError, States
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.learner import NotFiniteError

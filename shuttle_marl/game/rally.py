@@ -27,7 +27,7 @@ from safetensors.numpy import save
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
-from shuttle_marl.stroke import Catalogue
+from shuttle_marl.game.stroke import Catalogue
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
 FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)

@@ -16,7 +16,7 @@ from shuttle_marl.exact.contraction import TOLERANCE
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.sweeps import stroke_values
-from shuttle_marl.policy.table import TabulatedPolicy
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Regret:
         return np.argsort(-self.state * self.weight, kind="stable")[:count]
 
 
-def regret(
+def policy_regret(
     policy: TabulatedPolicy,
     opponent: TabulatedPolicy | None = None,
     *,

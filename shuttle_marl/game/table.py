@@ -9,10 +9,10 @@ import numpy.typing as npt
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from shuttle_marl.draws import CHOICE_ONE
 from shuttle_marl.files import replace_file
-from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, reads_score
-from shuttle_marl.rally import Game
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.game.rally import Game
 
 _CHUNK = 4096
 
@@ -43,7 +43,7 @@ class TabulatedPolicy:
         return (upper - lower) / CHOICE_ONE
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
-        """``[B, n]`` chance of each stroke; see :class:`shuttle_marl.policy.base.Policy`."""
+        """``[B, n]`` chance of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""
         game = self.game
         if states.game.hash != game.hash:
             raise PolicyError("this policy was tabulated for another game; tabulate it again")

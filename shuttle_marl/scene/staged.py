@@ -8,7 +8,7 @@ from foxglove.messages import Log, LogLevel, SceneEntity, SceneUpdate
 
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.drawing import SECOND, stamp, update
-from shuttle_marl.scene.story import Story
+from shuttle_marl.scene.report import Story
 from shuttle_marl.staging import Motion
 
 Send = Callable[[topics.Topics, int], None]

@@ -7,9 +7,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import CHOICE_ONE
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.rally import Game
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.rally import Game
 
 
 class PolicyError(ShuttleError):

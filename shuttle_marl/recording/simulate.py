@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl import court, draws, rally, scoring
 from shuttle_marl.data import placing
 from shuttle_marl.data.account import Account
 from shuttle_marl.data.players import discipline
 from shuttle_marl.data.schema import FAULT, RETURNED, STROKES, WINNER
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.rally import Game
+from shuttle_marl.game import court, draws, rally, scoring
+from shuttle_marl.game.rally import Game
 
 Floats = npt.NDArray[np.floating]
 Ints = npt.NDArray[np.int64]

@@ -4,19 +4,19 @@ import dataclasses
 import functools
 from typing import Any, Final
 
-from shuttle_marl.draws import pairing_key
 from shuttle_marl.exact.contraction import TOLERANCE
-from shuttle_marl.exact.losses import regret
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate
+from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.exact.response import Response, best_response
-from shuttle_marl.exact.sampled import Watch, sample
-from shuttle_marl.policy.base import Policy, reads_score
+from shuttle_marl.game.draws import pairing_key
+from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ROOT, Game
-from shuttle_marl.stroke import SHOTS
+from shuttle_marl.policy.sampled import Watch, sample
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
@@ -128,7 +128,7 @@ class Scorer:
         """The exact figures of a tabulated policy."""
         odds = evaluate(policy, self.reference, tolerance=self.tolerance).odds()
         answer = best_response(policy, tolerance=self.tolerance)
-        loss = regret(policy, solution=self.solution, tolerance=self.tolerance)
+        loss = policy_regret(policy, solution=self.solution, tolerance=self.tolerance)
         seen = visits(policy, self.reference, tolerance=self.tolerance)
         endings = dict(zip(_ENDINGS, seen.endings().values(), strict=True))
         score, best = self.normalised(odds.rally), self.reference_response.value.odds()

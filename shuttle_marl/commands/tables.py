@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from shuttle_marl.exact.scorecard import Scorecard
+from shuttle_marl.policy.scorecard import Scorecard
 
 Floats = npt.NDArray[np.float64]
 

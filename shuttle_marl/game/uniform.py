@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.policy.base import States
+from shuttle_marl.game.policy import States
 
 
 class UniformPolicy:

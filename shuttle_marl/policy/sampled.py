@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from shuttle_marl import draws
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.lockstep import Ints, ask, play
 from shuttle_marl.kernel.played import Matches, Played
-from shuttle_marl.policy.base import Policy
-from shuttle_marl.policy.table import TabulatedPolicy
 
 Watch = Callable[[int, Matches, Played], None]
 """``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
@@ -67,7 +67,7 @@ def sample(
         opponent: a table.
         matches: how many.
         seed: names every draw, with ``key``.
-        key: of the pairing, see :func:`shuttle_marl.draws.pairing_key`.
+        key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
         name: of the policy, for errors.
         watch: is shown what was played, see :data:`Watch`.
 

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from shuttle_marl.dynamics.shipped import load_game
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.selection import select
@@ -51,8 +51,8 @@ def scene(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.scene.film import film  # noqa: PLC0415
     from shuttle_marl.scene.live import check_port, serve  # noqa: PLC0415
+    from shuttle_marl.scene.write import film  # noqa: PLC0415
 
     if (out is None) != live:
         raise SceneError("say where the scene goes: either --out FILE or --live")

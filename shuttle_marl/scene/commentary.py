@@ -7,15 +7,15 @@ from typing import Any, Final
 import numpy as np
 from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity, Vector3
 
-from shuttle_marl.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
+from shuttle_marl.game.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.drawing import at, box, colour, point, stamp, text
 from shuttle_marl.scene.poses import PLAY, WORLD
-from shuttle_marl.scene.story import Story, Telling
-from shuttle_marl.scene.take import Send, Take, Timed, line, numbers, scene
+from shuttle_marl.scene.report import Story, Telling
+from shuttle_marl.scene.staged import Send, Take, Timed, line, numbers, scene
 from shuttle_marl.staging import ENDS
-from shuttle_marl.staging.plan import facing
-from shuttle_marl.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.staging.trajectory import facing
 
 _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)

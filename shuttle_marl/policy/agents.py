@@ -9,16 +9,17 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.dynamics.shipped import folder_of
 from shuttle_marl.files import replace_file
-from shuttle_marl.policy.base import Policy, PolicyError
-from shuttle_marl.policy.registry import Family
-from shuttle_marl.policy.table import TabulatedPolicy
-from shuttle_marl.rally import Game
+from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import folder_of, model_folder
+from shuttle_marl.game.table import TabulatedPolicy
 
 TABLE: Final = "table.safetensors"
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
+ALGORITHMS: Final = ("ppo", "a2c", "sac")
+"""What the names of shipped agents begin with."""
 AGENTS: Final = "agents"
 """Folder of the agents in the folder of a model."""
 
@@ -85,11 +86,16 @@ def shipped_folder(name: str, model: Path) -> Path:
     return model / AGENTS / name.replace(":", "-")
 
 
-def _load_shipped(key: str, argument: str | None, game: Game) -> Policy:
+def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
+    """The agent of a name such as ``ppo`` or ``ppo:attacking`` that came with the model of a game.
+
+    Raises:
+        PolicyError: there is none, or it is damaged.
+    """
     name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)
     if argument == "" or model is None or not (shipped_folder(name, model) / CARD).is_file():
-        known = "" if model is None else ", ".join(_installed(key, model))
+        known = "" if model is None else ", ".join(installed(key, model))
         raise PolicyError(
             f"no policy {name!r}: the trained agents of this game are {known or 'none of that algorithm'}; "
             "train one and name it agent:FOLDER"
@@ -97,28 +103,19 @@ def _load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     return load_agent(shipped_folder(name, model), game)
 
 
-def _load_folder(argument: str | None, game: Game) -> Policy:
+def load_folder(argument: str | None, game: Game) -> Policy:
+    """The agent in a folder, for names such as ``agent:FOLDER``.
+
+    Raises:
+        PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
+    """
     if not argument:
         raise PolicyError("policy agent: expected the folder of a trained agent behind a colon, as in agent:runs/ppo-0/agent")
     return load_agent(Path(argument), game)
 
 
-def _installed(key: str, model: Path) -> list[str]:
-    """Names of the agents of an algorithm that a model comes with."""
+def installed(key: str, model: Path | None = None) -> list[str]:
+    """Names of the agents of an algorithm that a model comes with; None: the default model."""
+    model = model or model_folder()
     folders = sorted(path.parent.name for path in (model / AGENTS).glob(f"*/{CARD}"))
     return [folder.replace("-", ":", 1) for folder in folders if folder.partition("-")[0] == key]
-
-
-def _family(key: str) -> Family:
-    def names() -> list[str]:
-        from shuttle_marl.dynamics.shipped import model_folder  # noqa: PLC0415  finds files; only when names are listed
-
-        return _installed(key, model_folder())
-
-    return Family(load=lambda argument, game: _load_shipped(key, argument, game), names=names)
-
-
-PPO_FAMILY: Final = _family("ppo")
-A2C_FAMILY: Final = _family("a2c")
-SAC_FAMILY: Final = _family("sac")
-AGENT_FAMILY: Final = Family(load=_load_folder, names=lambda: ())

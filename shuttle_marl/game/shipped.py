@@ -4,7 +4,7 @@ import functools
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.rally import Game, GameError
+from shuttle_marl.game.rally import Game, GameError
 
 GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""

@@ -10,15 +10,15 @@ from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from shuttle_marl import __version__
-from shuttle_marl.rally import Game
+from shuttle_marl.game.rally import Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import layout, still, topics
 from shuttle_marl.scene.drawing import SECOND, update
 from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.moving import messages
-from shuttle_marl.scene.story import Teller
-from shuttle_marl.scene.take import Take
+from shuttle_marl.scene.report import Teller
+from shuttle_marl.scene.staged import Take
 from shuttle_marl.staging import stage
 
 EPOCH: Final = 1_735_689_600 * SECOND

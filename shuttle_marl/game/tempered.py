@@ -6,7 +6,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.policy.base import Policy, PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

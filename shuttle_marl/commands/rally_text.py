@@ -3,11 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import AREAS
-from shuttle_marl.rally import OUTCOMES
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import outcomes
-from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 
 def describe(log: RallyLog, number: int) -> str:

@@ -9,7 +9,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import (
+from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.exact.minimax import Solution
+from shuttle_marl.exact.sweeps import stroke_values
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.court import (
     AREAS,
     BACK_CUT,
     HALF_LENGTH,
@@ -21,12 +25,8 @@ from shuttle_marl.court import (
     WIDTH,
     area_centre,
 )
-from shuttle_marl.exact.errors import ExactError
-from shuttle_marl.exact.minimax import Solution
-from shuttle_marl.exact.sweeps import stroke_values
-from shuttle_marl.files import replace_file
-from shuttle_marl.rally import Game
-from shuttle_marl.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,20 +7,20 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.draws import stream
 from shuttle_marl.exact.profile import ProfileValue, evaluate
-from shuttle_marl.policy.base import PolicyError
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import ONE, OUTCOMES, Game
+from shuttle_marl.game.scoring import ends_changed, match_win_probability, wins_game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.table import TabulatedPolicy, tabulate
-from shuttle_marl.rally import ONE, OUTCOMES, Game
 from shuttle_marl.recording.derived import require_game, states
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene.errors import SceneError
-from shuttle_marl.scoring import ends_changed, match_win_probability, wins_game
 from shuttle_marl.staging import PlayedRally
-from shuttle_marl.stroke import SHOTS
 
 Floats = npt.NDArray[np.float64]
 

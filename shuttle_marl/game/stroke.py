@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.court import AREAS
+from shuttle_marl.game.court import AREAS
 
 SHOTS: Final = (
     "short-serve",
@@ -55,7 +55,7 @@ class Catalogue:
 
     Attributes:
         shot: ``[n]`` index into :data:`SHOTS`.
-        area: ``[n]`` index into :data:`shuttle_marl.court.AREAS`, the intended target.
+        area: ``[n]`` index into :data:`shuttle_marl.game.court.AREAS`, the intended target.
         height: ``[n]`` 0 below, 1 above the net.
         technique: ``[n]`` index into :data:`TECHNIQUES`.
     """

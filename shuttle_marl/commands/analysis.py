@@ -1,0 +1,131 @@
+"""``python -m shuttle_marl.analysis``: figures and pictures of recorded rallies, beside real matches."""
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import tyro
+
+from shuttle_marl.commands import cli
+
+if TYPE_CHECKING:
+    from shuttle_marl.analysis.summary import Summary
+
+_SHOWN: Final = 12
+_PICTURED: Final = 3
+
+
+def analysis(
+    path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")],
+    *,
+    against: Path | None = None,
+    out: Path | None = None,
+    reference: str = "bc",
+    game: str = "default",
+    rallies: int = 20_000,
+    json: bool = False,
+) -> None:
+    """Say how each player of a rally log, or of annotated matches, plays, and what their strokes are worth.
+
+    Args:
+        path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
+        against: another of these to compare with, for example real matches; all its players count as one.
+        out: folder for pictures (the extra `plot`) and tables of rallies and strokes.
+        reference: policy whose play the values assume.
+        game: model on whose game values are computed: a shipped one or a folder.
+        rallies: about how many rallies of a log are looked at.
+        json: print JSON.
+    """
+    import pyarrow.parquet as pq  # noqa: PLC0415  what computes is not needed to show the flags
+
+    from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
+    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
+    from shuttle_marl.game.shipped import load_game  # noqa: PLC0415
+    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+
+    tables = load_game(game)
+    policy = tabulate(resolve(reference, tables), tables, reference)
+    valued = add_values(strokes_of(path, rallies=rallies), policy)
+    found = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
+    if against is not None:
+        found[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        pq.write_table(valued, out / "strokes.parquet", compression="zstd")
+        pq.write_table(rally_table(valued), out / "rallies.parquet", compression="zstd")
+        _draw(out, found)
+    _print(found, as_json=json)
+
+
+def _draw(out: Path, found: dict[str, "Summary"]) -> None:
+    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+
+    names = list(found)
+    shown = {name: found[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
+    pictures.save(pictures.landings(shown), out / "landings.png")
+    pictures.save(pictures.shot_mix(shown), out / "shots.png")
+    for name, summary in shown.items():
+        file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name)
+        pictures.save(pictures.transitions(summary, name), out / f"replies-{file}.png")
+
+
+def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
+    import json  # noqa: PLC0415  the flag has its name
+    import math  # noqa: PLC0415
+
+    import numpy as np  # noqa: PLC0415
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
+    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        return None if isinstance(value, float) and math.isnan(value) else value
+
+    if as_json:
+        listed = {name: {f.name: plain(getattr(s, f.name)) for f in dataclasses.fields(s)} for name, s in found.items()}
+        for name, s in found.items():
+            del listed[name]["points"]
+            listed[name] |= {
+                "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
+                "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
+            }
+        sys.stdout.write(json.dumps(listed) + "\n")
+        return
+
+    def cell(value: float, scale: float, digits: int) -> str:
+        return "" if math.isnan(value) else f"{scale * value:.{digits}f}"
+
+    table = Table(box=SIMPLE_HEAD)
+    for heading in ("", "strokes", "won", "length", "tempo", "winners", "value", "most played"):
+        table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=heading != "most played")
+    for name, s in found.items():
+        most = ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2])
+        table.add_row(
+            name,
+            f"{s.strokes:,}",
+            cell(s.wins, 100, 1),
+            cell(s.length, 1, 1),
+            cell(s.seconds, 1, 2),
+            cell(float(s.endings[0]), 100, 0),
+            cell(s.value, 100, 2),
+            most,
+        )
+    console = Console(highlight=False, width=max(Console().width, 100))
+    console.print(table)
+    console.print(
+        "won: % of the rallies, of all together of the server; length: strokes a rally; tempo: seconds between two strokes;\n"
+        "winners: % of the strokes that ended a rally; value: points that 100 strokes added"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return cli.run(analysis, prog="python -m shuttle_marl.analysis", description=__doc__ or "", argv=argv)

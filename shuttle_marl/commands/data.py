@@ -1,0 +1,142 @@
+"""``python -m shuttle_marl.data``: download, convert, summarise and check annotated matches."""
+
+import sys
+from collections.abc import Sequence
+from json import dumps
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from shuttle_marl.commands import cli
+from shuttle_marl.data import upstream
+from shuttle_marl.data.account import DROP_REASONS, Account
+from shuttle_marl.data.clean import clean_matches
+from shuttle_marl.data.errors import DataError
+from shuttle_marl.data.splits import SPLITS, Split
+from shuttle_marl.data.table import load_account, provenance_of, write_parquet
+from shuttle_marl.data.validate import Report
+from shuttle_marl.data.validate import validate as check
+
+_NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
+    f"  {citation}" for citation in upstream.CITATIONS
+)
+
+
+Root = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(name="root")]
+
+
+def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> None:
+    """Fetch ShuttleSet and ShuttleSet22 at their pinned commit; goes on where an earlier download stopped.
+
+    Args:
+        out: Folder for the files.
+        base_url: Where the files are.
+        jobs: Files fetched at a time.
+    """
+    from shuttle_marl.data.download import download as fetch  # noqa: PLC0415  the network is needed by this command alone
+
+    total = len(upstream.manifest())
+    columns = (TextColumn("files"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("files", total=total)
+        fetched = fetch(out, base_url=base_url, jobs=jobs, on_file=lambda done, _: progress.update(task, completed=done))
+    sys.stdout.write(f"{out}: {total} files, all as published ({fetched} fetched, {total - fetched} were there)\n{_NOTE}\n")
+
+
+def convert(root: Root, *, out: Path) -> None:
+    """Clean the raw files and write them as one Parquet file; tells where dropped rows went.
+
+    Args:
+        root: Folder with the raw files.
+        out: The Parquet file.
+    """
+    cleaned = clean_matches(root)
+    write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned))
+    _show(cleaned.account)
+    sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
+
+
+def summary(root: Root, *, json: bool = False) -> None:
+    """Count matches, rallies and strokes, and the rows dropped by reason.
+
+    Args:
+        root: Folder with the raw files, or a Parquet file made by `convert`.
+        json: Print JSON.
+    """
+    account = load_account(root)
+    if json:
+        sys.stdout.write(dumps(account.as_json()) + "\n")
+    else:
+        _show(account)
+
+
+def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, json: bool = False) -> None:
+    """Check files against the published hashes and read them strictly, or check a Parquet file; names every problem.
+
+    Args:
+        root: Folder with the raw files, or a Parquet file made by `convert`.
+        splits: Splits whose files must be there.
+        json: Print JSON.
+    """
+    report = check(root, splits)
+    if json:
+        values = {
+            "problems": [str(problem) for problem in report.problems],
+            "notes": report.notes,
+            "splits": {split: {"whole": whole, "files": files} for split, (whole, files) in report.splits.items()},
+        }
+        sys.stdout.write(dumps(values, ensure_ascii=False) + "\n")
+    else:
+        _show_report(report)
+    if report.problems:
+        raise DataError(root, f"{len(report.problems)} problems")
+
+
+def _show_report(report: Report) -> None:
+    for line in (*report.notes, *report.problems):
+        sys.stdout.write(f"{line}\n")
+    for split, (whole, files) in report.splits.items():
+        state = "complete" if whole == files else "incomplete"
+        sys.stdout.write(f"{split}: {whole} of {files} files as published, {state}\n")
+    if report.account is not None:
+        sys.stdout.write(f"{report.account.strokes_kept} strokes of {report.account.matches} matches read\n")
+    if not report.problems:
+        sys.stdout.write("nothing is wrong\n")
+
+
+def _show(account: Account) -> None:
+    console = Console()
+    table = Table("", "total", "kept", "share", title=f"{account.matches} matches")
+    for name, total, kept in (
+        ("rallies", account.rallies, account.rallies_kept),
+        ("strokes", account.strokes, account.strokes_kept),
+    ):
+        table.add_row(name, f"{total:,}", f"{kept:,}", f"{kept / max(total, 1):.1%}")
+    console.print(table)
+    if account.dropped:
+        table = Table("rows dropped", "rows", "why", title="where the others went")
+        for reason, count in account.dropped.items():
+            table.add_row(reason, f"{count:,}", DROP_REASONS.get(reason, ""))
+        console.print(table)
+    if account.area_agreement is not None:
+        console.print(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit status."""
+    commands: dict[str, cli.Command] = {
+        "download": download,
+        "convert": convert,
+        "summary": summary,
+        "validate": validate,
+    }
+    return cli.run(
+        commands,
+        prog="python -m shuttle_marl.data",
+        description="Annotated matches: download, convert, summarise and check them.",
+        argv=argv,
+    )

@@ -1,0 +1,98 @@
+"""``python -m shuttle_marl.dynamics fit | evaluate | card``: the models of the game."""
+
+import json as json_format
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from shuttle_marl.commands.cli import Command, run
+from shuttle_marl.data.splits import Split
+from shuttle_marl.game.shipped import model_folder
+
+
+def _report(line: str) -> None:
+    Console(stderr=True, highlight=False).print(f"[dim]{line} …[/]")
+
+
+def fit(data: Path, out: Path, seed: int = 0) -> None:
+    """Fit the models on the train matches and compile the game; minutes on two cores.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        out: model folder to write.
+        seed: of all random numbers; the same seed gives the same weights.
+    """
+    from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
+
+    card = make_model(data, out, seed=seed, report=_report)
+    health = card["health"]
+    Console(highlight=False).print(
+        f"{out}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
+        f"game {card['game_hash'][:16]}, {'healthy' if health['healthy'] else 'NOT healthy, see the card'}"
+    )
+
+
+def evaluate(
+    data: Path,
+    split: Split = "validation",
+    model: str = "default",
+    json: bool = False,
+) -> None:
+    """Score the models on a split, beside trees fitted on the train matches.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: train, validation or test.
+        model: a shipped model or a model folder.
+        json: print JSON instead of a table.
+    """
+    from shuttle_marl.dynamics.make import evaluate_model  # noqa: PLC0415  torch
+
+    result = evaluate_model(data, model_folder(model), split, report=_report)
+    if json:
+        sys.stdout.write(json_format.dumps(result) + "\n")
+        return
+    table = Table(title=f"{split}: models beside trees")
+    for column in ("", "rows", "log-loss", "trees", "ratio", "Brier", "AUC", "ECE"):
+        table.add_column(column, justify="left" if not column else "right")
+    for name in ("success", "return", "contact"):
+        s = result[name]
+        ratio = s["log_loss"] / s["trees"]["log_loss"]
+        numbers = (s["log_loss"], s["trees"]["log_loss"], ratio, s["brier"], s["auc"], s["ece"])
+        table.add_row(name, f"{s['rows']:,}", *(f"{x:.4f}" for x in numbers))
+    console = Console(highlight=False)
+    console.print(table)
+    following = result["next_stroke"]
+    for key in ("shot_type", "area", "area_given_type"):
+        console.print(f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(following[key])))
+
+
+def card(
+    model: str = "default",
+    json: bool = False,
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """Print the card of a model.
+
+    Args:
+        model: a shipped model or a model folder.
+        json: as JSON instead of Markdown.
+        plot: draw the reliability diagrams into this PNG file as well.
+    """
+    from shuttle_marl.dynamics.card import as_markdown, plot_reliability, read_card  # noqa: PLC0415  scipy
+
+    content = read_card(model_folder(model))
+    sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
+    if plot is not None:
+        plot_reliability(content, plot)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    commands: dict[str, Command] = {"fit": fit, "evaluate": evaluate, "card": card}
+    return run(commands, prog="shuttle_marl.dynamics", description=__doc__ or "", argv=argv)

@@ -1,0 +1,308 @@
+"""``python -m shuttle_marl.exact solve | evaluate | best-response | crossplay``: the game solved, policies measured by it."""
+
+import contextlib
+import functools
+import json as json_format
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import track
+
+from shuttle_marl.commands import cli
+from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.game.shipped import load_game
+
+if TYPE_CHECKING:
+    from shuttle_marl.policy.scorecard import Scorecard, Scorer
+    from shuttle_marl.recording.played import Add
+
+Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
+Json = Annotated[bool, tyro.conf.arg(name="json")]
+File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+def solve(
+    *,
+    game: str = "default",
+    tolerance: float = 1e-9,
+    plot: File = None,
+    incoming: str | None = None,
+    own: str | None = None,
+    json_output: Json = False,
+) -> None:
+    """Solve the game: what a rally is worth under perfect play, and what perfect play looks like.
+
+    Args:
+        game: model whose game is solved: a shipped one or a folder.
+        tolerance: largest error bound of a value that is good enough.
+        plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
+        incoming: the stroke replied to in the picture, as in smash:middle-left:above:forehand; default: the one that perfect
+            players meet most often.
+        own: the striker's own last stroke in the picture; default: the mean over all.
+        json_output: print JSON.
+    """
+    from shuttle_marl.commands.tables import facts, percent, shares  # noqa: PLC0415
+    from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
+    from shuttle_marl.exact import solve as solve_game  # noqa: PLC0415  numba
+    from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
+    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
+
+    tables = load_game(game)
+    warm_up(tables)
+    begun = time.perf_counter()
+    solution = solve_game(tables, tolerance=tolerance)
+    seconds = time.perf_counter() - begun
+    if incoming is not None or own is not None or plot is not None:
+        _plot(solution, plot, incoming, own)
+    figures = {
+        "value_at_serve": solution.value_at_serve,
+        "states": tables.n_states,
+        "legal_pairs": tables.n_pairs,
+        "sweeps": solution.sweeps,
+        "residual": solution.residual,
+        "error_bound": solution.error_bound,
+        "seconds": seconds,
+    }
+    if json_output:
+        _say(json_format.dumps(figures))
+        return
+    serving = (1 + solution.value_at_serve) / 2
+    seen = visits(*solution.policy)
+    ends = seen.endings()
+    winners = ends["winner of player 0"] + ends["winner of player 1"]
+    rows = {
+        "value at the serve": f"{solution.value_at_serve:+.6f}: the server wins {percent(serving)} of the rallies",
+        "error bound": f"{solution.error_bound:.1e} (residual {solution.residual:.1e}, contraction {solution.contraction:.5f})",
+        "solved in": f"{seconds:.2f} s: {solution.sweeps} sweeps of {tables.n_pairs:,} legal pairs in {tables.n_states:,} states",
+        "strokes a rally": f"{seen.rally_length:.2f}",
+        "rallies end by": f"winner {percent(winners)}, fault {percent(1 - winners)}",
+        "shots": shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
+        "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the chance of the match, at every score",
+    }
+    _console().print(facts(rows))
+
+
+def evaluate(
+    policies: Policies,
+    *,
+    game: str = "default",
+    matches: int = 400,
+    seed: int = 0,
+    record: str = "all",
+    log: File = None,
+    json_output: Json = False,
+) -> None:
+    """Measure policies exactly: against bc, against their best responses, and against perfect play.
+
+    A policy that reads the score has no table over states; it is sampled instead, with 95 % intervals, and its rallies are
+    recorded.
+
+    Args:
+        policies: names of policies (docs/league.md).
+        game: model whose game is played: a shipped one or a folder.
+        matches: matches played out for a policy that is sampled.
+        seed: of their draws.
+        record: which of their rallies are recorded: all, sample:N (those of one match in N) or none.
+        log: the rally log they go into; default: runs/evaluate-SEED.mcap, or the next such name that is free.
+        json_output: print JSON.
+    """
+    from shuttle_marl.commands.tables import play, scorecards  # noqa: PLC0415
+    from shuttle_marl.game.policy import reads_score  # noqa: PLC0415
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+    from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
+
+    _check_some(policies)
+    if matches < 1:
+        raise ExactError(f"--matches {matches}: expected 1 or more")
+    scorer = Scorer(load_game(game))
+    found = [(name, resolve(name, scorer.game)) for name in policies]
+    sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
+    cards: list[Scorecard] = []
+    with _recorded(sampled, scorer, seed, record, log) as add:
+        watches = {name: functools.partial(add, i) for i, name in enumerate(sampled)} if add is not None else {}
+        for name, policy in _progress(found, "policies"):
+            watch = watches.pop(name, None)  # whom one names twice plays the same matches again
+            cards.append(scorer.score(policy, name, matches=matches, seed=seed, watch=watch))
+    if json_output:
+        _say(json_format.dumps([card.as_json() for card in cards]))
+        return
+    console = _console()
+    console.print(scorecards(cards))
+    console.print(play(cards))
+    best = scorer.reference_response.value.odds()
+    console.print(
+        f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
+        "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play."
+    )
+    exact = [card.error_bound for card in cards if card.error_bound is not None]
+    if exact:
+        console.print(f"exact: every figure is within {max(exact):.0e} of the true one.")
+    for card in cards:
+        if card.sampled:
+            console.print(f"{card.policy} reads the score: sampled in {card.matches} matches, 95 % intervals.")
+
+
+def best_response(
+    policy: Annotated[str, tyro.conf.Positional], *, game: str = "default", save: File = None, json_output: Json = False
+) -> None:
+    """Compute what beats a policy most.
+
+    Args:
+        policy: name of a policy (docs/league.md).
+        game: model whose game is played: a shipped one or a folder.
+        save: write the response as a table; table:FILE is its name from then on.
+        json_output: print JSON.
+    """
+    from shuttle_marl.commands.tables import facts, percent, shares  # noqa: PLC0415
+    from shuttle_marl.exact import best_response as respond  # noqa: PLC0415  numba
+    from shuttle_marl.exact import visits  # noqa: PLC0415
+    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
+    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+
+    tables = load_game(game)
+    opponent = tabulate(resolve(policy, tables), tables, policy)
+    answer = respond(opponent)
+    odds, seen = answer.value.odds(), visits(answer.policy, opponent)
+    mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
+    if save is not None:
+        answer.policy.save(save, {"policy": f"best-response:{policy}"})
+    figures: dict[str, Any] = {
+        "policy": policy,
+        "rally_win": odds.rally,
+        "rally_win_serving": odds.serving,
+        "rally_win_receiving": odds.receiving,
+        "match_win": odds.match(),
+        "exploitability": odds.value,
+        "rally_length": seen.rally_length,
+        "endings": seen.endings(),
+        "shot_mix": mix[0],
+        "error_bound": max(answer.value.error_bound, seen.error_bound),
+        "saved": None if save is None else str(save),
+    }
+    if json_output:
+        _say(json_format.dumps(figures))
+        return
+    wins = f"{percent(odds.rally)} of rallies ({percent(odds.serving)} serving, {percent(odds.receiving)} receiving)"
+    rows = {
+        "the best response to": policy,
+        "wins": f"{wins}, {percent(odds.match())} of matches",
+        "exploitability": f"{odds.value:.6f} (within {answer.value.error_bound:.0e})",
+        "strokes a rally": f"{seen.rally_length:.2f}",
+        "rallies end by": shares({name.replace("player 0", "the response"): share for name, share in seen.endings().items()})
+        .replace("player 1", policy),
+        "shots of the response": shares(mix[0]),
+        f"shots of {policy}": shares(mix[1]),
+    }  # fmt: skip
+    if save is not None:
+        rows["saved as"] = f"table:{save}"
+    _console().print(facts(rows))
+
+
+def crossplay(policies: Policies, *, game: str = "default", json_output: Json = False) -> None:
+    """Compute the odds of every policy against every other.
+
+    Args:
+        policies: names of policies (docs/league.md).
+        game: model whose game is played: a shipped one or a folder.
+        json_output: print JSON.
+    """
+    from shuttle_marl.commands.tables import matrix  # noqa: PLC0415
+    from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
+    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+
+    _check_some(policies)
+    tables = load_game(game)
+    entrants = [tabulate(resolve(name, tables), tables, name) for name in _progress(policies, "tables")]
+    pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
+    begun = time.perf_counter()
+    odds = play_all(entrants, progress=lambda: next(pairs))
+    seconds = time.perf_counter() - begun
+    for _ in pairs:
+        pass
+    if json_output:
+        figures = {
+            "policies": list(policies),
+            "rally_win_serving": odds.serving.tolist(),
+            "rally_win_receiving": odds.receiving.tolist(),
+            "rally_win": odds.rally.tolist(),
+            "match_win": odds.match().tolist(),
+            "error_bound": odds.error_bound,
+            "seconds": seconds,
+        }
+        _say(json_format.dumps(figures))
+        return
+    console = _console()
+    console.print(matrix("Matches won by the row against the column", policies, odds.match()))
+    console.print(matrix("Rallies won by the row against the column", policies, odds.rally))
+    console.print(f"exact: every chance of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
+
+
+@contextlib.contextmanager
+def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None) -> "Iterator[Add | None]":
+    """What records the matches of policies that are sampled; None if there is nothing to record."""
+    from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
+    from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
+    from shuttle_marl.recording.played import free_name, sampled_log  # noqa: PLC0415
+
+    if not Sampling.parse(record).every or not sampled:
+        yield None
+        return
+    path = log or free_name(Path("runs") / f"evaluate-{seed}.mcap")
+    opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
+    with sampled_log(path, sampled, opponent, scorer.game, seed=seed, record=record) as add:
+        yield add
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"{path}: the rallies of {', '.join(sampled)}", markup=False)
+
+
+def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | None) -> None:
+    from shuttle_marl.analysis.replies import plot, stroke_index  # noqa: PLC0415
+    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
+
+    if path is None:
+        raise ExactError("--incoming and --own choose what is drawn; name the picture with --plot FILE")
+    tables = solution.games[0]
+    if incoming is None:
+        import numpy as np  # noqa: PLC0415
+
+        seen = np.bincount(np.repeat(tables.edge_incoming, 2), visits(*solution.policy).states[0], tables.n_strokes + 1)
+        shown = int(seen[: tables.n_strokes].argmax())
+    else:
+        shown = stroke_index(tables, incoming)
+    plot(solution, path, shown, None if own is None else stroke_index(tables, own))
+
+
+def _check_some(policies: Sequence[str]) -> None:
+    if not policies:
+        raise ExactError("no policy given; name one or more, for example: bc attacking minimax")
+
+
+def _progress(things: Any, what: str) -> Any:
+    return track(things, what, console=Console(stderr=True), transient=True)
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=160)
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    commands: dict[str, cli.Command] = {
+        "solve": solve,
+        "evaluate": evaluate,
+        "best-response": best_response,
+        "crossplay": crossplay,
+    }
+    description = "The game solved exactly, and policies measured against the solution; every result states its error bound."
+    return cli.run(commands, prog="python -m shuttle_marl.exact", description=description, argv=argv)

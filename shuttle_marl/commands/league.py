@@ -1,0 +1,30 @@
+"""``python -m shuttle_marl.league``: a round robin between policies."""
+
+from collections.abc import Sequence
+
+import tyro
+from rich.console import Console
+
+from shuttle_marl.commands import cli
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.report import console_table
+from shuttle_marl.league.run import run_league
+
+
+def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
+    """Play a round robin and print the ranked table."""
+    run = run_league(config, Console(stderr=True))
+    out = Console(highlight=False)
+    if not out.is_terminal:
+        out = Console(highlight=False, width=160)
+    out.print(console_table(run.standings))
+    out.print(f"run folder: {run.folder}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    description = (
+        "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
+        "Writes a run folder with results, ratings, a report and every rally played."
+    )
+    return cli.run(play, prog="python -m shuttle_marl.league", description=description, argv=argv)

@@ -1,0 +1,143 @@
+"""``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import tyro
+
+from shuttle_marl.commands import cli
+from shuttle_marl.commands.rally_text import describe, score_line
+from shuttle_marl.commands.scene import scene
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.recording.check import check as check_log
+from shuttle_marl.recording.export import export as export_log
+from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.recover import recover as recover_log
+from shuttle_marl.recording.recover import recover_folder, unfinished_files
+from shuttle_marl.recording.schema import RecordingError
+
+File = Annotated[Path, tyro.conf.Positional]
+Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+
+
+def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Say what a log holds.
+
+    Args:
+        path: a rally log, or a folder of them.
+        json_output: print JSON.
+    """
+    with RallyLog(path) as log:
+        headers = [file.header for file in log.files]
+        facts: dict[str, object] = {
+            "path": str(path),
+            "files": len(log.files),
+            "unfinished": [file.name for file in unfinished_files(path)],
+            "rallies": log.n_rallies,
+            "strokes": log.n_strokes,
+            "batches": len(log.rallies),
+            "bytes": log.size,
+            "bytes_per_stroke": round(log.size / max(1, log.n_strokes), 3),
+            "policies": [player.name for player in log.policies],
+            "pairings": len(log.pairings),
+            "seeds": list(dict.fromkeys(header.seed for header in headers)),
+            "game": headers[0].game,
+            "draws": list(dict.fromkeys(header.draws for header in headers)),
+            "record": list(dict.fromkeys(header.record for header in headers)),
+            "columns": list(headers[0].columns),
+            "software": list(dict.fromkeys(header.software for header in headers)),
+        }
+    if json_output:
+        _say(json.dumps(facts))
+        return
+    for name, fact in facts.items():
+        _say(f"{name.replace('_', ' '):18}{', '.join(map(str, fact)) or 'none' if isinstance(fact, list) else fact}")
+
+
+def check(path: Log, *, game: str = "default", replay: bool = True) -> None:
+    """Check checksums, numbers, scores, and by playing it again every stroke of a log; exit status 1 if anything is wrong.
+
+    Args:
+        path: a rally log, or a folder of them.
+        game: model on whose game it was played: a shipped one or a folder.
+        replay: play the strokes again; needs that game.
+    """
+    result = check_log(path, load_game(game) if replay else None)
+    if result.problems:
+        raise RecordingError(f"{path}: {'; '.join(result.problems)}")
+    how = "played again, every outcome the same" if result.replayed else "not played again"
+    _say(f"{path}: whole; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+
+
+def recover(path: Log, *, out: Path | None = None) -> None:
+    """Write a whole log of everything that can be read from one that was cut off or damaged.
+
+    Args:
+        path: the log, usually FILE.part, or a folder: then every unfinished log in it.
+        out: the new log; default FILE for FILE.part, else NAME.recovered.mcap.
+    """
+    if path.is_dir() and out is not None:
+        raise RecordingError(f"--out {out}: names one log; recover the files of {path} one by one")
+    for found in recover_folder(path) if path.is_dir() else [recover_log(path, out)]:
+        lost = f", {found.lost:,} rallies in between are lost" if found.lost else ""
+        _say(f"{found.path}: {found.rallies:,} rallies, {found.strokes:,} strokes saved{lost}")
+
+
+def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "rallies", game: str | None = None) -> None:
+    """Write a log as a table.
+
+    Args:
+        path: a rally log, or a folder of them.
+        out: the table; the suffix .parquet, .csv or .arrow says what it becomes.
+        rows: one row a rally or one row a stroke.
+        game: model on whose game it was played; adds the state and the chances of every stroke (with --rows strokes).
+    """
+    if game is not None and rows != "strokes":
+        raise RecordingError(f"--game {game}: adds columns to strokes; ask for them with --rows strokes")
+    _say(f"{out}: {export_log(path, out, rows, None if game is None else load_game(game)):,} rows")
+
+
+def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
+    """Print a rally as text, or a match with all its rallies.
+
+    Args:
+        path: a rally log, or a folder of them.
+        rally: number of the rally in the log.
+        pairing: number of the pairing whose match is shown.
+        match: number of the match in its pairing.
+    """
+    if (rally is None) == (match is None):
+        raise RecordingError("say what to show: either --rally NUMBER or --match NUMBER")
+    with RallyLog(path) as log:
+        if rally is not None:
+            _say(describe(log, rally))
+            return
+        numbers = log.numbers_of_match(pairing, match or 0)
+        if not len(numbers):
+            raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
+        for number in numbers:
+            _say(describe(log, int(number)))
+        _say(f"games: {score_line(log, numbers)}")
+
+
+COMMANDS: Final[dict[str, cli.Command]] = {
+    "info": info,
+    "check": check,
+    "recover": recover,
+    "export": export,
+    "show": show,
+    "scene": scene,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    description = "Read, check and mend rally logs, and show their rallies in 3D."
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
