@@ -1,16 +1,18 @@
-"""Files that are whole or not there: written beside, then moved into place."""
+"""Files that are whole or not there: written beside, then moved into place; and files that are safe to open."""
 
 import contextlib
 import errno
 import os
-import tempfile
+import secrets
+import stat
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from shuttle_marl.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Errors of the system that say that something does not fit."""
+_BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 
 
 class FileWriteError(ShuttleError):
@@ -18,23 +20,42 @@ class FileWriteError(ShuttleError):
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write ``content`` to ``path`` atomically, creating its folder.
+    """Write ``content`` to ``path`` atomically, creating its folder. The umask decides who may read it.
 
     Raises:
-        FileWriteError: no space, no permission, or the like; an older file at ``path`` is left as it was.
+        FileWriteError: no space, no permission, an impossible name, or the like; an older file at ``path`` is left as it was.
     """
-    temporary: str | None = None
+    temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        # Not the whole name: with it, the longest names that a file system takes would become too long.
+        temporary = path.with_name(f".{path.name[:32]}.{secrets.token_hex(6)}.part")
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
         os.replace(temporary, path)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a name that cannot be encoded, or one with a null character
         if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-        raise FileWriteError(f"{path}: cannot be written ({error.strerror}); nothing there was changed") from error
+            with contextlib.suppress(OSError, ValueError):
+                temporary.unlink()
+        raise FileWriteError(f"{path}: cannot be written ({problem(error)}); nothing there was changed") from error
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a regular file to read its bytes; never waits for a writer at the other end of a FIFO.
+
+    Raises:
+        OSError: it cannot be opened, or is a folder, a FIFO, a socket or a device.
+    """
+    handle = os.open(path, os.O_RDONLY | _BINARY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "no regular file", str(path))
+    return os.fdopen(handle, "rb")
+
+
+def problem(error: OSError | ValueError) -> str:
+    """Why a file cannot be used, without its name: the words of the operating system."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import NO_ROOM
+from shuttle_marl.text import printable
 
 Command = Callable[..., Any]
 
@@ -48,7 +49,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         sys.stdout.flush()
     except ShuttleError as error:
         console.print(f"[bold red]error:[/] {prog}: ", end="")
-        console.print(str(error), markup=False)
+        console.print(printable(str(error), keep="\n"), markup=False)
         return 1
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]
@@ -66,7 +67,9 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
             raise
         _drop_output()
         console.print(f"[bold red]error:[/] {prog}: ", end="")
-        console.print(f"{error.filename or 'the output'} cannot be written ({error.strerror}); make room", markup=False)
+        console.print(
+            f"{printable(str(error.filename or 'the output'))} cannot be written ({error.strerror}); make room", markup=False
+        )
         return 1
     except KeyboardInterrupt:
         console.print("interrupted; what was written is whole")

@@ -1,0 +1,140 @@
+"""Tables as Parquet files that notice when a bit of them was changed, and as CSV that spreadsheets do not execute.
+
+The pages of a Parquet file carry checksums if one asks for them; its footer and the heads of the pages never do. So a *seal*
+stands between the last page and the footer, where readers of Parquet do not look: a mark and the SHA-256 of everything else
+in the file. Any reader reads a sealed file; :func:`open_parquet` verifies it as well.
+"""
+
+import hashlib
+import io
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from shuttle_marl.files import open_file, replace_file
+
+PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
+"""Options of every Parquet file that is written here."""
+_MARK: Final = b"shuttle_marl.sha256="
+_SEAL: Final = len(_MARK) + 32
+_END: Final = 8
+"""Length of the footer (4 bytes) and the magic ``PAR1`` [bytes]."""
+_BLOCK: Final = 1 << 20
+_FORMULA: Final = r"\A([=+\-@\t\r])"
+
+
+def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
+    """A table as a sealed Parquet file. The same arguments give the same bytes.
+
+    Args:
+        table: the table.
+        **options: of ``pyarrow.parquet.write_table``, besides :data:`PARQUET`.
+    """
+    buffer = pa.BufferOutputStream()
+    pq.write_table(table, buffer, **{**PARQUET, **options})
+    file = io.BytesIO(buffer.getvalue().to_pybytes())
+    seal_parquet(file)
+    return file.getvalue()
+
+
+def write_parquet(path: Path, table: pa.Table, **options: Any) -> None:
+    """Write a table as a sealed Parquet file, whole or not at all.
+
+    Raises:
+        FileWriteError: the file cannot be written.
+    """
+    replace_file(path, parquet_bytes(table, **options))
+
+
+def seal_parquet(file: BinaryIO) -> None:
+    """Seal a finished Parquet file.
+
+    Args:
+        file: open for reading and writing, with no seal yet.
+    """
+    start, size = _footer(file)
+    file.seek(start)
+    footer = file.read()
+    digest = _digest(file, (0, start), (start, size))
+    file.seek(start)
+    file.write(_MARK + digest + footer)
+
+
+def open_parquet(path: Path) -> pq.ParquetFile:
+    """Open a Parquet file whose bytes are what was written: its seal, if it has one, fits. Reading verifies its pages.
+
+    Raises:
+        OSError: the file cannot be opened, is no regular file, or (when it is read) a page is damaged.
+        pa.ArrowException: it is no Parquet file, or a damaged one.
+    """
+    with open_file(path) as file:
+        start, size = _footer(file)
+        file.seek(max(0, start - _SEAL))
+        seal = file.read(min(start, _SEAL))
+        if seal.startswith(_MARK) and seal[len(_MARK) :] != _digest(file, (0, start - _SEAL), (start, size)):
+            raise pa.ArrowInvalid("it was changed after it was written: its checksum does not fit")
+    return pq.ParquetFile(path, page_checksum_verification=True)
+
+
+def read_parquet(path: Path) -> pa.Table:
+    """The table of a Parquet file, verified as :func:`open_parquet` does.
+
+    Raises:
+        OSError: the file cannot be opened, is no regular file, or a page is damaged.
+        pa.ArrowException: it is no Parquet file, or a damaged one.
+    """
+    with open_parquet(path) as file:
+        return file.read()
+
+
+def csv_bytes(table: pa.Table) -> bytes:
+    """A table as CSV, see :func:`without_formulas`."""
+    buffer = pa.BufferOutputStream()
+    pyarrow.csv.write_csv(without_formulas(table), buffer)
+    content: bytes = buffer.getvalue().to_pybytes()
+    return content
+
+
+def without_formulas(table: pa.Table) -> pa.Table:
+    """The table, with dictionaries as text and an apostrophe before texts that a spreadsheet would take for a formula.
+
+    These begin with ``=``, ``+``, ``-``, ``@``, a tabulator or a carriage return.
+    """
+    for at, field in enumerate(table.schema):
+        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        if pa.types.is_string(kind):
+            plain = pa.compute.replace_substring_regex(table.column(at).cast(pa.string()), _FORMULA, r"'\1")
+            table = table.set_column(at, pa.field(field.name, pa.string(), field.nullable), plain)
+    return table
+
+
+def _footer(file: BinaryIO) -> tuple[int, int]:
+    """Where the footer of a Parquet file begins, and the size of the file [bytes].
+
+    Raises:
+        pa.ArrowInvalid: it is no Parquet file.
+    """
+    size = file.seek(0, io.SEEK_END)
+    if size >= _END + 4:
+        file.seek(size - _END)
+        end = file.read(_END)
+        start = size - _END - int.from_bytes(end[:4], "little")
+        if end.endswith(b"PAR1") and start >= 4:
+            return start, size
+    raise pa.ArrowInvalid("it is no Parquet file, or its end is missing")
+
+
+def _digest(file: BinaryIO, *ranges: tuple[int, int]) -> bytes:
+    """SHA-256 of some ranges of bytes of a file."""
+    digest = hashlib.sha256()
+    for begin, end in ranges:
+        file.seek(begin)
+        remaining = end - begin
+        while remaining and (block := file.read(min(_BLOCK, remaining))):
+            digest.update(block)
+            remaining -= len(block)
+    return digest.digest()

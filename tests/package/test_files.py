@@ -1,0 +1,109 @@
+"""Files that are whole or not there, tables that notice a changed bit, and text that is safe to print."""
+
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from shuttle_marl.files import FileWriteError, open_file, replace_file
+from shuttle_marl.table_files import csv_bytes, open_parquet, parquet_bytes, read_parquet, write_parquet
+from shuttle_marl.text import printable
+
+FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
+
+
+def a_table() -> pa.Table:
+    rng = np.random.default_rng(0)
+    names = pa.array(["smash", "clear", "drop"]).take(pa.array(rng.integers(0, 3, 500)))
+    table = pa.table({"number": rng.integers(0, 99, 500), "share": rng.random(500), "name": names.dictionary_encode()})
+    return table.replace_schema_metadata({"about": "x" * 200})
+
+
+def test_a_file_gets_the_permissions_that_the_umask_leaves(tmp_path: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        replace_file(tmp_path / "private", b"x")
+        os.umask(0o002)
+        replace_file(tmp_path / "shared", b"x")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "private").stat().st_mode) == 0o600
+    assert stat.S_IMODE((tmp_path / "shared").stat().st_mode) == 0o664
+
+
+def test_the_longest_possible_name_is_written(tmp_path: Path) -> None:
+    replace_file(tmp_path / ("x" * 255), b"x")
+    assert [path.name for path in tmp_path.iterdir()] == ["x" * 255]
+
+
+@pytest.mark.parametrize("name", ["x" * 256, "a\0b", "\ud800"])
+def test_an_impossible_name_is_an_error_that_says_so(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileWriteError, match="cannot be written"):
+        replace_file(tmp_path / name, b"x")
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_regular_files_are_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    for path in (tmp_path, tmp_path / "fifo", Path("/dev/null")):
+        with pytest.raises(OSError, match="no regular file"):
+            open_file(path)
+    (tmp_path / "file").write_bytes(b"content")
+    with open_file(tmp_path / "file") as file:
+        assert file.read() == b"content"
+
+
+def test_a_sealed_table_is_read_by_every_reader(tmp_path: Path) -> None:
+    path, table = tmp_path / "t.parquet", a_table()
+    write_parquet(path, table)
+    assert path.read_bytes() == parquet_bytes(table)
+    assert read_parquet(path).equals(table, check_metadata=True)
+    assert pq.read_table(path, page_checksum_verification=True).equals(table)
+    # Tables of others have no seal.
+    pq.write_table(table, path)
+    assert read_parquet(path).equals(table)
+
+
+def test_a_flipped_bit_in_a_table_is_found_or_changes_nothing(tmp_path: Path) -> None:
+    path, table = tmp_path / "t.parquet", a_table()
+    content = parquet_bytes(table)
+    rng, found = np.random.default_rng(0), 0
+    for at in rng.integers(0, 8 * len(content), FLIPS):
+        changed = bytearray(content)
+        changed[at >> 3] ^= 1 << (at & 7)
+        path.write_bytes(changed)
+        try:
+            assert read_parquet(path).equals(table, check_metadata=True), f"bit {at}"
+        except (OSError, pa.ArrowException):
+            found += 1
+    assert found > 0.95 * FLIPS
+
+
+def test_a_table_that_is_none_is_refused_quickly(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(OSError, match="no regular file"):
+        open_parquet(tmp_path / "fifo")
+    for content in (b"", b"PAR1", b"PAR1PAR1", b"PAR1\xff\xff\xff\xffPAR1", b"x" * 100):
+        (tmp_path / "bad").write_bytes(content)
+        with pytest.raises(pa.ArrowException):
+            open_parquet(tmp_path / "bad")
+
+
+def test_text_in_csv_is_no_formula() -> None:
+    names = ["=1+1", "+1", "-1", "@x", "\t=1", "plain", "a=b", None]
+    table = pa.table({"name": pa.array(names).dictionary_encode(), "number": list(range(-4, 4))})
+    lines = csv_bytes(table).decode().splitlines()
+    assert lines[1:5] == ['"\'=1+1",-4', '"\'+1",-3', '"\'-1",-2', '"\'@x",-1']
+    assert "'\t=1" in lines[5]
+    assert lines[6:] == ['"plain",1', '"a=b",2', ",3"]
+
+
+def test_text_for_the_terminal_has_no_control_characters() -> None:
+    assert printable("ünïcode | name") == "ünïcode | name"
+    assert printable("\x1b[31mred\x07\n") == "\\x1b[31mred\\x07\\n"
+    assert printable("a\nb\x1b", keep="\n") == "a\nb\\x1b"
+    assert printable("\u202eevil\udcff") == "\\u202eevil\\udcff"
