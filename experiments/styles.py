@@ -199,8 +199,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
         config = dataclasses.replace(config, seeds=2)
     console = Console(stderr=True, highlight=False)
     fixed = {"seeds": config.seeds, "quick": config.quick}
-    folder = runs.open_folder(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite)
-    with runs.locked(folder):
+    with runs.open_run(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
         train_all(list(itertools.chain(*training.values())), config.jobs, console)
         objectives = {

@@ -243,8 +243,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     """
     config = config.sized()
     console = Console(stderr=True, highlight=False)
-    folder = runs.open_folder(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite)
-    with runs.locked(folder):
+    with runs.open_run(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         train_all(list(config.training(folder).values()), config.jobs, console)
         result = save_results(folder, measure(config, folder, console), json)
     _print(result, config)

@@ -1,9 +1,10 @@
-"""Run folders: made, found again, held by one process, and described so that anybody can make the same run again."""
+"""Run folders: made, found again, held by one process, and described so that anyone can make the same run again."""
 
 import contextlib
 import importlib.metadata
 import json
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -17,75 +18,146 @@ from shuttle_marl.files import replace_file
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
+LOCK: Final = ".lock"
+"""A file that is locked while a process runs in the folder. It is never replaced or removed, so all lock the same one."""
 
 
 class RunError(ShuttleError):
     """A run folder that cannot be used."""
 
 
-def open_folder(
+@contextlib.contextmanager
+def open_run(
     out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
-) -> Path:
-    """The folder to run in: made for a new run, found for a resumed one.
+) -> Iterator[Path]:
+    """Hold the folder to run in: made for a new run, found for a resumed one.
+
+    No other process can open the folder from before anything in it is changed until the context ends.
 
     Args:
         out: the folder that was asked for; None: ``runs/NAME``, for a new run with a number behind it if that exists.
         name: of the run.
         fixed: what decides the results, written to ``config.json``; a resumed run must agree.
-        resume: go on with the unfinished run in ``out``, or else with the latest one of that name.
-        overwrite: replace the run that stands in ``out``.
+        resume: continue the unfinished run in ``out``, or else the latest one of that name.
+        overwrite: replace the run in ``out``.
         called: the run in words, for errors; default ``named NAME``.
 
     Raises:
-        RunError: a run stands in the folder and was not to be resumed or replaced; or the run to resume is not there or was
-            started with other flags.
+        RunError: a run is in the folder and was not to be resumed or replaced; or the run to resume is not there or was
+            started with other flags; or another process runs there; or the folder cannot be made or written.
     """
+    _check_name(out)
     default = Path("runs") / name
-    if resume:
-        return _resumed(out, default, fixed, called or f"named {name}")
-    folder = _new(out, default, overwrite=overwrite)
+    with contextlib.ExitStack() as stack:
+        if resume:
+            folder = _to_resume(out, default, called or f"named {name}")
+            stack.enter_context(locked(folder))
+            _check_agrees(folder, fixed)
+        else:
+            folder = stack.enter_context(_new(default) if out is None else _empty(out, overwrite=overwrite))
+            write_json(folder / CONFIG, fixed)
+        yield folder
+
+
+def _check_name(out: Path | None) -> None:
+    """Refuse a folder that the system cannot name, or that cannot be written about in a file."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"{folder}: the run folder cannot be made ({error.strerror}); name another with --out") from error
-    write_json(folder / CONFIG, fixed)
-    return folder
+        if out is not None:
+            str(out).encode()
+            out.stat()
+    except UnicodeEncodeError as error:
+        raise RunError(f"--out {ascii(str(out))}: expected a name in UTF-8") from error
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise RunError(f"--out {out}: cannot be used ({reason}); name another folder") from error
 
 
-def _new(out: Path | None, default: Path, *, overwrite: bool) -> Path:
-    if out is None:
-        folder, number = default, 1
-        while folder.exists():
+@contextlib.contextmanager
+def _new(default: Path) -> Iterator[Path]:
+    """Make and hold the first folder of a name that is not there."""
+    folder, number = default, 1
+    with contextlib.ExitStack() as stack:
+        while True:
+            if _make(folder, exist_ok=False):
+                # Another process may have been told to run in the folder as soon as it was there.
+                with contextlib.suppress(RunError):
+                    stack.enter_context(locked(folder))
+                    if not _entries(folder):
+                        break
             number += 1
             folder = default.with_name(f"{default.name}-{number}")
-        return folder
-    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
-        return out
+        yield folder
+
+
+@contextlib.contextmanager
+def _empty(out: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Hold a folder that was named, without anything in it."""
+    _check_free(out, overwrite=overwrite)  # before anything is written
+    _make(out, exist_ok=True)
+    with locked(out):
+        _check_free(out, overwrite=overwrite)  # by a process that was faster
+        # The configuration goes last: without it the rest could not be replaced after a kill.
+        for path in sorted(_entries(out), key=lambda path: path.name == CONFIG):
+            try:
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+            except OSError as error:
+                raise RunError(
+                    f"{out}: the run there cannot be removed ({path.name}: {error.strerror}); name another with --out"
+                ) from error
+        yield out
+
+
+def _make(folder: Path, *, exist_ok: bool) -> bool:
+    """Make a folder; returns False if it is there already and must not be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+    except OSError as error:
+        if isinstance(error, FileExistsError) and not exist_ok:
+            return False
+        raise RunError(f"{folder}: the run folder cannot be made ({error.strerror}); name another with --out") from error
+    return True
+
+
+def _check_free(out: Path, *, overwrite: bool) -> None:
+    if not out.exists() or (out.is_dir() and not _entries(out)):
+        return
     if not (out / CONFIG).is_file():
         raise RunError(f"{out}: holds something that is no run; name another folder with --out")
     if not overwrite:
         state = "a finished run" if is_finished(out) else "an unfinished run"
-        raise RunError(f"{out}: holds {state}; --resume goes on with it, --overwrite replaces it, --out names another")
-    with locked(out):
-        shutil.rmtree(out)
-    return out
+        raise RunError(f"{out}: holds {state}; --resume continues it, --overwrite replaces it, --out names another")
 
 
-def _resumed(out: Path | None, default: Path, fixed: dict[str, Any], called: str) -> Path:
+def _entries(folder: Path) -> list[Path]:
+    """Everything in a folder but the lock."""
+    try:
+        return [path for path in folder.iterdir() if path.name != LOCK]
+    except OSError as error:
+        raise RunError(f"{folder}: cannot be read ({error.strerror}); name another folder with --out") from error
+
+
+def _to_resume(out: Path | None, default: Path, called: str) -> Path:
+    """The folder that was named, or the latest unfinished run of a name."""
     if out is not None:
         folders = [out]
     else:
-        newest = sorted(default.parent.glob(f"{default.name}*/{CONFIG}"), key=lambda p: p.stat().st_mtime)
+        numbered = re.compile(rf"{re.escape(default.name)}(-\d+)?")
+        found = [path for path in default.parent.glob(f"*/{CONFIG}") if numbered.fullmatch(path.parent.name)]
+        newest = sorted(found, key=lambda path: path.stat().st_mtime)
         folders = [path.parent for path in newest if not is_finished(path.parent)]
     if not folders or not (folders[-1] / CONFIG).is_file():
         where = f"in {out}" if out else f"{called} in {default.parent}"
         raise RunError(f"there is no run to resume {where}; leave --resume out to start one")
-    folder = folders[-1]
+    return folders[-1]
+
+
+def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
     before = read_json(folder / CONFIG)
     different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
     if different:
         raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
-    return folder
 
 
 def is_finished(folder: Path) -> bool:
@@ -97,26 +169,24 @@ def is_finished(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a run folder, so that no second process runs in it.
+    """Hold a folder, so that no second process runs in it; the lock ends with the process, however that ends.
 
     Raises:
-        RunError: another process holds it.
+        RunError: another process holds it, or it cannot be written.
     """
+    from filelock import FileLock, Timeout  # noqa: PLC0415  asyncio; not for a help page
+
+    lock = FileLock(folder / LOCK, timeout=0)
     try:
-        import fcntl  # noqa: PLC0415  not on Windows
-    except ImportError:
-        yield
-        return
-    try:
-        file = (folder / CONFIG).open("rb+")
+        lock.acquire()
+    except Timeout as error:
+        raise RunError(f"{folder}: another process runs there; wait for it or name another with --out") from error
     except OSError as error:
         raise RunError(f"{folder}: cannot be written ({error.strerror}); name another folder with --out") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with the process, however it ends
-        except OSError as error:
-            raise RunError(f"{folder}: another process plays there; wait for it or name another with --out") from error
+    try:
         yield
+    finally:
+        lock.release()
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -132,12 +202,15 @@ def read_json(path: Path) -> dict[str, Any]:
         problem = "no object"
     except (OSError, ValueError) as error:
         problem = str(error)
-    raise RunError(f"{path}: cannot be read ({problem}); start the run anew with --overwrite")
+    except RecursionError:
+        problem = "nested too deeply"
+    raise RunError(f"{path}: cannot be read ({problem}); start the run again with --overwrite")
 
 
 def write_json(path: Path, fields: dict[str, Any]) -> None:
     """Write a JSON object, whole or not at all."""
-    replace_file(path, (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode())
+    # A command's arguments may hold bytes that are no text; escaped, they are JSON still.
+    replace_file(path, (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:
@@ -156,7 +229,7 @@ def _git() -> dict[str, Any] | None:
     """Commit of the checkout that this package is part of, and whether files of it were changed; None outside of one."""
     here = Path(shuttle_marl.__file__).parent
     try:
-        # An installed package may lie inside somebody's checkout without being a part of it.
+        # An installed package may lie inside another project's checkout without being a part of it.
         _run_git(here, "ls-files", "--error-unmatch", "__init__.py")
         commit = _run_git(here, "rev-parse", "HEAD")
         return {"commit": commit, "changed": bool(_run_git(here, "status", "--porcelain", "--untracked-files=no", "."))}

@@ -1,5 +1,6 @@
 """The folder of a run: what decides it, what was found, and the pairings that are finished, one line each."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -15,14 +16,14 @@ PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"
 
 
-def open_folder(config: LeagueConfig) -> Path:
-    """The folder to play in: made for a new run, found for a resumed one.
+def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
+    """Hold the folder to play in: made for a new run, found for a resumed one.
 
     Raises:
         RunError: a run stands in the folder and was not to be resumed or replaced; or the run to resume is not there or
             was played with other flags.
     """
-    return runs.open_folder(
+    return runs.open_run(
         config.out,
         f"league-{config.seed}",
         config.fixed(),

@@ -78,8 +78,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
 
 
 def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> LeagueRun:
-    folder = run_folder.open_folder(config)
-    with runs.locked(folder):
+    with run_folder.open_run(config) as folder:
         about = manifest(config, game, entrants)
         _check_same(folder, about)
         pairings = round_robin(config.pool)

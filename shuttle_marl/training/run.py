@@ -77,14 +77,8 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     game = load_game(config.game)
     names = () if config.self_play else config.opponent
     opponents = [tabulate(resolve(name, game), game, name) for name in names]
-    folder = runs.open_folder(
-        config.out,
-        f"{config.algorithm}-{config.seed}",
-        config.fixed(),
-        resume=config.resume,
-        overwrite=config.overwrite,
-    )
-    with runs.locked(folder):
+    name = f"{config.algorithm}-{config.seed}"
+    with runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         return _Run(config, game, opponents, folder, console).go()
 
 

@@ -248,7 +248,7 @@ def test_a_finished_run_is_never_overwritten_silently(tmp_path: Path, monkeypatc
     second = run_league(LeagueConfig(**config))
     assert [first.folder, second.folder] == [Path("runs/league-0"), Path("runs/league-0-2")]
     before = files(first.folder)
-    with pytest.raises(LeagueError, match="holds a finished run; --resume goes on with it, --overwrite replaces it"):
+    with pytest.raises(LeagueError, match="holds a finished run; --resume continues it, --overwrite replaces it"):
         run_league(LeagueConfig(**config, out=first.folder))
     again = run_league(LeagueConfig(**config, out=first.folder, resume=True))
     assert (again.standings, again.results) == (first.standings, first.results)
@@ -296,7 +296,7 @@ def test_two_processes_do_not_share_a_folder(tmp_path: Path) -> None:
     run_league(LeagueConfig(**config))
     with locked(tmp_path / "run"):
         for flags in ({"resume": True}, {"overwrite": True}):
-            with pytest.raises(LeagueError, match="another process plays there"):
+            with pytest.raises(LeagueError, match="another process runs there"):
                 run_league(LeagueConfig(**config, **flags))
 
 
