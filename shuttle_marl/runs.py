@@ -66,7 +66,7 @@ def _check_name(out: Path | None) -> None:
             str(out).encode()
             out.stat()
     except UnicodeEncodeError as error:
-        raise RunError(f"--out {ascii(str(out))}: expected a name in UTF-8") from error
+        raise RunError(f"--out {str(out)!a}: expected a name in UTF-8") from error
     except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:
