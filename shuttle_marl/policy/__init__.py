@@ -1,1 +1,40 @@
-"""Policies: the contract, tables, and the players that come with the package."""
+"""Policies by name, the players that come with the package, and how good a policy is.
+
+Names are imported when first used, because what measures policies needs numba.
+"""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+if TYPE_CHECKING:
+    from shuttle_marl.policy.modules import FunctionPolicy
+    from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
+    from shuttle_marl.policy.sampled import SampledOdds, sample
+    from shuttle_marl.policy.scorecard import Scorecard, Scorer
+    from shuttle_marl.policy.scripted import ScriptedPolicy
+
+__all__ = [
+    "Family",
+    "FunctionPolicy",
+    "SampledOdds",
+    "Scorecard",
+    "Scorer",
+    "ScriptedPolicy",
+    "names",
+    "register",
+    "resolve",
+    "resolve_recorded",
+    "sample",
+]
+
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "modules": ("FunctionPolicy",),
+        "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
+        "sampled": ("SampledOdds", "sample"),
+        "scorecard": ("Scorecard", "Scorer"),
+        "scripted": ("ScriptedPolicy",),
+    },
+)

@@ -94,10 +94,10 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     """
     name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)
-    if argument == "" or model is None or not (shipped_folder(name, model) / CARD).is_file():
-        known = "" if model is None else ", ".join(installed(key, model))
+    known = [] if model is None else installed(key, model)
+    if model is None or name not in known:
         raise PolicyError(
-            f"no policy {name!r}: the trained agents of this game are {known or 'none of that algorithm'}; "
+            f"no policy {name!r}: the trained agents of this game are {', '.join(known) or 'none of that algorithm'}; "
             "train one and name it agent:FOLDER"
         )
     return load_agent(shipped_folder(name, model), game)

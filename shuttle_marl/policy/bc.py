@@ -21,11 +21,11 @@ from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Clones:
+class BehaviourClones:
     """The behaviour-cloned players of one game.
 
     Attributes:
-        log_choice: ``[P]`` log chance of each legal pair for the average player, before dividing by the legal total.
+        log_choice: ``[P]`` log-probability of each legal pair for the average player, before dividing by the legal total.
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
@@ -36,8 +36,8 @@ class Clones:
     style: npt.NDArray[np.float64]
     area: npt.NDArray[np.float64]
 
-    def pair_chances(self, game: Game, player: str | None) -> npt.NDArray[np.float64]:
-        """``[P]`` chance of each legal pair in its state."""
+    def pair_probabilities(self, game: Game, player: str | None) -> npt.NDArray[np.float64]:
+        """``[P]`` probability of each legal pair in its state."""
         logit = self.log_choice.astype(np.float64)
         if player is not None:
             m = self.players.index(player)
@@ -46,12 +46,12 @@ class Clones:
             # 13 stands for "no stroke yet", as in the models.
             incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.edge_incoming[game.pair_state >> 1]]
             logit = logit + self.style[m, incoming, game.pair_state & 1, shot, technique] + self.area[m, shot, technique, area]
-        chance = np.exp(logit)
-        return np.asarray(chance / np.bincount(game.pair_state, chance, game.n_states)[game.pair_state])
+        probability = np.exp(logit)
+        return np.asarray(probability / np.bincount(game.pair_state, probability, game.n_states)[game.pair_state])
 
 
 @functools.cache
-def clones(folder: Path) -> Clones:
+def clones(folder: Path) -> BehaviourClones:
     """Read the players of a model folder.
 
     Raises:
@@ -61,7 +61,7 @@ def clones(folder: Path) -> Clones:
     try:
         with safe_open(path, framework="numpy") as file:
             header = file.metadata() or {}
-            return Clones(
+            return BehaviourClones(
                 log_choice=file.get_tensor("log_choice"),
                 players=tuple(json.loads(header["players"])),
                 style=file.get_tensor("style"),
@@ -77,7 +77,7 @@ def installed() -> bool:
 
 
 def players() -> list[str]:
-    """Identifiers of the players of the shipped model who have a model of their own, most strokes first."""
+    """Identifiers of the players of the shipped model that have a model of their own, most strokes first."""
     return list(clones(model_folder()).players)
 
 
@@ -93,4 +93,4 @@ def load(player: str | None, game: Game) -> TabulatedPolicy:
     known = clones(folder)
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
-    return from_pair_probabilities(game, known.pair_chances(game, player))
+    return from_pair_probabilities(game, known.pair_probabilities(game, player))

@@ -1,4 +1,4 @@
-"""Every player by name: one registry for shipped policies, families of policies, and a user's own.
+"""Every policy by name: one registry for shipped policies, families of policies, and a user's own.
 
 A name is ``KEY`` or ``KEY:ARGUMENT`` where KEY was registered (``random``, ``bc:viktor-axelsen``), else
 ``module:attribute``. ``@greedy`` or ``@TEMPERATURE`` behind it makes the policy sharper or flatter (``bc@0.5``). A new
@@ -9,37 +9,35 @@ family is one call of :func:`register`, or an entry point of an installed packag
 
 where ``FAMILY`` is a :class:`Family`. Entry points are read when a name is asked for that is not registered, or all names, so
 they slow nothing else; a package's module should import what is heavy inside its functions.
+
+A name that a user typed may run code of theirs (:func:`resolve`). A name that was read from a file, such as the header of a
+rally log, may not (:func:`resolve_recorded`): only families that allow it, and neither modules nor files.
 """
 
 import contextlib
 import dataclasses
 import difflib
 import functools
-import importlib
 import importlib.metadata
-import inspect
-import operator
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from shuttle_marl.game.policy import Policy, PolicyError, States
+from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.game.tempered import TemperedPolicy
 from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.policy import agents, bc
-from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
+from shuttle_marl.policy.modules import ModuleMissingError, from_module
+from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 
 Load = Callable[[str | None, Game], Policy]
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
 """Group of the entry points by which installed packages add families."""
+_DEEPEST: Final = 8
+"""So many names may stand inside each other, as in ``best-response:best-response:bc``; each costs a solved game."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,17 +49,27 @@ class Family:
             argument it does not know.
         names: the full names that can be listed now.
         of_policies: whether what stands behind the colon is the name of another policy, and so keeps its own ``@…``.
+        from_data: whether a name that was read from a file may be resolved; then no argument may make ``load`` run code or
+            open a file of somebody's choice. With ``of_policies`` the name behind the colon is checked too, before ``load``.
     """
 
     load: Load
     names: Callable[[], Iterable[str]]
     of_policies: bool = False
+    from_data: bool = False
 
 
 _FAMILIES: dict[str, Family] = {}
 
 
-def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = None, *, of_policies: bool = False) -> None:
+def register(
+    key: str,
+    load: Load,
+    names: Callable[[], Iterable[str]] | None = None,
+    *,
+    of_policies: bool = False,
+    from_data: bool = False,
+) -> None:
     """Add policies to the registry.
 
     Args:
@@ -70,6 +78,7 @@ def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = N
             argument it does not know. Import what is heavy inside.
         names: the full names that can be listed now; default just ``key``.
         of_policies: whether what stands behind the colon is the name of another policy.
+        from_data: whether a name that was read from a file may be resolved, see :class:`Family`.
 
     Raises:
         PolicyError: the key is taken, or is no plain word.
@@ -78,14 +87,14 @@ def register(key: str, load: Load, names: Callable[[], Iterable[str]] | None = N
         raise PolicyError(f"policy key {key!r}: expected a word without ':', '@' and spaces")
     if key in _FAMILIES:
         raise PolicyError(f"policy key {key!r} is registered already; choose another")
-    _FAMILIES[key] = Family(load=load, names=names or (lambda: (key,)), of_policies=of_policies)
+    _FAMILIES[key] = Family(load=load, names=names or (lambda: (key,)), of_policies=of_policies, from_data=from_data)
 
 
 def names() -> tuple[str, ...]:
     """Names of all policies that can be listed: those of installed packages and those registered since."""
     families = list(_FAMILIES.values())
     for key in _entry_points():
-        # A package that cannot be imported says so when its policies are asked for, and is in nobody else's way.
+        # A package that cannot be imported says so when its policies are asked for, and hides no other.
         with contextlib.suppress(PolicyError):
             families += [family for family in [_plugged_in(key)] if family is not None and key not in _FAMILIES]
     return tuple(name for family in families for name in family.names())
@@ -116,23 +125,72 @@ def _plugged_in(key: str) -> Family | None:
 
 
 def resolve(name: str, game: Game) -> Policy:
-    """Find a policy by name.
+    """Find a policy by a name that the user gave. A name from a file goes to :func:`resolve_recorded`.
 
     Args:
-        name: see the module's first lines; ``attribute`` of ``module:attribute`` is a policy, a class of policies that
-            takes nothing or the game, or a function from :class:`States` to ``[B, n]`` chances. The module may lie in the
-            current folder.
+        name: see the module's first lines; for ``module:attribute`` see :func:`shuttle_marl.policy.modules.from_module`.
         game: the tables that the policy will play on.
 
     Raises:
         PolicyError: there is no such policy (with the closest names), or it cannot be made.
     """
+    _check_depth(name)
+    base, temperature = _split(name)
+    policy = _resolve_plain(base, game)
+    return policy if temperature is None else TemperedPolicy(policy, temperature)
+
+
+def resolve_recorded(name: str, game: Game) -> Policy:
+    """Find a policy by a name that was read from a file: never imports a module and opens no file that the name chooses.
+
+    Of the families of installed packages those are resolved that allow it (``from_data``). Finding that out imports the package,
+    which is code that the user installed; the file can only choose among such packages.
+
+    Args:
+        name: as :func:`resolve` takes it.
+        game: the tables that the policy will play on.
+
+    Raises:
+        PolicyError: the name is a module's, a file's or of a family that does not allow it; or as :func:`resolve` raises it.
+    """
+    _check_depth(name)
+    _check_from_data(name)
+    return resolve(name, game)
+
+
+def _check_depth(name: str) -> None:
+    inner = name
+    for _ in range(_DEEPEST):
+        key, colon, inner = inner.partition(":")
+        family = _family(key) if colon else None
+        if family is None or not family.of_policies:
+            return
+    raise PolicyError(f"policy {name[:60]!r}…: more than {_DEEPEST - 1} names around a policy")
+
+
+def _check_from_data(name: str) -> None:
+    base, _ = _split(name)
+    key, colon, argument = base.partition(":")
+    family = _family(key)
+    if family is None and not colon:
+        return  # no policy has this name, which resolve says
+    if family is None or not family.from_data:
+        raise PolicyError(
+            f"policy {name!r} is not resolved because a file named it: only policies of the package and of families that "
+            "allow it are, no modules and no files"
+        )
+    if family.of_policies and colon:
+        _check_from_data(argument)
+
+
+def _split(name: str) -> tuple[str, float | None]:
+    """The name without its own temperature, and that; None without one."""
     base, at, suffix = name.rpartition("@")
     key, colon, _ = name.partition(":")
     family = _family(key) if at and colon else None
     if not at or (family is not None and family.of_policies):
-        return _resolve_plain(name, game)
-    return TemperedPolicy(_resolve_plain(base, game), _temperature(name, suffix))
+        return name, None
+    return base, _temperature(name, suffix)
 
 
 def _resolve_plain(name: str, game: Game) -> Policy:
@@ -140,7 +198,12 @@ def _resolve_plain(name: str, game: Game) -> Policy:
     if (family := _family(key)) is not None:
         return family.load(argument if colon else None, game)
     if colon and key and argument:
-        return _from_module(name, key, argument, game)
+        try:
+            return from_module(name, game)
+        except ModuleMissingError as error:
+            close = difflib.get_close_matches(name, names(), n=4, cutoff=0.6)
+            hint = f"; did you mean {', '.join(close)}?" if close else ""
+            raise PolicyError(f"{error}{hint}") from error
     close = difflib.get_close_matches(name, names(), n=4, cutoff=0.5)
     hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(names())}."
     raise PolicyError(f"no policy {name!r}; {hint} Your own is given as module:attribute.")
@@ -158,71 +221,6 @@ def _temperature(name: str, suffix: str) -> float:
     return temperature
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class FunctionPolicy:
-    """A plain function from states to chances as a policy; its attribute ``reads_score`` counts."""
-
-    function: Callable[[States], npt.NDArray[np.floating]]
-
-    @property
-    def reads_score(self) -> bool:
-        """Whether the function says that it reads the score."""
-        return bool(getattr(self.function, "reads_score", False))
-
-    def probabilities(self, states: States) -> npt.NDArray[np.floating]:
-        """What the function returns."""
-        return self.function(states)
-
-
-def _from_module(name: str, module_name: str, attribute: str, game: Game) -> Policy:
-    module = _import(name, module_name)
-    try:
-        thing: Any = operator.attrgetter(attribute)(module)
-    except AttributeError as error:
-        close = difflib.get_close_matches(attribute, [a for a in vars(module) if not a.startswith("_")], n=4, cutoff=0.5)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
-    if inspect.isclass(thing):
-        thing = _instance(name, thing, game)
-    if callable(getattr(thing, "probabilities", None)):
-        return thing
-    if callable(thing):
-        return FunctionPolicy(thing)
-    raise PolicyError(
-        f"policy {name!r} is a {type(thing).__name__}; expected an object or class with a method probabilities(states), "
-        "or a function from states to an array [B, n] of chances"
-    )
-
-
-def _import(name: str, module_name: str) -> ModuleType:
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # Behind everything else, so that a file of the user's hides no installed module; it stays, because the policy
-        # may import its neighbours later.
-        sys.path.append(here)
-    try:
-        return importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if (module_name + ".").startswith(f"{error.name}."):
-            close = difflib.get_close_matches(name, names(), n=4, cutoff=0.6)
-            hint = f"; did you mean {', '.join(close)}?" if close else ""
-            raise PolicyError(f"policy {name!r}: no module {module_name!r} in the current folder or installed{hint}") from error
-        raise PolicyError(f"policy {name!r}: its module needs {error.name!r}, which is not installed") from error
-    except Exception as error:
-        raise PolicyError(f"policy {name!r}: importing its module raised {type(error).__name__}: {error}") from error
-
-
-def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
-    try:
-        try:
-            inspect.signature(cls).bind()
-        except TypeError:
-            return cls(game)
-        return cls()
-    except Exception as error:
-        raise PolicyError(f"policy {name!r}: making it raised {type(error).__name__}: {error}") from error
-
-
 def _plain(key: str, make: Callable[[Game], Policy]) -> None:
     """Register a policy that takes no argument."""
 
@@ -231,11 +229,11 @@ def _plain(key: str, make: Callable[[Game], Policy]) -> None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
         return make(game)
 
-    register(key, load)
+    register(key, load, from_data=True)
 
 
-def _scripted(style: Any, game: Game) -> Policy:  # noqa: ARG001  every family is called alike
-    return ScriptedPolicy(style)
+def _scripted(rules: Rules, _: Game) -> Policy:
+    return ScriptedPolicy(rules)
 
 
 def _load_bc(player: str | None, game: Game) -> Policy:
@@ -272,13 +270,13 @@ def _best_response_names() -> tuple[str, ...]:
     return ("best-response:bc",) if bc.installed() else ()
 
 
-register("bc", _load_bc, _bc_names)
-for _key, _style in STYLES.items():
-    _plain(_key, functools.partial(_scripted, _style))
+register("bc", _load_bc, _bc_names, from_data=True)
+for _key, _rules in STYLES.items():
+    _plain(_key, functools.partial(_scripted, _rules))
 _plain("random", lambda _: UniformPolicy())
 _plain("minimax", minimax_policy)
-register("best-response", _load_best_response, _best_response_names, of_policies=True)
+register("best-response", _load_best_response, _best_response_names, of_policies=True, from_data=True)
 for _key in agents.ALGORITHMS:
-    register(_key, functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key))
+    register(_key, functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key), from_data=True)
 register("agent", agents.load_folder, lambda: ())
 register("table", _load_table, lambda: ())

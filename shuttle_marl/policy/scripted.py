@@ -18,6 +18,8 @@ from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.stroke import SHOTS
 
 Points = npt.NDArray[np.float64]
+Rules = Callable[[States], Points]
+"""A batch of states -> ``[B, n]`` points of every stroke; illegal ones are left out afterwards."""
 
 SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
 """Take the serve short: a long one invites the smash."""
@@ -74,10 +76,10 @@ class ScriptedPolicy:
     """Softmax over the points that a set of rules gives to each stroke.
 
     Attributes:
-        points: the rules: a batch of states -> ``[B, n]`` points of every stroke; illegal ones are left out afterwards.
+        points: the rules.
     """
 
-    points: Callable[[States], Points]
+    points: Rules
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
         """``[B, n]`` softmax of the points over the legal strokes."""
@@ -115,9 +117,9 @@ def defensive(states: States) -> Points:
 def safe(states: States) -> Points:
     """Keep the shuttle in play, and the opponent from hitting down.
 
-    Each percentage point less of a chance to fault gives 1 point, each one less of a chance that the opponent returns the
-    shuttle from above the net 0.1, and each one of a chance that it is not returned at all 0.05. The chances are read from
-    the game itself.
+    Each percentage point less of the probability of a fault gives 1 point, each one less of the probability that the opponent
+    returns the shuttle from above the net 0.1, and each one of the probability that it is not returned at all 0.05. The
+    probabilities are read from the game itself.
     """
     game = states.game
     counts = game.legal_count(states.state)
@@ -129,12 +131,12 @@ def safe(states: States) -> Points:
     return points
 
 
-STYLES: Final[Mapping[str, Callable[[States], Points]]] = {"attacking": attacking, "defensive": defensive, "safe": safe}
+STYLES: Final[Mapping[str, Rules]] = {"attacking": attacking, "defensive": defensive, "safe": safe}
 """The rule sets by the name of the policy."""
 
 
 def distance_from_opponent(states: States) -> Points:
-    """``[B, n]`` metres between the opponent and the centre of each stroke's target area; 0 where nobody has moved yet.
+    """``[B, n]`` metres between the opponent and the centre of each stroke's target area; 0 where no one has moved yet.
 
     The opponent is taken to stand at the centre of the area to which the striker's own last stroke went.
     """

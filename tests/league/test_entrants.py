@@ -14,7 +14,8 @@ from shuttle_marl.league.ranking import rank
 from shuttle_marl.league.results import results_table
 from shuttle_marl.league.schedule import matches_of, round_robin
 from shuttle_marl.league.tournament import Tournament
-from shuttle_marl.policy.registry import FunctionPolicy, resolve
+from shuttle_marl.policy.modules import FunctionPolicy
+from shuttle_marl.policy.registry import resolve
 
 GAME = default_game()
 

@@ -5,17 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl import policy
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 
 GAME = default_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::97].astype(np.int32))
 
 MODULE = """
+import pathlib
+
 import numpy as np
+
+pathlib.Path("imported").touch()
 
 class Uniform:
     def probabilities(self, states):
@@ -129,3 +134,84 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
         registry.register("mirror", load)
     with pytest.raises(PolicyError, match="expected a word"):
         registry.register("a:b", load)
+
+
+@pytest.mark.parametrize(
+    "name", ["random", "safe@0.5", "minimax", "bc", "best-response:random@2", "best-response:best-response:safe", "ppo@greedy"]
+)
+def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
+    expected = tabulate(resolve(name, GAME), GAME)
+    assert np.array_equal(tabulate(resolve_recorded(name, GAME), GAME).cumulative, expected.cumulative)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "MODULE:instance",
+        "MODULE:Uniform",
+        "MODULE:function@0.5",
+        "MODULE.inner:x",
+        "best-response:MODULE:instance",
+        "best-response:MODULE:instance@0.5",
+        "best-response:best-response:MODULE:instance",
+        "os:system",
+        "os.path:join",
+        "table:mine.safetensors",
+        "table:/etc/passwd",
+        "agent:runs/ppo-0/agent",
+        "agent:../../x",
+        "best-response:agent:../../x@greedy",
+        "best-response:table:mine.safetensors",
+    ],
+)
+def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tabulate(resolve("safe", GAME), GAME).save(Path("mine.safetensors"))
+    monkeypatch.setattr(registry.agents, "load_folder", pytest.fail)
+    with pytest.raises(PolicyError, match="not resolved because a file named it"):
+        resolve_recorded(name.replace("MODULE", module), GAME)
+    assert not Path("imported").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("bc:../../evil", "no model of the player"),
+        ("ppo:../../evil", "no policy 'ppo:../../evil'"),
+        ("ppo:/tmp", "no policy 'ppo:/tmp'"),
+        ("ppo:", "no policy 'ppo:'"),
+        ("ppo:\0", "no policy"),
+        ("atacking", "did you mean attacking"),
+        ("", "known: .*random"),
+        ("random@hot", "expected @greedy or a temperature"),
+        ("best-response:", "expected the name of a policy"),
+    ],
+)
+def test_names_from_a_file_that_lead_nowhere(name: str, says: str) -> None:
+    with pytest.raises(PolicyError, match=says):
+        resolve_recorded(name, GAME)
+
+
+@pytest.mark.parametrize("find", [resolve, resolve_recorded])
+def test_names_that_are_too_deep(find: object) -> None:
+    with pytest.raises(PolicyError, match="more than 7 names around a policy"):
+        find("best-response:" * 100_000 + "bc", GAME)
+
+
+def test_a_family_says_whether_a_file_may_name_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    uniform = resolve("random", GAME)
+    families = {
+        "open": Family(load=lambda argument, game: uniform, names=lambda: (), from_data=True),
+        "closed": Family(load=lambda argument, game: uniform, names=lambda: ()),
+    }
+    monkeypatch.setattr(registry, "_plugged_in", families.get)
+    assert resolve_recorded("open:x", GAME) is uniform
+    assert resolve("closed:x", GAME) is uniform
+    for name in ("closed", "closed:x", "best-response:closed:x"):
+        with pytest.raises(PolicyError, match="not resolved because a file named it"):
+            resolve_recorded(name, GAME)
+
+
+def test_public_names() -> None:
+    for name in policy.__all__:
+        assert getattr(policy, name) is not None
+    assert policy.resolve is resolve

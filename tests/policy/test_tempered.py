@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.tempered import TemperedPolicy
-from shuttle_marl.policy.registry import FunctionPolicy, resolve
+from shuttle_marl.policy.modules import FunctionPolicy
+from shuttle_marl.policy.registry import resolve
 
 GAME = default_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::211].astype(np.int32))
