@@ -37,17 +37,17 @@ class States:
     @functools.cached_property
     def own(self) -> npt.NDArray[np.int32]:
         """``[B]`` catalogue index of the striker's own last stroke, n for none."""
-        return self.game.edge_own[self.state >> 1]
+        return self.game.own(self.state)
 
     @functools.cached_property
     def incoming(self) -> npt.NDArray[np.int32]:
         """``[B]`` catalogue index of the incoming stroke, n for none: the striker serves."""
-        return self.game.edge_incoming[self.state >> 1]
+        return self.game.incoming(self.state)
 
     @functools.cached_property
     def contact(self) -> npt.NDArray[np.int32]:
         """``[B]`` contact offered: 0 below, 1 above the net."""
-        return self.state & 1
+        return self.game.contact(self.state)
 
     @functools.cached_property
     def mask(self) -> npt.NDArray[np.bool_]:

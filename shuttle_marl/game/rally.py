@@ -18,7 +18,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,11 @@ ROOT: Final = 0
 
 Ints = npt.NDArray[np.int32]
 UInts = npt.NDArray[np.uint16]
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.integer] | int
+A = TypeVar("A", bound=np.generic)
+
+_ALL: Final = slice(None)
 
 
 class GameError(ShuttleError):
@@ -81,28 +86,182 @@ class Game:
         """Number of legal pairs P."""
         return len(self.threshold)
 
+    # Parts of a state.
+
+    def own(self, state: Indices) -> Ints:
+        """The striker's own last stroke in each state, n for none; any shape."""
+        return self.edge_own[np.asarray(state) >> 1]
+
+    def incoming(self, state: Indices) -> Ints:
+        """The incoming stroke of each state, n for none: the striker serves; any shape."""
+        return self.edge_incoming[np.asarray(state) >> 1]
+
+    @staticmethod
+    def contact(state: Indices) -> Ints:
+        """The contact offered in each state, 0 below and 1 above the net; any shape."""
+        return (np.asarray(state) & 1).astype(np.int32)
+
+    def observation(self, state: Indices) -> Ints:
+        """``[..., 3]`` own last stroke, incoming stroke and contact of each state: all that a striker observes of a rally."""
+        return np.stack([self.own(state), self.incoming(state), self.contact(state)], axis=-1)
+
+    def state_of(self, own: Indices, incoming: Indices, contact: Indices) -> Ints:
+        """The state of an observation, -1 where the game has none such: the inverse of :meth:`observation`.
+
+        Args:
+            own, incoming: catalogue indices, n for no stroke yet; anything else is no stroke.
+            contact: 0 or 1. All three broadcast against each other.
+        """
+        n = self.n_strokes
+        own, incoming, contact = np.broadcast_arrays(*(np.asarray(part, dtype=np.int64) for part in (own, incoming, contact)))
+        begun = (own >= 0) & (own <= n) & (incoming >= 0) & (incoming < n)
+        before, struck = np.where(begun, own, 0), np.where(begun, incoming, 0)
+        height = self.catalogue.height[struck]
+        rank = self.reply_rank[before, height, struck]
+        edge = np.where(begun & (rank >= 0), self.reply_start[before, height] + rank, -1)
+        edge = np.where((own == n) & (incoming == n), 0, edge)
+        return np.where((edge >= 0) & ((contact == 0) | (contact == 1)), 2 * edge + contact, -1).astype(np.int32)
+
+    # Legal strokes of states.
+
+    @functools.cached_property
+    def playable(self) -> npt.NDArray[np.bool_]:
+        """``[S]`` whether a state has legal strokes: all have but the serve from above, which never occurs."""
+        return _frozen(np.diff(self.pair_start) > 0)
+
+    def legal_count(self, state: Indices) -> Ints:
+        """Number of legal strokes in each state; any shape."""
+        state = np.asarray(state)
+        return self.pair_start[state + 1] - self.pair_start[state]
+
+    def legal_strokes(self, state: int) -> Ints:
+        """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
+        return self.pair_stroke[self.pairs_of(state)]
+
+    def mask(self, state: Indices) -> npt.NDArray[np.bool_]:
+        """``[..., n]`` which strokes are legal in each state."""
+        return self.reply_mask[self.incoming(state), self.contact(state)]
+
+    def rank(self, state: Indices, stroke: Indices) -> Ints:
+        """Position k of a stroke among the legal ones of its state, -1 where it is not legal; any shape."""
+        return self.reply_rank[self.incoming(state), self.contact(state), stroke].astype(np.int32)
+
+    def pair(self, state: Indices, stroke: Indices) -> Ints:
+        """Legal pair of a state and a stroke, -1 where the stroke is not legal; any shape."""
+        rank = self.rank(state, stroke)
+        return np.where(rank < 0, -1, self.pair_at(state, rank)).astype(np.int32)
+
+    def pair_at(self, state: Indices, rank: Indices) -> Ints:
+        """Legal pair of a state and a position among its legal strokes, which is not checked; any shape."""
+        return np.asarray(self.pair_start[state] + rank)
+
+    def stroke_at(self, state: Indices, rank: Indices) -> Ints:
+        """Catalogue index of the stroke at a position among the legal ones of a state, which is not checked; any shape."""
+        return self.edge_incoming[self.first_reply[state] + rank]
+
+    def pairs_of(self, state: int) -> slice:
+        """The legal pairs of one state, which lie next to each other."""
+        return slice(int(self.pair_start[state]), int(self.pair_start[state + 1]))
+
+    def pairs(self, state: npt.NDArray[np.integer]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """All legal pairs of B states, one state after the other.
+
+        Returns:
+            ``[M]`` row of ``state`` that each pair belongs to, and ``[M]`` the pair.
+        """
+        count = self.legal_count(state).astype(np.int64)
+        row = np.repeat(np.arange(len(state)), count)
+        rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        return row, self.pair_start[state].astype(np.int64)[row] + rank
+
+    # Tables over legal pairs.
+
     @functools.cached_property
     def pair_state(self) -> Ints:
         """``[P]`` state of each legal pair."""
-        return np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start))
+        return _frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
+
+    @functools.cached_property
+    def pair_rank(self) -> Ints:
+        """``[P]`` position k of each legal pair in its state."""
+        return _frozen(np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[self.pair_state])
 
     @functools.cached_property
     def pair_edge(self) -> Ints:
         """``[P]`` edge that follows each legal pair if the stroke is returned; the next state is ``2 * edge + contact``."""
-        s = self.pair_state
-        k = np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[s]
-        return self.reply_start[self.edge_incoming[s >> 1], s & 1] + k
+        return _frozen(self.first_reply[self.pair_state] + self.pair_rank)
 
     @functools.cached_property
     def pair_stroke(self) -> Ints:
         """``[P]`` catalogue index of the stroke of each legal pair."""
-        return self.edge_incoming[self.pair_edge]
+        return _frozen(self.edge_incoming[self.pair_edge])
 
     @functools.cached_property
     def first_reply(self) -> Ints:
         """``[S]`` edge that follows the first legal stroke of a state; that of its k-th one is k further on."""
         s = np.arange(self.n_states)
-        return self.reply_start[self.edge_incoming[s >> 1], s & 1]
+        return _frozen(self.reply_start[self.incoming(s), self.contact(s)])
+
+    @functools.cached_property
+    def first_pairs(self) -> Ints:
+        """First legal pair of each state that has one, in the order of the states."""
+        return _frozen(self.pair_start[:-1][self.playable])
+
+    @functools.cached_property
+    def last_pairs(self) -> Ints:
+        """Last legal pair of each state that has one, in the order of the states."""
+        return _frozen(self.pair_start[1:][self.playable] - 1)
+
+    @functools.cached_property
+    def reply_mask(self) -> npt.NDArray[np.bool_]:
+        """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
+        return _frozen(self.reply_rank >= 0)
+
+    @functools.cached_property
+    def reply_rank(self) -> npt.NDArray[np.int16]:
+        """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
+        rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
+        s = self.pair_state
+        rank[self.incoming(s), self.contact(s), self.pair_stroke] = self.pair_rank
+        return _frozen(rank)
+
+    # Numbers over legal pairs.
+
+    def sum_by_state(self, values: npt.NDArray[np.floating]) -> Floats:
+        """``[S]`` sum of the ``[P]`` values of the legal pairs of each state."""
+        return np.bincount(self.pair_state, values, self.n_states).astype(np.float64, copy=False)
+
+    def normalized(self, weights: npt.NDArray[np.floating]) -> Floats:
+        """``[P]`` weights divided by their sum in each state: the probabilities of the legal strokes."""
+        return np.asarray(weights / self.sum_by_state(weights)[self.pair_state])
+
+    def outcome_probabilities(self, pairs: slice | npt.NDArray[np.integer] = _ALL) -> Floats:
+        """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
+        return np.asarray(np.diff(self.threshold[pairs].astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
+
+    def chances(self) -> tuple[Floats, Floats, Floats]:
+        """``[P]`` each: probability that the stroke is good, that a good one is returned, that a return is from above."""
+        fault, winner, below = (self.threshold[:, i].astype(np.float64) for i in range(3))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            good = (ONE - fault) / ONE
+            returned = np.where(fault < ONE, (ONE - winner) / (ONE - fault), 0.0)
+            above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
+        return good, returned, above
+
+    def stroke_values(self, following: Floats, pairs: slice | npt.NDArray[np.integer] = _ALL) -> Floats:
+        """Q-values: what legal pairs are worth to the striker, +1 for winning the rally and -1 for losing it.
+
+        Args:
+            following: ``[S]`` value of the next states to the receiver, who strikes there.
+            pairs: which ones; all by default.
+
+        Returns:
+            One value for each pair.
+        """
+        fault, winner, below = self.threshold[pairs].astype(np.float64).T
+        after = 2 * self.pair_edge[pairs]
+        now = winner - 2 * fault
+        return np.asarray((now - (below - winner) * following[after] - (ONE - below) * following[after + 1]) / ONE)
 
     @functools.cached_property
     def hash(self) -> str:
@@ -113,53 +272,10 @@ class Game:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
-    def legal_count(self, state: npt.NDArray[np.integer]) -> Ints:
-        """Number of legal strokes in each state."""
-        return self.pair_start[state + 1] - self.pair_start[state]
-
-    def legal_strokes(self, state: int) -> Ints:
-        """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
-        return self.pair_stroke[self.pair_start[state] : self.pair_start[state + 1]]
-
-    @functools.cached_property
-    def reply_mask(self) -> npt.NDArray[np.bool_]:
-        """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
-        mask = np.zeros((self.n_strokes + 1, 2, self.n_strokes), dtype=bool)
-        s = self.pair_state
-        mask[self.edge_incoming[s >> 1], s & 1, self.pair_stroke] = True
-        return mask
-
-    def mask(self, state: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-        """``[..., n]`` which strokes are legal in each state."""
-        return self.reply_mask[self.edge_incoming[np.asarray(state) >> 1], np.asarray(state) & 1]
-
-    @functools.cached_property
-    def reply_rank(self) -> npt.NDArray[np.int16]:
-        """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
-        rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
-        s = self.pair_state
-        rank[self.edge_incoming[s >> 1], s & 1, self.pair_stroke] = np.arange(self.n_pairs) - self.pair_start[s]
-        return rank
-
-    def pair(self, state: npt.NDArray[np.integer], stroke: npt.NDArray[np.integer]) -> Ints:
-        """Legal pair of a state and a stroke, -1 where the stroke is not legal; any shape."""
-        state = np.asarray(state)
-        rank = self.reply_rank[self.edge_incoming[state >> 1], state & 1, stroke]
-        return np.where(rank < 0, -1, self.pair_start[state] + rank).astype(np.int32)
-
-    def chances(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """``[P]`` each: chance that the stroke is good, that a good one is returned, that a return is from above."""
-        fault, winner, below = (self.threshold[:, i].astype(np.float64) for i in range(3))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            good = (ONE - fault) / ONE
-            returned = np.where(fault < ONE, (ONE - winner) / (ONE - fault), 0.0)
-            above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
-        return good, returned, above
-
     def describe(self, state: int) -> str:
         """A state in words: own last stroke, incoming stroke, contact."""
         names = (*self.catalogue.names, "none")
-        own, incoming = names[self.edge_own[state >> 1]], names[self.edge_incoming[state >> 1]]
+        own, incoming = names[int(self.own(state))], names[int(self.incoming(state))]
         return f"own {own}, incoming {incoming}, contact {'above' if state & 1 else 'below'}"
 
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
@@ -187,6 +303,12 @@ class Game:
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
         return game
+
+
+def _frozen(array: npt.NDArray[A]) -> npt.NDArray[A]:
+    """The array, which cannot be written to any more."""
+    array.flags.writeable = False
+    return array
 
 
 def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, Ints]:

@@ -39,7 +39,7 @@ class TabulatedPolicy:
         """``[P]`` chance of each legal pair given its state, exactly as it is played from the table."""
         upper = self.cumulative.astype(np.int64)
         lower = np.r_[0, upper[:-1]]
-        lower[self.game.pair_start[:-1][np.diff(self.game.pair_start) > 0]] = 0
+        lower[self.game.first_pairs] = 0
         return (upper - lower) / CHOICE_ONE
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
@@ -48,11 +48,8 @@ class TabulatedPolicy:
         if states.game.hash != game.hash:
             raise PolicyError("this policy was tabulated for another game; tabulate it again")
         p = np.zeros((len(states), game.n_strokes))
-        counts = game.legal_count(states.state)
-        rows = np.repeat(np.arange(len(states)), counts)
-        k = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-        pairs = game.pair_start[states.state][rows] + k
-        lower = np.where(k > 0, self.cumulative[pairs - 1], 0).astype(np.int64)
+        rows, pairs = game.pairs(states.state)
+        lower = np.where(game.pair_rank[pairs] > 0, self.cumulative[pairs - 1], 0).astype(np.int64)
         p[rows, game.pair_stroke[pairs]] = (self.cumulative[pairs] - lower) / CHOICE_ONE
         return p
 
@@ -64,8 +61,7 @@ class TabulatedPolicy:
         game = self.game
         width = int(game.legal_count(np.arange(game.n_states)).max())
         table = np.full((game.n_states, width), CHOICE_ONE, dtype=np.uint16)
-        s = game.pair_state
-        table[s, np.arange(game.n_pairs) - game.pair_start[s]] = self.cumulative
+        table[game.pair_state, game.pair_rank] = self.cumulative
         return table[:, :-1]
 
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
@@ -90,7 +86,7 @@ class TabulatedPolicy:
             raise PolicyError(
                 f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
             )
-        last = game.pair_start[1:][np.diff(game.pair_start) > 0] - 1
+        last = game.last_pairs
         falls = np.diff(cumulative.astype(np.int64)) < 0
         if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
             raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
@@ -109,7 +105,7 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
         return policy
     if reads_score(policy):
         raise PolicyError(f"policy {name!r} reads the score, so it has no table over states; evaluate it by sampling")
-    playable = np.flatnonzero(game.legal_count(np.arange(game.n_states)) > 0).astype(np.int32)
+    playable = np.flatnonzero(game.playable).astype(np.int32)
     p = np.zeros(game.n_pairs)
     for chunk in np.array_split(playable, max(1, len(playable) // _CHUNK)):
         rows = checked_probabilities(policy, States(game=game, state=chunk), name)
@@ -122,7 +118,6 @@ def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> Tabulate
     """Compile ``[P]`` chances (each state sums to 1) to a table; rounds the cumulative chance to 1/65535."""
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     before = total[game.pair_start[game.pair_state]]
-    last = game.pair_start[1:][np.diff(game.pair_start) > 0] - 1
     chance = total[1:] - before
-    chance /= np.repeat(chance[last], np.diff(game.pair_start)[np.diff(game.pair_start) > 0])
+    chance /= np.repeat(chance[game.last_pairs], np.diff(game.pair_start)[game.playable])
     return TabulatedPolicy(game=game, cumulative=np.rint(chance * CHOICE_ONE).astype(np.uint16))

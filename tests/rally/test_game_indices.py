@@ -1,0 +1,94 @@
+"""Index arithmetic of a game: states, legal pairs and numbers over them, against plain loops."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from test_rally_layout import Bools, games
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, strike
+
+GAME = default_game()
+STATES = np.arange(GAME.n_states)
+
+
+def test_a_state_and_its_observation_name_each_other() -> None:
+    seen = GAME.observation(STATES)
+    assert seen.shape == (GAME.n_states, 3)
+    assert seen.dtype == np.int32
+    assert (GAME.state_of(*seen.T) == STATES).all()
+    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7)]
+
+
+@given(games)
+def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    n = game.n_strokes
+    own, incoming, contact = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3]
+    state = game.state_of(own, incoming, contact)
+    known = {tuple(row): s for s, row in enumerate(game.observation(np.arange(game.n_states)).tolist())}
+    for o, i, c, s in zip(own.flat, incoming.flat, contact.flat, state.flat, strict=True):
+        assert known.get((int(o), int(i), int(c)), -1) == s
+
+
+@given(games)
+def test_pairs_of_states_are_their_ranges_one_after_the_other(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    states = np.random.default_rng(1).integers(0, game.n_states, 5)
+    row, pair = game.pairs(states)
+    wanted = [(b, p) for b, s in enumerate(states) for p in range(game.pair_start[s], game.pair_start[s + 1])]
+    assert list(zip(row.tolist(), pair.tolist(), strict=True)) == wanted
+    for s in states.tolist():
+        span = game.pairs_of(s)
+        assert (game.pair_state[span] == s).all()
+        assert game.legal_count(s) == span.stop - span.start
+        assert game.legal_strokes(s).tolist() == game.pair_stroke[span].tolist()
+        ranks = np.arange(game.legal_count(s))
+        assert (game.pair_at(s, ranks) == np.arange(span.start, span.stop)).all()
+        assert (game.stroke_at(s, ranks) == game.pair_stroke[span]).all()
+        assert (game.rank(s, game.pair_stroke[span]) == ranks).all()
+        assert (game.pair(s, game.pair_stroke[span]) == np.arange(span.start, span.stop)).all()
+
+
+def test_no_pair_of_no_state() -> None:
+    row, pair = GAME.pairs(np.empty(0, np.int32))
+    assert len(row) == len(pair) == 0
+
+
+@given(games)
+def test_first_and_last_pairs_mark_the_playable_states(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    playable = [s for s in range(game.n_states) if game.legal_count(s)]
+    assert np.flatnonzero(game.playable).tolist() == playable
+    assert game.first_pairs.tolist() == [game.pairs_of(s).start for s in playable]
+    assert game.last_pairs.tolist() == [game.pairs_of(s).stop - 1 for s in playable]
+    assert (game.pair_rank[game.first_pairs] == 0).all()
+    assert (game.pair_rank[game.last_pairs] + 1 == game.legal_count(np.array(playable))).all()
+
+
+@given(games)
+def test_sums_by_state_and_normalized_weights(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    weights = np.random.default_rng(2).uniform(0.1, 1, game.n_pairs)
+    sums, p = game.sum_by_state(weights), game.normalized(weights)
+    for s in range(game.n_states):
+        span = game.pairs_of(s)
+        assert sums[s] == pytest.approx(weights[span].sum())
+        assert p[span] == pytest.approx(weights[span] / (weights[span].sum() or 1))
+
+
+def test_values_of_strokes_are_means_over_all_draws() -> None:
+    rng = np.random.default_rng(3)
+    following = rng.uniform(-1, 1, GAME.n_states)
+    draws = np.arange(ONE)
+    every = GAME.stroke_values(following)
+    assert every.shape == (GAME.n_pairs,)
+    for pair in [0, GAME.n_pairs - 1, *rng.integers(GAME.n_pairs, size=5)]:
+        state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.pair_rank[pair])
+        outcome, after = strike(GAME, state, k, draws)
+        reward = np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after]))
+        assert every[pair] == pytest.approx(reward.mean(), abs=1e-12)
+        assert GAME.outcome_probabilities()[pair].tolist() == (np.bincount(outcome, minlength=4) / ONE).tolist()
+    some = np.array([5, 900, 3])
+    assert (GAME.stroke_values(following, some) == every[some]).all()
+    assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities()[2:9]).all()
