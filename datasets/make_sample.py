@@ -50,10 +50,10 @@ them; nothing here is a record of what they did.
 | winners | {winners:.1%} of strokes |
 | most played | {shots} |
 
-What is simulated: shot, target, contact height, technique, outcome and score come from the tables of the game and the
-policies. What is only dressed up: landing points (drawn inside the target area; of faults just over the line next to it, or
-on the striker's side of the net), positions of the players and times (median flight times of the annotated matches). The
-contact point of a reply is the landing of the stroke before. There are no annotators, so `label_area` is null.
+Shot, target, contact height, technique, outcome and score come from the tables of the game and the policies. Only drawn to
+fit them: landing points (inside the target area; of faults just over the line next to it, or on the striker's side of the
+net), positions of the players and times (median flight times of the annotated matches). The contact point of a reply is the
+landing of the stroke before. There are no annotators, so `label_area` is null.
 
 ```
 python -m shuttle_marl.data summary datasets/sample/strokes.parquet
@@ -77,8 +77,8 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
         out: The Parquet file; CARD.md is written beside it.
     """
     game = default_game()
-    chances = {player_of(name): tabulate(resolve(name, game), game, name).pair_probabilities() for name in players}
-    strokes = simulate(game, chances, matches=matches, seed=seed)
+    probabilities = {player_of(name): tabulate(resolve(name, game), game, name).pair_probabilities() for name in players}
+    strokes = simulate(game, probabilities, matches=matches, seed=seed)
     account = account_of(strokes)
     provenance = {
         "simulated_by": f"shuttle_marl {__version__}",

@@ -1,12 +1,10 @@
 """The rally log: every rally played, in compact files that survive a crash.
 
-``RallyRecorder`` records what a program plays, from a thread of its own, and ``RallyAssembler`` puts rallies together from
-strokes; ``RallyLogWriter`` is what writes below them. ``RallyLog`` reads a file or a folder, ``recover`` makes a file whole
+``RallyRecorder`` records what a program plays, from a thread of its own, by a ``RallyLogWriter``. ``RallyLog`` reads a file or a folder, ``recover`` makes a file whole
 that a crash cut off, and ``replay`` plays every stroke again from the recorded seed. ``docs/rally_log.md`` describes the
 file byte for byte.
 """
 
-from shuttle_marl.recording.assembler import RallyAssembler
 from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog
@@ -23,7 +21,6 @@ __all__ = [
     "LogHeader",
     "Player",
     "Rallies",
-    "RallyAssembler",
     "RallyLog",
     "RallyLogWriter",
     "RallyRecorder",

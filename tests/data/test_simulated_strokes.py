@@ -1,19 +1,24 @@
 """Simulated stroke tables: they obey the schema, the rules, the game's chances and plain geometry."""
 
 import collections
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.data import placing, split_of
 from shuttle_marl.data.invariants import violations
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
-from shuttle_marl.game import court, draws, scoring
+from shuttle_marl.game import court, scoring
 from shuttle_marl.game.rally import Game, layout, thresholds
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.recording.simulate import SimulationError, _choose, _cumulative, account_of, simulate
+from shuttle_marl.game.table import from_pair_probabilities
+from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.simulate import SimulationError, account_of, simulate, simulated_rallies
 
 SERVES = ("short-serve:front-centre:below:backhand", "long-serve:back-right:below:forehand")
 REPLIES = (
@@ -80,6 +85,23 @@ def test_the_seed_decides_everything() -> None:
     once, again, other = (simulate(GAME, PLAYERS, matches=2, seed=seed) for seed in (1, 1, 2))
     assert once.equals(again)
     assert not once.equals(other)
+
+
+def test_a_log_of_the_rallies_plays_again(tmp_path: Path) -> None:
+    """Every outcome and every choice follows from the seed, as in a league."""
+    players = {"average": always(GAME, REPLIES[1]), **PLAYERS, "chen-yufei": uniform(GAME)}
+    header, rallies = simulated_rallies(GAME, players, matches=8, seed=2)
+    with RallyLogWriter(tmp_path / "a.mcap", header) as log:
+        log.append(rallies)
+    assert check(tmp_path / "a.mcap", GAME).problems == ()
+    with RallyLog(tmp_path / "a.mcap") as log:
+        assert replay(log, GAME, {name: from_pair_probabilities(GAME, p) for name, p in players.items()}).wrong == ()
+        assert replay(log, GAME, dict.fromkeys(players, from_pair_probabilities(GAME, uniform(GAME)))).wrong != ()
+        found = strokes_of_log(log, rallies=10**9)
+    table = simulate(GAME, players, matches=8, seed=2)
+    assert set(table["discipline"].to_pylist()) == {"MS", "WS"}
+    decided = [name for name in STROKES.names if name in ("discipline", "player", "game", "rally", "shot", "outcome", "points")]
+    assert found.select(decided).equals(table.select(decided))
 
 
 def test_more_matches_change_no_earlier_rally() -> None:
@@ -228,9 +250,9 @@ def test_who_meets_whom() -> None:
     ({"a": uniform(GAME)}, "players a: expected at least two of one discipline"),
     ({}, "players none"),
     ({"chen-long": uniform(GAME), "chen-yufei": uniform(GAME)}, "at least two of one discipline"),
-    ({"a": uniform(GAME), "b": uniform(GAME)[:-1]}, f"player 'b': expected {GAME.n_pairs} chances"),
+    ({"a": uniform(GAME), "b": uniform(GAME)[:-1]}, f"player 'b': expected {GAME.n_pairs} probabilities"),
     ({"a": uniform(GAME), "b": -uniform(GAME)}, "none negative"),
-    ({"a": uniform(GAME), "b": uniform(GAME) / 2}, "player 'b': chances sum to 0.5, not 1, in state: own none"),
+    ({"a": uniform(GAME), "b": uniform(GAME) / 2}, "player 'b': probabilities sum to 0.5, not 1, in state: own none"),
 ])  # fmt: skip
 def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> None:
     with pytest.raises(SimulationError) as caught:
@@ -241,11 +263,3 @@ def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> 
 def test_no_matches() -> None:
     with pytest.raises(SimulationError, match="0 matches"):
         simulate(GAME, PLAYERS, matches=0, seed=0)
-
-
-@pytest.mark.parametrize("draw", [0, 1, draws.CHOICE_ONE // 2, draws.CHOICE_ONE - 1])
-def test_no_draw_chooses_what_has_no_chance(draw: int) -> None:
-    p = always(GAME, REPLIES[1])
-    total = _cumulative(GAME, "a", p)
-    for state in np.flatnonzero(np.diff(GAME.pair_start)):
-        assert p[GAME.pair_start[state] + _choose(GAME, total, state, draw)] > 0
