@@ -1,4 +1,4 @@
-"""Rallies of batched environments, from the learner's strokes alone or put together from all strokes."""
+"""Rallies of batched environments from the learner's strokes alone."""
 
 import dataclasses
 from pathlib import Path
@@ -17,7 +17,6 @@ from shuttle_marl.recording import (
     LogHeader,
     Player,
     Rallies,
-    RallyAssembler,
     RallyLog,
     RallyLogWriter,
     RecordingError,
@@ -142,17 +141,12 @@ def test_opponents_that_are_assigned(opponents) -> None:
     assert {number: found[number] for number in both} == {number: expected[number] for number in both}
 
 
-def test_self_play_by_trace_and_by_assembler(tmp_path: Path) -> None:
-    """Two ways to the same rallies: following the draws, and putting together what the environment reported."""
+def test_self_play(tmp_path: Path) -> None:
     run = play(RallyBatch(GAME, 50, seed=4))
-    trace, assembler = RallyTrace(GAME, 50, seed=4), RallyAssembler(50, GAME.n_strokes)
-    followed, assembled = [], []
-    for part in (run.part(first, first + 9) for first in range(0, STEPS, 9)):
-        followed.append(trace.add(part.stroke, part.reward))
-        assembled.append(assembler.add(stroke=part.stroke, striker=part.striker, reward=part.reward, match=part.number))
-    assert same(Rallies.join(followed), Rallies.join(assembled))
+    trace = RallyTrace(GAME, 50, seed=4)
+    parts = [run.part(first, first + 9) for first in range(0, STEPS, 9)]
     with RallyLogWriter(tmp_path / "a.mcap", header(("learner",), 4)) as log:
-        log.append(Rallies.join(followed))
+        log.append(Rallies.join([trace.add(part.stroke, part.reward) for part in parts]))
     assert check(tmp_path / "a.mcap", GAME).problems == ()
 
 
@@ -242,71 +236,3 @@ def test_what_cannot_be_followed(opponents) -> None:
             trace.add(*arguments)
     with pytest.raises(RecordingError, match=r"expected \(20, T\)"):
         trace.add(run.stroke, run.reward, run.observation, value=run.reward)
-
-
-class TestAssembler:
-    """What any environment reports, against a plain loop."""
-
-    @pytest.mark.parametrize("seed", range(5))
-    def test_rows_with_gaps(self, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        batch = int(rng.integers(1, 9))
-        assembler = RallyAssembler(batch, GAME.n_strokes, ("value",))
-        going: list[list[int]] = [[] for _ in range(batch)]
-        for _ in range(20):
-            shape = (batch, int(rng.integers(0, 6)))
-            stroke, striker = rng.integers(0, 100, shape), rng.integers(0, 2, shape)
-            reward = rng.choice([0.0, 0.0, 0.0, 1.0, -1.0], shape)
-            match, rally = rng.integers(0, 2**32, shape), rng.integers(0, 100, shape)
-            score, policy = rng.integers(0, 30, (*shape, 4)), rng.integers(0, 9, (batch, 2))
-            played = rng.random(shape) < 0.7
-            found = assembler.add(
-                stroke=stroke, striker=striker, reward=reward, match=match, rally=rally, score=score, policy=policy,
-                pairing=np.arange(batch), played=played, value=stroke / 2,
-            )  # fmt: skip
-            expected = []
-            for b in range(batch):
-                for t in range(shape[1]):
-                    if played[b, t]:
-                        going[b].append(int(stroke[b, t]))
-                        if reward[b, t]:
-                            expected.append((b, t, going[b]))
-                            going[b] = []
-            assert found.length.tolist() == [len(strokes) for _, _, strokes in expected]
-            assert found.stroke.tolist() == [s for _, _, strokes in expected for s in strokes]
-            assert found.value.tolist() == [s / 2 for _, _, strokes in expected for s in strokes]
-            for i, (b, t, strokes) in enumerate(expected):
-                won, seat = reward[b, t] > 0, striker[b, t]
-                assert (found.winner[i], found.reason[i]) == (seat if won else 1 - seat, won)
-                assert found.server[i] == (seat + len(strokes) - 1) % 2
-                assert (found.match[i], found.rally[i], found.pairing[i]) == (match[b, t], rally[b, t], b)
-                assert found.score[i].tolist() == score[b, t].tolist()
-                assert found.policy[i].tolist() == policy[b].tolist()
-
-    def test_rows_that_were_reset(self) -> None:
-        assembler = RallyAssembler(3, GAME.n_strokes)
-        seat = np.zeros((3, 1), dtype=int)
-
-        def add(strokes: list[int], reward: float) -> Rallies:
-            return assembler.add(stroke=np.array([strokes]).T, striker=seat, reward=np.full((3, 1), reward), match=seat)
-
-        assert len(add([1, 2, 3], 0)) == 0
-        assembler.forget(np.array([True, False, True]))
-        assert add([4, 5, 6], 1).stroke.tolist() == [4, 2, 5, 6]
-        add([1, 2, 3], 0)
-        assembler.forget()
-        assert add([4, 5, 6], 1).stroke.tolist() == [4, 5, 6]
-
-    def test_what_does_not_fit(self) -> None:
-        assembler, some = RallyAssembler(3, GAME.n_strokes, ("value",)), np.zeros((3, 2))
-        with pytest.raises(RecordingError, match=r"columns \(\): expected \('value',\)"):
-            assembler.add(stroke=some, striker=some, reward=some, match=some)
-        with pytest.raises(RecordingError, match=r"reward of shape \(3, 1\): expected \(3, 2\)"):
-            assembler.add(stroke=some, striker=some, reward=some[:, :1], match=some, value=some)
-
-    def test_updates_are_noted(self) -> None:
-        assembler, one = RallyAssembler(2, 300, ("update",)), np.ones((2, 1), dtype=int)
-        found = assembler.add(stroke=299 * one, striker=one, reward=one, match=one, update=7)
-        assert found.update.tolist() == [7, 7]
-        assert found.stroke.dtype == np.uint16
-        assert found.stroke.tolist() == [299, 299]
