@@ -1,8 +1,8 @@
 """The rally log: every rally played, in compact files that survive a crash.
 
-``RallyRecorder`` records what a program plays, from a thread of its own, by a ``RallyLogWriter``. ``RallyLog`` reads a file or a folder, ``recover`` makes a file whole
-that a crash cut off, and ``replay`` plays every stroke again from the recorded seed. ``docs/rally_log.md`` describes the
-file byte for byte.
+``RallyRecorder`` records what a program plays, from a thread of its own; ``RallyLogWriter`` is what writes below it.
+``RallyLog`` reads a file or a folder, ``recover`` makes a file whole that a crash cut off, and ``replay`` plays every stroke
+again from the recorded seed. ``docs/rally_log.md`` describes the file byte for byte.
 """
 
 from shuttle_marl.recording.derived import Derived

@@ -92,9 +92,7 @@ def stroke_table(
     return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
 
 
-def _first_frame(
-    rallies: Rallies, frame: npt.NDArray[np.int64], new_match: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.int64]:
+def _first_frame(rallies: Rallies, frame: npt.NDArray[np.int64], new_match: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
     """``[R]`` frame of the first stroke of each rally's match."""
     return frame[rallies.first_stroke[:-1][new_match]][np.cumsum(new_match) - 1]
 
