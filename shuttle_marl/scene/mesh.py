@@ -4,21 +4,19 @@ Meshes have the axes of the staging, z up. glTF has y up, and viewers turn it ba
 """
 
 import dataclasses
-import json
-import struct
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import pygltflib as gltf
 
+from shuttle_marl.scene.glb import GlbWriter, read_array
 from shuttle_marl.staging.rotation import cross, frame, unit
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-_FLOAT, _UINT = 5126, 5125
-_ARRAY, _ELEMENTS = 34962, 34963
 _ROUGHNESS: Final = 0.8
 
 
@@ -123,71 +121,43 @@ def normals_of(vertices: Floats, triangles: Ints) -> Floats:
 
 def glb(meshes: Sequence[Mesh]) -> bytes:
     """The meshes as one binary glTF 2.0."""
-    data = bytearray()
-    views: list[dict[str, int]] = []
-    accessors: list[dict[str, Any]] = []
-
-    def add(array: npt.NDArray[Any], component: int, kind: str, target: int, **extra: Any) -> int:
-        content = np.ascontiguousarray(array).tobytes()
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(content), "target": target})
-        data.extend(content)
-        count = len(array)
-        accessors.append({"bufferView": len(views) - 1, "componentType": component, "count": count, "type": kind, **extra})
-        return len(accessors) - 1
-
-    primitives, materials = [], []
+    writer = GlbWriter()
+    primitives: list[gltf.Primitive] = []
+    materials: list[gltf.Material] = []
     for mesh in meshes:
         vertices, normals = (_y_up(v).astype("<f4") for v in (mesh.vertices, mesh.normals))
-        bounds = {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
-        attributes = {
-            "POSITION": add(vertices, _FLOAT, "VEC3", _ARRAY, **bounds),
-            "NORMAL": add(normals, _FLOAT, "VEC3", _ARRAY),
-        }
-        indices = add(mesh.triangles.astype("<u4").ravel(), _UINT, "SCALAR", _ELEMENTS)
-        look = {"baseColorFactor": [*mesh.colour, 1], "metallicFactor": 0, "roughnessFactor": _ROUGHNESS}
-        materials.append({"pbrMetallicRoughness": look, "doubleSided": mesh.two_sided})
-        primitives.append({"attributes": attributes, "indices": indices, "material": len(materials) - 1})
-    document = {
-        "asset": {"version": "2.0", "generator": "shuttle_marl.scene"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}],
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(data)}],
-    }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + bytes(data)
-    return struct.pack("<III", 0x46546C67, 2, 12 + len(body)) + body
+        attributes = gltf.Attributes(
+            POSITION=writer.add(vertices, gltf.ARRAY_BUFFER, bounds=True), NORMAL=writer.add(normals, gltf.ARRAY_BUFFER)
+        )
+        indices = writer.add(mesh.triangles.astype("<u4").ravel(), gltf.ELEMENT_ARRAY_BUFFER)
+        primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=len(materials)))
+        look = gltf.PbrMetallicRoughness(baseColorFactor=[*mesh.colour, 1], metallicFactor=0, roughnessFactor=_ROUGHNESS)
+        materials.append(gltf.Material(pbrMetallicRoughness=look, doubleSided=mesh.two_sided, alphaCutoff=None))
+    document = gltf.GLTF2(
+        asset=gltf.Asset(version="2.0", generator="shuttle_marl.scene"),
+        scene=0,
+        scenes=[gltf.Scene(nodes=[0])],
+        nodes=[gltf.Node(mesh=0)],
+        meshes=[gltf.Mesh(primitives=primitives)],
+        materials=materials,
+    )
+    return writer.content(document)
 
 
 def read_glb(content: bytes) -> list[Mesh]:
     """The meshes of a file that :func:`glb` wrote."""
-    (length,) = struct.unpack_from("<I", content, 12)
-    document = json.loads(content[20 : 20 + length])
-    data = content[28 + length :]
-
-    def read(number: int) -> npt.NDArray[Any]:
-        accessor = document["accessors"][number]
-        view = document["bufferViews"][accessor["bufferView"]]
-        kind, width = ("<f4", 3) if accessor["componentType"] == _FLOAT else ("<u4", 1)
-        out = np.frombuffer(data, kind, accessor["count"] * width, view["byteOffset"])
-        return out.reshape(-1, 3)
-
+    document = gltf.GLTF2().load_from_bytes(content)
     out = []
-    for primitive in document["meshes"][0]["primitives"]:
-        material = document["materials"][primitive["material"]]
-        red, green, blue, _ = material["pbrMetallicRoughness"]["baseColorFactor"]
+    for primitive in document.meshes[0].primitives:
+        material = document.materials[primitive.material]
+        red, green, blue, _ = material.pbrMetallicRoughness.baseColorFactor
         out.append(
             Mesh(
-                vertices=_z_up(read(primitive["attributes"]["POSITION"]).astype(np.float64)),
-                normals=_z_up(read(primitive["attributes"]["NORMAL"]).astype(np.float64)),
-                triangles=read(primitive["indices"]).astype(np.int64),
+                vertices=_z_up(read_array(document, primitive.attributes.POSITION).astype(np.float64)),
+                normals=_z_up(read_array(document, primitive.attributes.NORMAL).astype(np.float64)),
+                triangles=read_array(document, primitive.indices).reshape(-1, 3).astype(np.int64),
                 colour=(red, green, blue),
-                two_sided=material["doubleSided"],
+                two_sided=material.doubleSided,
             )
         )
     return out

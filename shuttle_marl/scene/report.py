@@ -21,6 +21,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.staging import PlayedRally
+from shuttle_marl.staging.recorded import rally_of
 
 Floats = npt.NDArray[np.float64]
 
@@ -137,12 +138,7 @@ class Teller:
         rally = self._log.rally(number)
         header = self._log.files[self._log.file_of(number)].header
         names = (self._log.policies[int(rally.policy[0, 0])].name, self._log.policies[int(rally.policy[0, 1])].name)
-        played = PlayedRally(
-            catalogue=self._log.catalogue,
-            server=int(rally.server[0]),
-            stroke=rally.stroke.astype(np.int64),
-            ending=int(rally.reason[0]),
-        ).checked()
+        played = rally_of(self._log, rally)
         state, rank = states(self._game, rally)
         if (state < 0).any():
             wrong = int(np.flatnonzero(state < 0)[0])

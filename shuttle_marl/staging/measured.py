@@ -1,4 +1,4 @@
-"""Timing and places as measured in the training matches; written by :mod:`shuttle_marl.staging.fit`."""
+"""Timing and places as measured in the training matches; written by ``experiments/fit_staging.py``."""
 
 import dataclasses
 import functools
@@ -70,7 +70,7 @@ def quantile(knots: Floats, u: Floats) -> Floats:
 
 @functools.cache
 def load_measured(path: Path = FILE) -> Measured:
-    """The shipped table, or one written by ``fit``."""
+    """The shipped table, or one that ``experiments/fit_staging.py`` wrote."""
     raw = json.loads(path.read_text(encoding="utf-8"))
     serves = SHOTS[:N_SERVES]
     by_length = raw["flight_time_by_length"]

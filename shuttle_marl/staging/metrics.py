@@ -1,6 +1,8 @@
-"""Is a staged rally believable? Measured on the motion itself: positions, rotations, and the path of the shuttle."""
+"""Measures of how believable a staged rally is: of its positions, its rotations, and the path of its shuttle."""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -82,6 +84,44 @@ def measure(motion: Motion) -> Metrics:
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
         seconds=float(motion.time[-1]),
     )
+
+
+def summary(found: Sequence[Metrics]) -> dict[str, float]:
+    """Figures over several motions.
+
+    Args:
+        found: the measures of each, at least one.
+
+    Returns:
+        ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
+        ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
+        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``. What no
+        stroke can tell (no stroke crosses the net, none is returned) is left out.
+    """
+
+    def every(name: str) -> npt.NDArray[Any]:
+        return np.concatenate([np.atleast_1d(getattr(metrics, name)) for metrics in found])
+
+    figures: dict[str, float] = {
+        "rallies": len(found),
+        "strokes": len(every("contact")),
+        "seconds": float(every("seconds").sum()),
+        "contact_max": float(every("contact").max()),
+        "contact_within_1cm": float((every("contact") <= 0.01).mean()),
+        "slide_max": float(every("slide").max()),
+        "plants": len(every("slide")),
+        "sunk_max": float(every("sunk").max()),
+        "speed_max": float(every("speed").max()),
+        "acceleration_max": float(every("acceleration").max()),
+        "joint_excess_deg": float(every("joint_excess").max()),
+        "landing_error_max": float(every("landing").max()),
+        "ends_as_it_must": float(every("true_end").mean()),
+    }
+    if len(clearance := every("clearance")):
+        figures["net_clearance_min"] = float(clearance.min())
+    if len(timely := every("timely")):
+        figures["flight_times_in_quartiles"] = float(timely.mean())
+    return figures
 
 
 def _feet(motion: Motion) -> tuple[Floats, float]:

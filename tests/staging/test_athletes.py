@@ -6,8 +6,8 @@ import struct
 import numpy as np
 import pytest
 
+from experiments.athletes.gltf import MATERIALS
 from shuttle_marl.staging import ATHLETES, BONES, finger_pose, load_skeleton, model_file
-from shuttle_marl.staging.athletes.gltf import MATERIALS
 from shuttle_marl.staging.skeleton import FOLDER, MIRROR
 
 

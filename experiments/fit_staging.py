@@ -1,4 +1,6 @@
-"""Measures timing and places in annotated matches: ``python -m shuttle_marl.staging fit --data FOLDER``.
+"""Measures timing and places in annotated matches, and writes the table from which rallies are staged.
+
+    python -m experiments.fit_staging --data FOLDER [--out FILE]
 
 What the matches tell: when each stroke was struck (frames of the video), where the shuttle was met, where the players
 stood, and how faults ended. What they do not tell is how high a contact was, other than above or below the net; see
@@ -6,6 +8,8 @@ stood, and how faults ended. What they do not tell is how high a contact was, ot
 """
 
 import json
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +18,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from shuttle_marl.commands.cli import run
 from shuttle_marl.data import clean_matches, matches_of
 from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
 from shuttle_marl.data.table import provenance_of
@@ -187,3 +192,23 @@ def _serves(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
 
 def _round(values: Floats) -> list[float]:
     return [round(float(v), 3) for v in values]
+
+
+def fit_staging(*, data: Path, out: Path | None = None) -> None:
+    """Measure flight times and places in the training matches and write the table that the package reads.
+
+    Args:
+        data: folder with the raw files of the matches.
+        out: file to write; by default the one inside the package.
+    """
+    table = fit(data, out)
+    sys.stdout.write(f"{table['timed']:,} timed strokes of {table['matches']} matches written to {out or FILE}\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(fit_staging, prog="experiments.fit_staging", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.spatial import ConvexHull, cKDTree
 
-from shuttle_marl.staging.athletes.source import Body, Floats, Ints
+from experiments.athletes.base_mesh import Body, Floats, Ints
 
 Mask = npt.NDArray[np.bool_]
 SOLE: Final = 0.014

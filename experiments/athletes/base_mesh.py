@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from shuttle_marl.errors import ShuttleError
 
@@ -202,8 +203,6 @@ def _swapped(name: str) -> str:
 
 def _filled(weights: Floats, vertices: Floats, skin: Ints) -> Floats:
     """Weights of all vertices: what has none takes those of the nearest skin vertex that has."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  only the bake needs it
-
     bound = weights.sum(axis=1) > 0
     donors = skin[bound[skin]]
     bare = np.flatnonzero(~bound)
