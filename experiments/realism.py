@@ -23,7 +23,7 @@ from shuttle_marl.data.schema import FAULT, UNKNOWN, WINNER
 from shuttle_marl.data.splits import Split
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.health import Solver, play_statistics
+from shuttle_marl.dynamics.health import play_statistics
 from shuttle_marl.dynamics.make import rows_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import bc
@@ -63,8 +63,7 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
 
 def simulated(model: str) -> dict[str, float]:
     """The same figures of behaviour cloning against itself, exactly."""
-    game = load_game(model)
-    figures = play_statistics(Solver(game), bc.load(None, game).pair_probabilities())
+    figures = play_statistics(bc.load(None, load_game(model)))
     shares = {"mean rally": figures["mean_rally"], "fault share": figures["fault_share"], "winner share": figures["winner_share"]}
     return {**shares, **figures["shot_mix"]}
 

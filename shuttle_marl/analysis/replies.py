@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.minimax import Solution
 from shuttle_marl.exact.sweeps import stroke_values
 from shuttle_marl.files import replace_file

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl.commands import cli
-from shuttle_marl.exact.errors import ExactError
+from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import load_game
 
 if TYPE_CHECKING:

@@ -1,165 +1,63 @@
-"""Is the solved game healthy? Minimax by plain value iteration, best response to a policy, and how play looks.
+"""Health check of a game: perfect play, the best response to the behaviour-cloned player, and how both play, exactly.
 
 A model of badminton that predicts well can still be a bad game: one exploitable corner of the tables, and perfect play is
-a stall or a single killing stroke. So every fit is solved, and what perfect play looks like is part of its card.
+a stall or a single killing stroke. So every fit is solved, and what perfect play looks like is part of its model card.
 """
 
-import dataclasses
-import functools
-from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl.dynamics.support import Support, is_serve_pair
-from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.exact.fixed_point import largest_continuation
+from shuttle_marl.exact.minimax import solve
+from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.profile import StatePolicy
+from shuttle_marl.exact.response import best_response
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import SHOTS
 
-Floats = npt.NDArray[np.float64]
 
-TOLERANCE: Final = 1e-10
-_SWEEPS: Final = 20_000
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Solver:
-    """Value iteration on the tables of one game; values are the striker's, +1 for winning the rally."""
-
-    game: Game
-
-    @functools.cached_property
-    def _starts(self) -> npt.NDArray[np.int32]:
-        starts = self.game.pair_start
-        return starts[:-1][np.diff(starts) > 0]
-
-    @functools.cached_property
-    def _playable(self) -> npt.NDArray[np.bool_]:
-        return np.diff(self.game.pair_start) > 0
-
-    @functools.cached_property
-    def _chances(self) -> tuple[Floats, Floats, Floats]:
-        """``[P]`` each: expected reward now, chance of going on with a contact below, above."""
-        t = self.game.threshold.astype(np.float64) / ONE
-        fault, winner = t[:, 0], t[:, 1] - t[:, 0]
-        return winner - fault, t[:, 2] - t[:, 1], 1 - t[:, 2]
-
-    def continuation(self) -> Floats:
-        """``[P]`` chance that the rally goes on."""
-        _, below, above = self._chances
-        return below + above
-
-    def quality(self, value_of_receiver: Floats) -> Floats:
-        """``[P]`` value of each legal stroke when the next striker's value is given, ``[S]`` and seen by the other."""
-        now, below, above = self._chances
-        edge = 2 * self.game.pair_edge
-        return now + below * value_of_receiver[edge] + above * value_of_receiver[edge + 1]
-
-    def _over_states(self, reduce: np.ufunc, pairs: Floats) -> Floats:
-        out: Floats = np.zeros(self.game.n_states)
-        out[self._playable] = reduce.reduceat(pairs, self._starts)
-        return out
-
-    def _iterate(self, sweep: Callable[[Floats], Floats]) -> Floats:
-        value = np.zeros(self.game.n_states)
-        for _ in range(_SWEEPS):
-            following = sweep(value)
-            if np.abs(following - value).max() < TOLERANCE:
-                return following
-            value = following
-        raise ArithmeticError("value iteration did not converge; does some stroke never end a rally?")
-
-    def minimax(self) -> Floats:
-        """``[S]`` value of every state under perfect play by both."""
-        return self._iterate(lambda v: self._over_states(np.maximum, self.quality(-v)))
-
-    def greedy(self, quality: Floats) -> Floats:
-        """``[P]`` the policy that plays the first best stroke of each state."""
-        best = self._over_states(np.maximum, quality)
-        ties = quality >= best[self.game.pair_state] - 1e-12
-        first = np.full(self.game.n_states, self.game.n_pairs)
-        np.minimum.at(first, self.game.pair_state[ties], np.flatnonzero(ties))
-        chosen = np.zeros(self.game.n_pairs)
-        chosen[first[first < self.game.n_pairs]] = 1.0
-        return chosen
-
-    def best_response(self, policy: Floats) -> tuple[float, Floats]:
-        """Share of rallies (serving and receiving equally often) that the best response to ``[P]`` wins, and the policy."""
-        opponent_strikes = self._iterate(lambda u: self._opponent(policy, u))
-        value = self._over_states(np.maximum, self.quality(opponent_strikes))
-        share = 0.5 + 0.25 * (value[ROOT] + opponent_strikes[ROOT])
-        return float(share), self.greedy(self.quality(opponent_strikes))
-
-    def _opponent(self, policy: Floats, u: Floats) -> Floats:
-        """One sweep of the responder's value where the opponent strikes: ours after theirs, then theirs again."""
-        ours = self._over_states(np.maximum, self.quality(u))
-        now, below, above = self._chances
-        edge = 2 * self.game.pair_edge
-        pairs = -now + below * ours[edge] + above * ours[edge + 1]
-        return self._over_states(np.add, policy * pairs)
-
-    def visits(self, policy: Floats) -> Floats:
-        """``[P]`` expected number of times each legal pair is played in a rally when both play ``policy``."""
-        _, below, above = self._chances
-        edge = 2 * self.game.pair_edge
-        n = self.game.n_states
-        reached: Floats = np.zeros(n)
-        reached[ROOT] = 1.0
-        total: Floats = np.zeros(n)
-        for _ in range(_SWEEPS):
-            total += reached
-            played = policy * reached[self.game.pair_state]
-            reached = np.asarray(np.bincount(edge, played * below, n) + np.bincount(edge + 1, played * above, n))
-            if reached.sum() < TOLERANCE:
-                break
-        return np.asarray(policy * total[self.game.pair_state])
-
-
-def play_statistics(solver: Solver, policy: Floats) -> dict[str, Any]:
-    """How rallies look when both play ``[P]``: length, endings and shot mix, exactly."""
-    game = solver.game
-    visits = solver.visits(policy)
-    t = game.threshold.astype(np.float64) / ONE
-    faults = float(visits @ t[:, 0])
-    strokes = float(visits.sum())
-    shots = np.bincount(game.catalogue.shot[game.pair_stroke], visits, len(SHOTS)) / strokes
+def play_statistics(policy: StatePolicy) -> dict[str, Any]:
+    """Length, endings and shot mix of the rallies of a policy against itself, exactly."""
+    seen = visits(policy, policy, server=0)
+    endings = seen.endings()
+    faults = endings["fault of player 0"] + endings["fault of player 1"]
+    strokes = seen.rally_length
+    played = np.stack([seen.shot_mix(player) * seen.states[player].sum() for player in (0, 1)]).sum(axis=0) / strokes
     return {
         "mean_rally": strokes,
         "rallies_ending_on_fault": faults,
         "fault_share": faults / strokes,
         "winner_share": (1 - faults) / strokes,
-        "shot_mix": {name: float(share) for name, share in zip(SHOTS, shots, strict=True)},
+        "shot_mix": {name: float(share) for name, share in zip(SHOTS, played, strict=True)},
     }
 
 
-def health(game: Game, bc: Floats) -> dict[str, Any]:
+def health(bc: StatePolicy) -> dict[str, Any]:
     """The figures that say whether the solved game is healthy.
 
     Args:
-        game: the tables.
-        bc: ``[P]`` chances of the behaviour-cloned average player.
+        bc: the behaviour-cloned average player, on the tables that are checked.
     """
-    solver = Solver(game)
-    value = solver.minimax()
-    perfect = play_statistics(solver, solver.greedy(solver.quality(-value)))
-    response, _ = solver.best_response(bc)
-    rally = ~is_serve_pair(game)
+    solution = solve(bc.game)
+    perfect = play_statistics(solution.policy[0])
     shots = list(perfect["shot_mix"].values())
     figures = {
         "minimax": perfect,
-        "value_at_serve": float(value[ROOT]),
+        "value_at_serve": solution.value_at_serve,
         "largest_shot_share": max(shots),
         "shot_types_above_2_percent": sum(share > 0.02 for share in shots),
-        "largest_continuation": float(solver.continuation()[rally].max()),
-        "best_response_to_bc_wins": response,
-        "bc": play_statistics(solver, bc),
+        "largest_continuation": largest_continuation(bc.game),
+        "best_response_to_bc_wins": best_response(bc).value.odds().rally,
+        "bc": play_statistics(bc),
     }
     figures["healthy"] = bool(
         figures["largest_shot_share"] <= 0.45
         and figures["shot_types_above_2_percent"] >= 6
         and 5 <= perfect["mean_rally"] <= 20
         and figures["largest_continuation"] <= 0.997
-        and response >= 0.70
+        and figures["best_response_to_bc_wins"] >= 0.70
     )
     return figures
 

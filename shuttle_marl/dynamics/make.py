@@ -22,6 +22,7 @@ from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.health import extremes, health
 from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import BC, GAME
@@ -75,7 +76,7 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
     report("solving the game")
     chance = np.exp(log_choice.astype(np.float64))
     chance /= np.bincount(game.pair_state, chance, game.n_states)[game.pair_state]
-    solved = health(game, chance)
+    solved = health(PairPolicy(game=game, probability=chance))
     weights_hash = fitted.bundle.save(out)
     save_support(out, fitted.support)
     game.save(out / GAME)

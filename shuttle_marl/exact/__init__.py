@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.contraction import TOLERANCE
-    from shuttle_marl.exact.errors import ExactError
-    from shuttle_marl.exact.match import least_gain
+    from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
+    from shuttle_marl.exact.match import Odds, least_gain
     from shuttle_marl.exact.minimax import Solution, solve
     from shuttle_marl.exact.occupancy import Visits, visits
-    from shuttle_marl.exact.odds import Odds
-    from shuttle_marl.exact.pairwise import Crossplay, crossplay
-    from shuttle_marl.exact.profile import ProfileValue, evaluate
+    from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
     from shuttle_marl.exact.regret import Regret, policy_regret
     from shuttle_marl.exact.response import Exploitability, Response, best_response, nash_conv
+    from shuttle_marl.exact.sweeps import stroke_values
 
 __all__ = [
     "TOLERANCE",
@@ -25,10 +23,12 @@ __all__ = [
     "ExactError",
     "Exploitability",
     "Odds",
+    "PairPolicy",
     "ProfileValue",
     "Regret",
     "Response",
     "Solution",
+    "StatePolicy",
     "Visits",
     "best_response",
     "crossplay",
@@ -37,21 +37,20 @@ __all__ = [
     "nash_conv",
     "policy_regret",
     "solve",
+    "stroke_values",
     "visits",
 ]
 
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "contraction": ("TOLERANCE",),
-        "pairwise": ("Crossplay", "crossplay"),
-        "errors": ("ExactError",),
-        "match": ("least_gain",),
+        "fixed_point": ("TOLERANCE", "ExactError"),
+        "match": ("Odds", "least_gain"),
         "minimax": ("Solution", "solve"),
-        "odds": ("Odds",),
-        "profile": ("ProfileValue", "evaluate"),
+        "occupancy": ("Visits", "visits"),
+        "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
         "regret": ("Regret", "policy_regret"),
         "response": ("Exploitability", "Response", "best_response", "nash_conv"),
-        "occupancy": ("Visits", "visits"),
+        "sweeps": ("stroke_values",),
     },
 )

@@ -1,13 +1,12 @@
 """Perfect play by both: value iteration on the whole game (Shapley 1953)."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.contraction import FIRST_RALLY_STATE, ROUNDING, TOLERANCE, error_bound, largest_continuation
-from shuttle_marl.exact.induced import check_same_layout
+from shuttle_marl.exact.fixed_point import TOLERANCE, iterate, largest_continuation
+from shuttle_marl.exact.profile import check_same_layout
 from shuttle_marl.exact.sweeps import best_values, greedy_strokes
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
@@ -28,7 +27,7 @@ class Solution:
         sweeps: how often all legal pairs of a game were swept.
         residual: by how much the last sweep before the bound was met changed a value.
         contraction: factor by which a sweep (a pair of sweeps, where the games differ) shrinks an error.
-        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.contraction`).
+        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
     games: tuple[Game, Game]
@@ -41,7 +40,7 @@ class Solution:
 
     @property
     def value_at_serve(self) -> float:
-        """What a rally is worth to player 0 who serves it."""
+        """Value of a rally to player 0, who serves it."""
         return float(self.value[0][ROOT])
 
 
@@ -98,40 +97,12 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
     )
 
 
-def iterate(
-    operator: Callable[[Floats, Floats], object], start: Floats, contraction: float, tolerance: float
-) -> tuple[Floats, int, float, float]:
-    """Apply an operator until the error bound is met.
-
-    Args:
-        operator: ``operator(x, out)`` writes T x into ``out``; T contracts the rally states.
-        start: ``[S]`` first guess, overwritten.
-        contraction: by what factor.
-        tolerance: largest error bound that is good enough.
-
-    Returns:
-        ``[S]`` T x, the number of applications, the residual ``|T x - x|``, and the error bound of T x. All over the rally
-        states; the serve's value is one application behind.
-    """
-    x, z = start, np.empty_like(start)
-    applications = 0
-    while True:
-        operator(x, z)
-        applications += 1
-        residual = float(np.abs(z - x)[FIRST_RALLY_STATE:].max(initial=0.0))
-        bound = error_bound(residual, contraction)
-        # Below the rounding of one application nothing gets better any more.
-        if bound <= tolerance or residual <= ROUNDING:
-            return z, applications, residual, bound
-        x, z = z, x
-
-
 def greedy_policy(game: Game, following: Floats) -> TabulatedPolicy:
     """The policy that plays the best stroke in every state, ``following`` being the value of the next states to the receiver."""
     cumulative = np.zeros(game.n_pairs, dtype=np.uint16)
     best = np.flatnonzero(greedy_strokes(game, following))
     after = game.pair_start[game.pair_state[best] + 1] - best
-    # From the chosen stroke on, the cumulative chance of its state is 1.
+    # From the chosen stroke on, the cumulative probability of its state is 1.
     certain = np.repeat(best, after) + np.arange(after.sum()) - np.repeat(np.cumsum(after) - after, after)
     cumulative[certain] = CHOICE_ONE
     return TabulatedPolicy(game=game, cumulative=cumulative)

@@ -1,4 +1,4 @@
-"""Which states and strokes a profile visits, how long its rallies are, and how they end."""
+"""Expected visits of a profile: its states and strokes, the length of its rallies, and how they end."""
 
 import dataclasses
 from typing import Final, Literal
@@ -6,12 +6,10 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.contraction import ROUNDING, TOLERANCE
-from shuttle_marl.exact.induced import check_same_layout, induced
-from shuttle_marl.exact.linear import solve_linear
+from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
+from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
 from shuttle_marl.game.rally import ONE, ROOT
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,7 +27,7 @@ class Visits:
         error_bound: the numbers of all states together are within this of the true ones.
     """
 
-    policies: tuple[TabulatedPolicy, TabulatedPolicy]
+    policies: tuple[StatePolicy, StatePolicy]
     states: tuple[Floats, Floats]
     error_bound: float
 
@@ -61,17 +59,17 @@ class Visits:
 
 
 def visits(
-    policy: TabulatedPolicy,
-    opponent: TabulatedPolicy,
+    policy: StatePolicy,
+    opponent: StatePolicy,
     *,
     server: Literal[0, 1] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Visits:
     """Expected visits when player 0 plays ``policy`` and player 1 plays ``opponent``.
 
-    With b_i the start of a rally that player i serves, and C_i the chances to go on where i strikes, the visits are
+    With b_i the start of a rally that player i serves, and C_i the probabilities of continuing where i strikes, the visits are
     x_0 = b_0 + w, w = C_1' (b_1 + C_0' (b_0 + w)), x_1 = b_1 + C_0' x_0. As w lies on rally states, whose rows in C_i sum to
-    c_i at most, |C_i' w| <= c_i |w| in the 1-norm, and the bound of :mod:`shuttle_marl.exact.contraction` holds in that norm:
+    c_i at most, |C_i' w| <= c_i |w| in the 1-norm, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds in that norm:
     the error of w is at most D residual / (1 - D), D = c_0 c_1, and that of x_1 no larger.
 
     Args:
@@ -81,11 +79,11 @@ def visits(
         tolerance: largest error bound that is good enough.
 
     Raises:
-        ExactError: the two games have different layouts, or play may go on for ever.
+        ExactError: the two games have different layouts, or play may never end.
     """
     check_same_layout(policy.game, opponent.game)
     chains = [induced(policy), induced(opponent)]
-    backward = [chain.lead_to for chain in chains]
+    backward = [chain.propagate for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]

@@ -1,31 +1,134 @@
-"""The value of a profile: two tabulated policies, one for each player, against each other."""
+"""Two fixed policies against each other, exactly: the value of every state, and the odds of everyone against everyone."""
 
 import dataclasses
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.contraction import FIRST_RALLY_STATE, TOLERANCE, error_bound
-from shuttle_marl.exact.induced import InducedChain, check_same_layout, induced
-from shuttle_marl.exact.linear import solve_linear
-from shuttle_marl.exact.odds import Odds
-from shuttle_marl.game.rally import ROOT
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError, error_bound, solve_linear
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.sweeps import mean_following, propagate
+from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 
 Floats = npt.NDArray[np.float64]
 
 
+class StatePolicy(Protocol):
+    """A policy that reads the state alone, such as :class:`shuttle_marl.game.table.TabulatedPolicy`."""
+
+    @property
+    def game(self) -> Game:
+        """The tables with which the player strikes."""
+        ...
+
+    def pair_probabilities(self) -> Floats:
+        """``[P]`` probability of each legal pair given its state."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PairPolicy:
+    """A policy given by probabilities that are not rounded to the resolution of a table.
+
+    Attributes:
+        game: the tables with which the player strikes.
+        probability: ``[P]`` of each legal pair; those of a state add up to 1.
+    """
+
+    game: Game
+    probability: Floats
+
+    def pair_probabilities(self) -> Floats:
+        """``[P]`` the same; see :class:`StatePolicy`."""
+        return self.probability
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class InducedChain:
+    """The Markov chain of one player's strokes under a policy.
+
+    Attributes:
+        game: the tables with which the player strikes.
+        reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
+        weight: ``[2 P]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn.
+        contraction: largest probability, over the rally states, that the rally continues.
+    """
+
+    game: Game
+    reward: Floats
+    weight: Floats
+    contraction: float
+
+    def continuation(self, following: Floats) -> Floats:
+        """``[S]`` C following: the mean of what follows each state, the end of the rally counting as 0."""
+        return mean_following(self.game, self.weight, following)
+
+    def propagate(self, visits: Floats) -> Floats:
+        """``[S]`` C' visits: how often each state follows, given how often the striker is in each state."""
+        return propagate(self.game, self.weight, visits)
+
+    def values(self, following: Floats) -> Floats:
+        """``[S]`` value of every state to the striker, ``following`` the value of the next states to the receiver."""
+        return self.reward - self.continuation(following)
+
+
+def induced(policy: StatePolicy) -> InducedChain:
+    """The chain of a policy, with the probabilities exactly as they are played from its table.
+
+    Raises:
+        ExactError: the policy may never end a rally.
+    """
+    game = policy.game
+    probability = policy.pair_probabilities()
+    fault, winner, below = game.threshold.astype(np.float64).T / ONE
+    reward = np.asarray(np.bincount(game.pair_state, probability * (winner - 2 * fault), game.n_states), dtype=np.float64)
+    continuation = np.bincount(game.pair_state, probability * (1 - winner), game.n_states)[FIRST_RALLY_STATE:]
+    if continuation.max(initial=0.0) >= 1:
+        state = FIRST_RALLY_STATE + int(continuation.argmax())
+        raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
+    weight = np.stack([probability * (below - winner), probability * (1 - below)], axis=1).ravel()
+    return InducedChain(game=game, reward=reward, weight=weight, contraction=float(continuation.max(initial=0.0)))
+
+
+def check_same_layout(first: Game, second: Game) -> None:
+    """Two players' tables must name the same states and strokes; only the probabilities may differ.
+
+    Raises:
+        ExactError: they do not.
+    """
+    if first is second:
+        return
+    if first.catalogue.names != second.catalogue.names:
+        raise ExactError(
+            f"the two players' games have different catalogues ({first.catalogue.version} and {second.catalogue.version}); "
+            "compile both from the same catalogue and the same rule of legality"
+        )
+    for table in ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start"):
+        if not np.array_equal(getattr(first, table), getattr(second, table)):
+            raise ExactError(
+                f"the two players' games differ in {table}, so their states are not the same; "
+                "compile both from the same catalogue and the same rule of legality"
+            )
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ProfileValue:
-    """What every state is worth when player 0 and player 1 play given policies.
+    """Values of all states when player 0 and player 1 play given policies.
 
     Attributes:
         striking: ``[S]`` each: value of the states in which player 0 strikes, to player 0, and of those in which player 1
-            strikes, to player 1. Values lie between -1 and 1: the chance to win the rally minus the chance to lose it, so
-            the chance to win is ``(1 + value) / 2``.
+            strikes, to player 1. Values lie between -1 and 1: the probability of winning the rally minus that of
+            losing it, so
+            the probability of winning is ``(1 + value) / 2``.
         residual: by how much the last sweep changed a value.
         contraction: factor by which a pair of sweeps shrinks an error.
-        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.contraction`).
+        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
     striking: tuple[Floats, Floats]
@@ -34,14 +137,14 @@ class ProfileValue:
     error_bound: float
 
     def odds(self, player: int = 0) -> Odds:
-        """How a player fares against the other."""
+        """Odds of a player against the other."""
         serving, receiving = self.striking[player][ROOT], -self.striking[1 - player][ROOT]
         # Rounding may carry a value of a certain rally past 1.
-        chances = (min(1.0, max(0.0, (1 + float(value)) / 2)) for value in (serving, receiving))
-        return Odds(serving=next(chances), receiving=next(chances), error_bound=self.error_bound / 2)
+        probabilities = (min(1.0, max(0.0, (1 + float(value)) / 2)) for value in (serving, receiving))
+        return Odds(serving=next(probabilities), receiving=next(probabilities), error_bound=self.error_bound / 2)
 
 
-def evaluate(policy: TabulatedPolicy, opponent: TabulatedPolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:
+def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """The exact value of player 0 playing ``policy`` against player 1 playing ``opponent``.
 
     Player i strikes with the tables of the game that its policy was tabulated for. In the symmetric game that is the same
@@ -53,7 +156,7 @@ def evaluate(policy: TabulatedPolicy, opponent: TabulatedPolicy, *, tolerance: f
         tolerance: largest error bound that is good enough.
 
     Raises:
-        ExactError: the two games have different layouts, or play may go on for ever.
+        ExactError: the two games have different layouts, or play may never end.
     """
     check_same_layout(policy.game, opponent.game)
     first = induced(policy)
@@ -66,7 +169,7 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     # Eliminating the second player: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
     z, residual, bound = solve_linear(
         first.values(second.reward),
-        lambda x: first.go_on(second.go_on(x)),
+        lambda x: first.continuation(second.continuation(x)),
         norm=lambda r: float(np.abs(r[FIRST_RALLY_STATE:]).max(initial=0.0)),
         bound=lambda residual, _: error_bound(residual, contraction),
         tolerance=tolerance,
@@ -74,3 +177,67 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     y = second.values(z)
     z[ROOT] = first.values(y)[ROOT]
     return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Crossplay:
+    """The odds of N policies against each other.
+
+    Attributes:
+        serving: ``[N, N]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
+        error_bound: every probability is within this of the true one.
+    """
+
+    serving: Floats
+    error_bound: float
+
+    @property
+    def receiving(self) -> Floats:
+        """``[N, N]`` probability that the policy of the row wins a rally that the policy of the column serves."""
+        return 1 - self.serving.T
+
+    @property
+    def rally(self) -> Floats:
+        """``[N, N]`` probability that the policy of the row wins a rally, both serving equally often."""
+        return (self.serving + self.receiving) / 2
+
+    def match(self, rules: Rules = BWF) -> Floats:
+        """``[N, N]`` probability that the policy of the row wins a match, the first serve drawn at random."""
+        return match_win_probability(self.serving, self.receiving, rules=rules)
+
+
+def crossplay(
+    policies: Sequence[StatePolicy], *, tolerance: float = TOLERANCE, progress: Callable[[], object] | None = None
+) -> Crossplay:
+    """The exact odds of every pair of policies, each against itself too.
+
+    Pairs are solved on all cores; which core solves a pair never changes its odds.
+
+    Args:
+        policies: N policies of games with the same layout.
+        tolerance: largest error bound of a value that is good enough.
+        progress: called whenever one of the ``N (N + 1) / 2`` pairs is solved.
+
+    Raises:
+        ExactError: there is no policy, two games have different layouts, or play may never end.
+    """
+    if not policies:
+        raise ExactError("crossplay of no policies: give one or more")
+    for policy in policies[1:]:
+        check_same_layout(policies[0].game, policy.game)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        chains = list(threads.map(induced, policies))
+        pairs = list(itertools.combinations_with_replacement(range(len(policies)), 2))
+
+        def serve_odds(pair: tuple[int, int]) -> tuple[float, float, float]:
+            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
+            return value.odds(0).serving, value.odds(1).serving, value.odds().error_bound
+
+        serving = np.empty((len(policies), len(policies)))
+        bound = 0.0
+        for (i, j), (first, second, error) in zip(pairs, threads.map(serve_odds, pairs), strict=True):
+            serving[i, j], serving[j, i] = first, second
+            bound = max(bound, error)
+            if progress is not None:
+                progress()
+    return Crossplay(serving=serving, error_bound=bound)

@@ -1,4 +1,4 @@
-"""What a policy gives away to perfect play, stroke by stroke.
+"""Regret: the value a policy loses to perfect play, stroke by stroke.
 
 In a state s the policy loses regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a) by not playing the best stroke, Q* the minimax value
 of a stroke. Weighted by how often the policy strikes in s, the regrets add up exactly to what it loses against a perfect
@@ -12,18 +12,18 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.contraction import TOLERANCE
+from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.exact.sweeps import stroke_values
-from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Regret:
-    """What a policy gives away, on the scale of values from -1 to 1.
+    """Value lost by a policy, on the scale of values from -1 to 1.
 
     Attributes:
         state: ``[S]`` loss of the stroke played in each state, on average over the policy.
@@ -48,8 +48,8 @@ class Regret:
 
 
 def policy_regret(
-    policy: TabulatedPolicy,
-    opponent: TabulatedPolicy | None = None,
+    policy: StatePolicy,
+    opponent: StatePolicy | None = None,
     *,
     solution: Solution | None = None,
     tolerance: float = TOLERANCE,
@@ -63,7 +63,7 @@ def policy_regret(
         tolerance: error bound of the values and of the visits.
 
     Raises:
-        ExactError: the layouts differ, or play may go on for ever.
+        ExactError: the layouts differ, or play may never end.
     """
     solution = solution or solve(policy.game, tolerance=tolerance)
     value, following = solution.value

@@ -1,13 +1,12 @@
-"""Best responses, and how much a policy gives away to them."""
+"""Best responses and exploitability."""
 
 import dataclasses
 
 import numpy as np
 
-from shuttle_marl.exact.contraction import TOLERANCE, largest_continuation
-from shuttle_marl.exact.induced import check_same_layout, induced
-from shuttle_marl.exact.minimax import greedy_policy, iterate
-from shuttle_marl.exact.profile import ProfileValue
+from shuttle_marl.exact.fixed_point import TOLERANCE, iterate, largest_continuation
+from shuttle_marl.exact.minimax import greedy_policy
+from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
 from shuttle_marl.exact.sweeps import best_values
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy
@@ -30,7 +29,7 @@ class Response:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Exploitability:
-    """What best responses gain on a profile, on the scale from -1 to 1, both players serving equally often.
+    """Gains of best responses on a profile, on the scale from -1 to 1, both players serving equally often.
 
     Attributes:
         nash_conv: the sum of what each player gains by answering the other one best, instead of playing the profile; 0 for a
@@ -51,7 +50,7 @@ class Exploitability:
         return self.nash_conv / 2
 
 
-def best_response(policy: TabulatedPolicy, *, game: Game | None = None, tolerance: float = TOLERANCE) -> Response:
+def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: float = TOLERANCE) -> Response:
     """The best response to a policy.
 
     Args:
@@ -60,7 +59,7 @@ def best_response(policy: TabulatedPolicy, *, game: Game | None = None, toleranc
         tolerance: largest error bound that is good enough.
 
     Raises:
-        ExactError: the layouts differ, or play may go on for ever.
+        ExactError: the layouts differ, or play may never end.
     """
     own = game or policy.game
     check_same_layout(own, policy.game)
@@ -75,9 +74,7 @@ def best_response(policy: TabulatedPolicy, *, game: Game | None = None, toleranc
     return Response(policy=greedy_policy(own, y), value=value, sweeps=sweeps + 1)
 
 
-def nash_conv(
-    policy: TabulatedPolicy, opponent: TabulatedPolicy | None = None, *, tolerance: float = TOLERANCE
-) -> Exploitability:
+def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:
     """NashConv and exploitability of a profile.
 
     Args:
@@ -86,7 +83,7 @@ def nash_conv(
         tolerance: largest error bound of a best response that is good enough.
 
     Raises:
-        ExactError: the layouts differ, or play may go on for ever.
+        ExactError: the layouts differ, or play may never end.
     """
     answer = best_response(policy, game=opponent.game if opponent else None, tolerance=tolerance)
     other = answer if opponent is None else best_response(opponent, game=policy.game, tolerance=tolerance)

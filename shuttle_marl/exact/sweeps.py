@@ -35,10 +35,10 @@ def _compiled_without_nan(function: F) -> F:
 
 
 @_compiled_without_nan
-def _best(now: Singles, go_on: Singles, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
+def _best(rewards: Singles, continuation: Singles, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
     for s in range(out.size):
-        reward = now[pair_start[s] : pair_start[s + 1]]
-        weight = go_on[2 * pair_start[s] : 2 * pair_start[s + 1]]
+        reward = rewards[pair_start[s] : pair_start[s + 1]]
+        weight = continuation[2 * pair_start[s] : 2 * pair_start[s + 1]]
         value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
         best = -1e300
         for i in range(reward.size):
@@ -64,7 +64,7 @@ def _mean(weights: Floats, pair_start: Ints, first_reply: Ints, following: Float
 
 
 @_compiled
-def _push(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
+def _propagate(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
     out[:] = 0.0
     for s in range(visits.size):
         weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
@@ -73,20 +73,20 @@ def _push(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Floats, 
             reached[i] += weight[i] * visits[s]
 
 
-class _Chances(NamedTuple):
-    """The chances of a game in units of 1/65536: whole numbers, so exact in single precision."""
+class _Probabilities(NamedTuple):
+    """The probabilities of a game in units of 1/65536: whole numbers, so exact in single precision."""
 
-    now: Singles
+    reward: Singles
     """``[P]`` winner minus fault."""
-    go_on: Singles
+    continuation: Singles
     """``[2 P]`` returned from below, from above, in turn."""
 
 
 @functools.lru_cache(maxsize=4)
-def _chances(game: Game) -> _Chances:
+def _probabilities(game: Game) -> _Probabilities:
     fault, winner, below = game.threshold.astype(np.int64).T
-    go_on = np.stack([below - winner, ONE - below], axis=1).ravel()
-    return _Chances(now=(winner - 2 * fault).astype(np.float32), go_on=go_on.astype(np.float32))
+    continuation = np.stack([below - winner, ONE - below], axis=1).ravel()
+    return _Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
 
 
 def best_values(game: Game, following: Floats, out: Floats | None = None) -> Floats:
@@ -98,7 +98,7 @@ def best_values(game: Game, following: Floats, out: Floats | None = None) -> Flo
         out: where to write the values; may not be ``following``.
     """
     out = np.empty(game.n_states) if out is None else out
-    _best(*_chances(game), game.pair_start, game.first_reply, following, out)
+    _best(*_probabilities(game), game.pair_start, game.first_reply, following, out)
     return out
 
 
@@ -115,18 +115,18 @@ def mean_following(game: Game, weights: Floats, following: Floats) -> Floats:
     return out
 
 
-def pushed(game: Game, weights: Floats, visits: Floats) -> Floats:
+def propagate(game: Game, weights: Floats, visits: Floats) -> Floats:
     """``[S]`` how often each state follows ``[S]`` visits: the transpose of :func:`mean_following`."""
     out = np.empty(game.n_states)
-    _push(weights, game.pair_start, game.first_reply, visits, out)
+    _propagate(weights, game.pair_start, game.first_reply, visits, out)
     return out
 
 
 def stroke_values(game: Game, following: Floats) -> Floats:
     """``[P]`` value of every legal stroke to the striker, given ``following`` as in :func:`best_values`."""
-    now, go_on = _chances(game)
+    reward, continuation = _probabilities(game)
     after = 2 * game.pair_edge
-    return np.asarray((now - go_on[::2] * following[after] - go_on[1::2] * following[after + 1]) / ONE)
+    return np.asarray((reward - continuation[::2] * following[after] - continuation[1::2] * following[after + 1]) / ONE)
 
 
 def greedy_strokes(game: Game, following: Floats) -> npt.NDArray[np.bool_]:
@@ -143,6 +143,6 @@ def greedy_strokes(game: Game, following: Floats) -> npt.NDArray[np.bool_]:
 def warm_up(game: Game) -> None:
     """Compile all sweeps, or load them from the disk, by sweeping the first state alone."""
     value, one = np.zeros(game.n_states), np.empty(1)
-    _best(*_chances(game), game.pair_start, game.first_reply, value, one)
+    _best(*_probabilities(game), game.pair_start, game.first_reply, value, one)
     _mean(np.zeros(2 * game.n_pairs), game.pair_start, game.first_reply, value, one)
-    _push(np.zeros(2 * game.n_pairs), game.pair_start, game.first_reply, one, value)
+    _propagate(np.zeros(2 * game.n_pairs), game.pair_start, game.first_reply, one, value)

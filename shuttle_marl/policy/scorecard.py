@@ -4,7 +4,7 @@ import dataclasses
 import functools
 from typing import Any, Final
 
-from shuttle_marl.exact.contraction import TOLERANCE
+from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate

@@ -21,7 +21,7 @@ ULP = 1.0 / ONE
 @functools.cache
 def solved() -> dict:
     game = default_game()
-    return health(game, bc.load(None, game).pair_probabilities())
+    return health(bc.load(None, game))
 
 
 def test_no_chance_leaves_what_its_data_carries() -> None:

@@ -1,4 +1,4 @@
-"""Minimax values against hand-solved games, policy iteration, and the plain value iteration of the model card."""
+"""Minimax values against hand-solved games, policy iteration, and plain value iteration."""
 
 import dataclasses
 from fractions import Fraction
@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 from exact_games import THREE_STROKES, games, hand_made, minimax_by_policy_iteration, random_game, seeds, with_chances
 from hypothesis import given, settings
+from value_iteration import ValueIteration
 
-from shuttle_marl.dynamics import default_game
-from shuttle_marl.dynamics.health import Solver
-from shuttle_marl.exact import ExactError, best_response, nash_conv, solve
-from shuttle_marl.exact.contraction import largest_continuation
+from shuttle_marl.exact import ExactError, Solution, best_response, nash_conv, solve
+from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.game.rally import ROOT, Game
-
-GAME = default_game()
-SOLUTION = solve(GAME)
 
 
 def test_three_strokes_solved_by_hand() -> None:
@@ -70,28 +66,28 @@ def test_coarse_values_are_within_their_bound(game: Game) -> None:
         assert np.abs(coarse.value[0] - exact.value[0]).max() <= coarse.error_bound + exact.error_bound
 
 
-def test_the_bound_is_that_of_the_contraction() -> None:
-    good, returned, _ = GAME.chances()
-    rally = GAME.pair_state >= 2
+def test_the_bound_is_that_of_the_contraction(solution: Solution, shipped: Game) -> None:
+    good, returned, _ = shipped.chances()
+    rally = shipped.pair_state >= 2
     d = float((good * returned)[rally].max())
-    assert SOLUTION.contraction == pytest.approx(d, abs=1e-12)
-    assert SOLUTION.error_bound == pytest.approx(SOLUTION.residual * d / (1 - d), abs=1e-9)
-    assert SOLUTION.error_bound <= 1e-9
+    assert solution.contraction == pytest.approx(d, abs=1e-12)
+    assert solution.error_bound == pytest.approx(solution.residual * d / (1 - d), abs=1e-9)
+    assert solution.error_bound <= 1e-9
 
 
-def test_equal_to_the_value_iteration_of_the_model_card() -> None:
-    assert np.abs(SOLUTION.value[0] - Solver(GAME).minimax()).max() < 1e-7
+def test_equal_to_plain_value_iteration(solution: Solution, oracle: ValueIteration) -> None:
+    assert np.abs(solution.value[0] - oracle.minimax).max() < 1e-7
 
 
-def test_two_equal_tables_are_the_symmetric_game() -> None:
-    copy = dataclasses.replace(GAME, threshold=GAME.threshold.copy())
-    asymmetric = solve(GAME, copy)
-    assert asymmetric.value_at_serve == pytest.approx(SOLUTION.value_at_serve, abs=2e-9)
+def test_two_equal_tables_are_the_symmetric_game(solution: Solution, shipped: Game) -> None:
+    copy = dataclasses.replace(shipped, threshold=shipped.threshold.copy())
+    asymmetric = solve(shipped, copy)
+    assert asymmetric.value_at_serve == pytest.approx(solution.value_at_serve, abs=2e-9)
     assert np.abs(asymmetric.value[0] - asymmetric.value[1]).max() < 2e-9
 
 
-def test_nobody_gains_against_minimax() -> None:
-    policy = SOLUTION.policy[0]
+def test_no_policy_gains_against_minimax(solution: Solution) -> None:
+    policy = solution.policy[0]
     answer = best_response(policy)
     assert abs(answer.value.odds().value) <= answer.value.error_bound
     found = nash_conv(policy)
@@ -99,16 +95,18 @@ def test_nobody_gains_against_minimax() -> None:
     assert found.exploitability == found.nash_conv / 2
 
 
-def test_the_same_values_twice() -> None:
-    again = solve(GAME)
-    assert np.array_equal(again.value[0], SOLUTION.value[0])
-    assert np.array_equal(again.policy[0].cumulative, SOLUTION.policy[0].cumulative)
+def test_the_same_values_twice(solution: Solution, shipped: Game) -> None:
+    again = solve(shipped)
+    assert np.array_equal(again.value[0], solution.value[0])
+    assert np.array_equal(again.policy[0].cumulative, solution.policy[0].cumulative)
 
 
-def test_the_minimax_policy_plays_one_legal_stroke_in_every_state() -> None:
-    p = SOLUTION.policy[0].pair_probabilities()
+def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, shipped: Game) -> None:
+    p = solution.policy[0].pair_probabilities()
     assert set(np.unique(p)) == {0.0, 1.0}
-    assert np.array_equal(np.bincount(GAME.pair_state, p, GAME.n_states), GAME.legal_count(np.arange(GAME.n_states)) > 0)
+    assert np.array_equal(
+        np.bincount(shipped.pair_state, p, shipped.n_states), shipped.legal_count(np.arange(shipped.n_states)) > 0
+    )
 
 
 def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
@@ -127,12 +125,12 @@ def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
     assert serve_always_good.value[0][ROOT] == pytest.approx(expected, abs=2e-12)
 
 
-def test_games_of_different_layouts_are_refused() -> None:
+def test_games_of_different_layouts_are_refused(shipped: Game) -> None:
     first, second = random_game(1, rallies=5), random_game(2, rallies=5)
     with pytest.raises(ExactError, match=r"different catalogues|differ in"):
         solve(first, second)
     with pytest.raises(ExactError, match="different catalogues"):
-        solve(GAME, first)
+        solve(shipped, first)
     moved = dataclasses.replace(first, reply_start=first.reply_start + 1)
     with pytest.raises(ExactError, match="differ in reply_start"):
         solve(first, moved)

@@ -7,7 +7,6 @@ import pytest
 from exact_games import games, random_game, random_policy, seeds
 from hypothesis import given, settings
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import ExactError, crossplay, evaluate
 from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
 from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
@@ -15,7 +14,6 @@ from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
-GAME = default_game()
 NAMES = ("bc", "attacking", "defensive", "safe", "random")
 Z_999 = 3.2905
 """Half the width of a 99.9 % interval, in standard errors."""
@@ -38,18 +36,18 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
     assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
 
 
-def test_the_same_odds_twice_and_in_any_company() -> None:
-    tables = [tabulate(resolve(name, GAME), GAME) for name in ("bc", "safe")]
+def test_the_same_odds_twice_and_in_any_company(shipped: Game) -> None:
+    tables = [tabulate(resolve(name, shipped), shipped) for name in ("bc", "safe")]
     table = crossplay(tables)
     assert np.array_equal(table.serving, crossplay(tables).serving)
     assert table.serving[0, 1] == pytest.approx(crossplay(tables[::-1]).serving[1, 0], abs=table.error_bound)
 
 
-def test_nobody_and_strangers_are_refused() -> None:
+def test_no_policies_and_other_games_are_refused(shipped: Game) -> None:
     with pytest.raises(ExactError, match="no policies"):
         crossplay([])
     with pytest.raises(ExactError, match="different catalogues"):
-        crossplay([tabulate(resolve("safe", GAME), GAME), random_policy(random_game(0), 0)])
+        crossplay([tabulate(resolve("safe", shipped), shipped), random_policy(random_game(0), 0)])
 
 
 def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: int, key: int) -> int:
@@ -74,8 +72,8 @@ def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: in
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(NAMES, 2)))
-def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(first: str, second: str) -> None:
-    policies = [tabulate(resolve(name, GAME), GAME) for name in (first, second)]
+def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(shipped: Game, first: str, second: str) -> None:
+    policies = [tabulate(resolve(name, shipped), shipped) for name in (first, second)]
     odds = evaluate(*policies).odds()
     rallies = 500_000
     serving = sampled_wins(policies[0], policies[1], rallies, NAMES.index(first)) / rallies
@@ -86,8 +84,8 @@ def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(first: str, sec
     assert abs(odds.rally - (serving + receiving) / 2) < Z_999 * spread / rallies**0.5
 
 
-def test_matches_follow_from_rallies() -> None:
-    tables = [tabulate(resolve(name, GAME), GAME) for name in NAMES]
+def test_matches_follow_from_rallies(shipped: Game) -> None:
+    tables = [tabulate(resolve(name, shipped), shipped) for name in NAMES]
     table = crossplay(tables)
     expected = match_win_probability(table.serving, 1 - table.serving.T)
     assert np.array_equal(table.match(), expected)

@@ -17,17 +17,13 @@ from exact_games import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from value_iteration import ValueIteration
 
-from shuttle_marl.dynamics import default_game
-from shuttle_marl.dynamics.health import Solver, play_statistics
-from shuttle_marl.exact import ExactError, best_response, evaluate, nash_conv, policy_regret, solve, visits
+from shuttle_marl.exact import ExactError, PairPolicy, Solution, best_response, evaluate, nash_conv, policy_regret, solve, visits
 from shuttle_marl.game.rally import ONE, ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.game.table import TabulatedPolicy
 
-GAME = default_game()
-BC = tabulate(resolve("bc", GAME), GAME)
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
 
 
@@ -163,23 +159,24 @@ def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> 
     assert loss.per_stroke == pytest.approx(loss.per_rally / visits(policy, solution.policy[1]).states[0].sum(), abs=1e-9)
 
 
-def test_perfect_play_has_no_regret() -> None:
-    solution = solve(GAME)
-    loss = policy_regret(solution.policy[0], BC, solution=solution)
+def test_perfect_play_has_no_regret(solution: Solution, bc: TabulatedPolicy) -> None:
+    loss = policy_regret(solution.policy[0], bc, solution=solution)
     assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
 
 
-def test_behaviour_cloning_as_the_model_card_has_it() -> None:
-    health = Solver(GAME)
-    seen, card = visits(BC, BC), play_statistics(health, BC.pair_probabilities())
-    assert seen.rally_length == pytest.approx(card["mean_rally"], abs=1e-6)
-    assert list(seen.shot_mix(0)) == pytest.approx(list(card["shot_mix"].values()), abs=1e-8)
-    ends = seen.endings()
-    assert ends["fault of player 0"] + ends["fault of player 1"] == pytest.approx(card["rallies_ending_on_fault"], abs=1e-8)
-    share, chosen = health.best_response(BC.pair_probabilities())
-    answer = best_response(BC)
+def test_behaviour_cloning_as_plain_iteration_has_it(bc: TabulatedPolicy, oracle: ValueIteration) -> None:
+    seen, expected = visits(bc, bc, server=0), oracle.visits(bc.pair_probabilities())
+    assert np.abs(seen.pairs(0) + seen.pairs(1) - expected).sum() < 1e-6
+    share, chosen = oracle.best_response(bc.pair_probabilities())
+    answer = best_response(bc)
     assert answer.value.odds().rally == pytest.approx(share, abs=1e-7)
     assert np.array_equal(answer.policy.pair_probabilities(), chosen)
+
+
+def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> None:
+    exact = PairPolicy(game=bc.game, probability=bc.pair_probabilities())
+    assert evaluate(exact, bc).odds() == evaluate(bc, bc).odds()
+    assert nash_conv(exact) == nash_conv(bc)
 
 
 def test_visits_are_expected_numbers_of_strokes() -> None:
@@ -191,9 +188,9 @@ def test_visits_are_expected_numbers_of_strokes() -> None:
     assert visits(policy, policy, tolerance=1e-12).rally_length == pytest.approx(1 + 7 / 16 * (a + b), abs=1e-10)
 
 
-def test_policies_of_other_games_are_refused() -> None:
+def test_policies_of_other_games_are_refused(shipped: Game, bc: TabulatedPolicy) -> None:
     policy = random_policy(random_game(5), 0)
-    for call in (lambda: evaluate(BC, policy), lambda: visits(policy, BC), lambda: best_response(policy, game=GAME)):
+    for call in (lambda: evaluate(bc, policy), lambda: visits(policy, bc), lambda: best_response(policy, game=shipped)):
         with pytest.raises(ExactError, match="different catalogues"):
             call()
 
@@ -209,8 +206,8 @@ def test_a_policy_that_never_ends_a_rally_is_refused() -> None:
         evaluate(policy, policy)
 
 
-def test_the_bound_of_a_match_follows_from_that_of_a_rally() -> None:
-    odds = evaluate(BC, BC, tolerance=1e-3).odds()
+def test_the_bound_of_a_match_follows_from_that_of_a_rally(bc: TabulatedPolicy) -> None:
+    odds = evaluate(bc, bc, tolerance=1e-3).odds()
     low, high = (dataclasses.replace(odds, serving=odds.serving + e, receiving=odds.receiving + e) for e in (-1e-4, 1e-4))
     wide = dataclasses.replace(odds, error_bound=1e-4)
     assert wide.match_error_bound() == pytest.approx(max(high.match() - odds.match(), odds.match() - low.match()), abs=1e-12)
