@@ -9,7 +9,7 @@ from shuttle_marl.analysis.errors import AnalysisError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.recording.parts import SUFFIX
+from shuttle_marl.recording.log_file import SUFFIX
 from shuttle_marl.recording.stroke_table import stroke_table
 
 RALLIES = 20_000

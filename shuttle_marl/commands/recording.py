@@ -6,18 +6,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import numpy as np
+import numpy.typing as npt
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.rally_text import describe, score_line
 from shuttle_marl.commands.scene import scene
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.rally import OUTCOMES
 from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.recording.check import check as check_log
 from shuttle_marl.recording.export import export as export_log
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recover import recover as recover_log
 from shuttle_marl.recording.recover import recover_folder, unfinished_files
 from shuttle_marl.recording.schema import RecordingError
+from shuttle_marl.recording.tables import outcomes
 
 File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -113,14 +118,14 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         raise RecordingError("say what to show: either --rally NUMBER or --match NUMBER")
     with RallyLog(path) as log:
         if rally is not None:
-            _say(describe(log, rally))
+            _say(_describe(log, rally))
             return
         numbers = log.numbers_of_match(pairing, match or 0)
         if not len(numbers):
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
-            _say(describe(log, int(number)))
-        _say(f"games: {score_line(log, numbers)}")
+            _say(_describe(log, int(number)))
+        _say(f"games: {_score_line(log, numbers)}")
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {
@@ -137,6 +142,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     description = "Read, check and mend rally logs, and show their rallies in 3D."
     return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
+
+
+def _describe(log: RallyLog, number: int) -> str:
+    """One rally: who played whom at what score, a line a stroke, and who won it.
+
+    Raises:
+        RecordingError: the log has no such rally, or is damaged.
+    """
+    rally = log.rally(number)
+    names = [log.policies[i].name for i in rally.policy[0]]
+    server, winner = int(rally.server[0]), int(rally.winner[0])
+    points, games = rally.score[0, :2], rally.score[0, 2:]
+    width = max(map(len, names))
+    lines = [
+        f"rally {number}: {names[0]} v {names[1]}, match {rally.match[0]}, rally {rally.rally[0]}, "
+        f"games {games[0]}-{games[1]}, points {points[0]}-{points[1]}, {names[server]} serves"
+    ]
+    catalogue = log.catalogue
+    for i, (stroke, outcome) in enumerate(zip(rally.stroke, outcomes(rally, catalogue), strict=True)):
+        shot, area = SHOTS[catalogue.shot[stroke]], AREAS[catalogue.area[stroke]]
+        technique, height = TECHNIQUES[catalogue.technique[stroke]], HEIGHTS[catalogue.height[stroke]]
+        lines.append(
+            f"{i + 1:5}  {names[(server + i) & 1]:{width}}  {shot} to {area}, {technique} from {height} the net"
+            f"  [{OUTCOMES[outcome]}]"
+        )
+    lines.append(f"       {names[winner]} wins the rally ({OUTCOMES[rally.reason[0]]})")
+    return "\n".join(lines)
+
+
+def _score_line(log: RallyLog, numbers: npt.NDArray[np.integer]) -> str:
+    """The result of a match, from the numbers of its rallies: the points of every game, seat 0 first.
+
+    Raises:
+        RecordingError: the log is damaged.
+    """
+    ends: dict[int, tuple[int, int]] = {}
+    for number in numbers:
+        rally = log.rally(int(number))
+        points = [int(p) for p in rally.score[0, :2]]
+        points[int(rally.winner[0])] += 1
+        ends[int(rally.score[0, 2:].sum())] = (points[0], points[1])
+    return ", ".join(f"{a}-{b}" for a, b in ends.values())
 
 
 def _say(text: str) -> None:

@@ -31,8 +31,8 @@ from shuttle_marl.league.results import PairResult, results_table
 from shuttle_marl.league.schedule import Pairing, round_robin
 from shuttle_marl.league.tournament import Tournament
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
-from shuttle_marl.recording.resume import rallies_of_pairings
-from shuttle_marl.recording.resume import resume as resume_log
+from shuttle_marl.recording.recover import rallies_of_pairings
+from shuttle_marl.recording.recover import resume as resume_log
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

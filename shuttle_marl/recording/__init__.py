@@ -6,12 +6,11 @@ again from the recorded seed. ``docs/rally_log.md`` describes the file byte for 
 """
 
 from shuttle_marl.recording.derived import Derived
-from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player
+from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
-from shuttle_marl.recording.sampling import Sampling
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 

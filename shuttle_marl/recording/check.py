@@ -15,10 +15,10 @@ from mcap.records import DataEnd, Footer
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import Rules, wins_game
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
+from shuttle_marl.recording.header import Sampling
 from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import replay
-from shuttle_marl.recording.sampling import Sampling
 from shuttle_marl.recording.schema import DamagedLogError, Rallies
 
 _BLOCK: Final = 1 << 20

@@ -12,14 +12,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
+import numpy as np
 import pyarrow as pa
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Footer, Message
+from mcap.records import Chunk, Footer, Header, Message, Metadata
 
-from shuttle_marl.recording.schema import DamagedLogError, OtherFileError, RecordingError
+from shuttle_marl.recording.header import LogHeader
+from shuttle_marl.recording.schema import VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError, arrow_schema
 
 PROFILE: Final = "shuttle_marl"
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -27,6 +29,10 @@ FRAME: Final = struct.Struct("<BQ")
 """Head of every record: opcode and length of the body."""
 FOOTER_LENGTH: Final = 20
 TOPIC: Final = "/rallies"
+METADATA: Final = "shuttle_marl.rally_log"
+"""Name of the MCAP metadata record that holds the header."""
+RALLY_TIME: Final = 1_000_000
+"""Log time that a rally takes [ns]: the log time of a batch is the number of its first rally times this."""
 INDEX_NAME: Final = "rally_index"
 INDEX_SCHEMA: Final = pa.schema(
     [
@@ -155,3 +161,87 @@ def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
     if zlib.crc32(end[: FRAME.size + FOOTER_LENGTH - 4], zlib.crc32(summary)) != footer.summary_crc:
         raise DamagedLogError("the checksum of its summary does not fit")
     return list(records(summary))
+
+
+def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
+    """The header of a rally log, finished or not, and the byte behind it.
+
+    Raises:
+        OtherFileError: this is no rally log.
+        RecordingError: it is one of another version.
+        DamagedLogError: the header is cut off or damaged.
+    """
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        raise OtherFileError("no rally log: it does not begin as an MCAP file does")
+    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
+    profile = Header.read(stream(start)).profile
+    if profile != PROFILE:
+        raise OtherFileError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
+    at = len(MAGIC) + FRAME.size + len(start)
+    body = read_record(file, at, size, Opcode.METADATA)
+    metadata = Metadata.read(stream(body))
+    if metadata.name != METADATA:
+        raise DamagedLogError("the header is missing")
+    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)
+
+
+def encode(first: int, rallies: Rallies, n_strokes: int) -> bytes:
+    """The message of a batch whose first rally has number ``first``."""
+    batch = rallies.to_arrow(n_strokes)
+    batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
+        writer.write_batch(batch)
+    data: bytes = sink.getvalue().to_pybytes()
+    return data
+
+
+def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
+    """Number of the first rally, and the rallies; every number in them points at something.
+
+    Raises:
+        DamagedLogError: the message holds something else.
+        pa.ArrowException: it holds no Arrow stream.
+    """
+    batch = _arrow_batch(message.data)
+    metadata = batch.schema.metadata or {}
+    if (
+        not batch.schema.equals(arrow_schema(len(header.strokes), header.columns))
+        or metadata.get(b"version") != str(VERSION).encode()
+    ):
+        raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
+    first = int(metadata.get(b"first_rally", b"-1"))
+    if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
+        raise DamagedLogError("a batch without a place in the log")
+    rallies = Rallies.from_arrow(batch)
+    _check_numbers(rallies, header)
+    return first, rallies
+
+
+def _arrow_batch(data: bytes) -> pa.RecordBatch:
+    try:
+        with pa.ipc.open_stream(data) as reader:
+            batches = list(reader)
+    except OSError as error:  # of Arrow, about the bytes: no file is involved
+        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
+    if len(batches) != 1:
+        raise DamagedLogError(f"{len(batches)} Arrow batches in a message, expected 1")
+    batches[0].validate(full=True)
+    return batches[0]
+
+
+def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
+    for what, numbers, limit in (
+        ("seat", rallies.server, 2),
+        ("seat", rallies.winner, 2),
+        ("reason", rallies.reason, 2),
+        ("policy", rallies.policy, len(header.policies)),
+        ("pairing", rallies.pairing, len(header.pairings)),
+        ("stroke", rallies.stroke, len(header.strokes)),
+    ):
+        most = int(np.max(numbers))
+        if most >= limit:
+            raise DamagedLogError(f"{what} {most} in a batch, expected less than {limit}")
+    if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
+        raise DamagedLogError("a rally without strokes")

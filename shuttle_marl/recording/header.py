@@ -3,24 +3,23 @@
 import dataclasses
 import hashlib
 import json
-from typing import Any, BinaryIO, Final, Literal, get_args
+import re
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import Header, Metadata
+import numpy.typing as npt
 
 from shuttle_marl import __version__
 from shuttle_marl.game.draws import UInt64s
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.recording.container import FRAME, MAGIC, PROFILE, read_record, stream
-from shuttle_marl.recording.sampling import Sampling
-from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError
+from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, Rallies, RecordingError
 
-METADATA: Final = "shuttle_marl.rally_log"
-"""Name of the MCAP metadata record that holds the header."""
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs in which every rally stands for itself: a match of one point."""
+
+_SAMPLE_KEY: Final = 0x53414D504C45
+"""Sets the lots of the sample apart from the draws of the game; "SAMPLE" in ASCII."""
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 """What names the draws of a rally, beside the seed.
@@ -45,6 +44,55 @@ class Player:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """Which rallies are recorded.
+
+    Whole matches are drawn by lot, so that their scores can be followed; matches that share their draws (two in a league,
+    with the seats swapped) are in the sample together. The lot depends on the seed, the pairing and the number of the match
+    alone, never on what happens in it, on batches or on threads.
+
+    Attributes:
+        every: record one match in so many: 1 all, 0 none.
+    """
+
+    every: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> "Sampling":
+        """Read ``all``, ``none``, or ``sample:N`` with N from 1 on.
+
+        Raises:
+            RecordingError: anything else.
+        """
+        if text in ("all", "none"):
+            return cls(every=int(text == "all"))
+        found = re.fullmatch(r"sample:([1-9]\d{0,17})", text)
+        if found is None:
+            raise RecordingError(f"--record {text}: expected all, none, or sample:N to record one match in N")
+        return cls(every=int(found[1]))
+
+    def __str__(self) -> str:
+        return {0: "none", 1: "all"}.get(self.every, f"sample:{self.every}")
+
+    def of(self, header: "LogHeader", rallies: Rallies) -> Rallies:
+        """The rallies that are recorded."""
+        if self.every == 1 or not len(rallies):
+            return rallies
+        return rallies.select(self.keeps(header, rallies.pairing, rallies.match))
+
+    def keeps(
+        self, header: "LogHeader", pairing: npt.NDArray[np.integer], match: npt.NDArray[np.integer]
+    ) -> npt.NDArray[np.bool_]:
+        """``[R]`` whether matches are recorded, by the number of their pairing and in their pairing."""
+        if self.every <= 1:
+            return np.full(len(match), self.every == 1)
+        keys = np.array(header.pairings, dtype=np.uint64)[pairing]
+        lot = draw_stream(header.seed, _SAMPLE_KEY, keys, match.astype(np.int64) // header.matches_per_draw)
+        chosen: npt.NDArray[np.bool_] = lot % np.uint64(self.every) == 0
+        return chosen
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class LogHeader:
     """What all rallies of a log share.
 
@@ -58,7 +106,7 @@ class LogHeader:
             number and the same seat serving.
         rules: when games and matches were won.
         draws: what names the draws of a rally, see :data:`Draws`.
-        record: which rallies were recorded, see :class:`shuttle_marl.recording.sampling.Sampling`.
+        record: which rallies were recorded, see :class:`Sampling`.
         columns: those of :data:`shuttle_marl.recording.schema.EXTRA_COLUMNS` that the log has, in that order.
         software: what wrote the log.
         part: number of this file among those of the log, from 0; logs that differ in this and the next field alone are equal.
@@ -154,26 +202,3 @@ def _check_types(header: LogHeader) -> None:
         raise TypeError("a number where a text is expected, or the other way round")
     if not all(0 <= key < 1 << 64 for key in header.pairings):
         raise ValueError("the key of a pairing is not below 2^64")
-
-
-def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
-    """The header of a rally log, finished or not, and the byte behind it.
-
-    Raises:
-        OtherFileError: this is no rally log.
-        RecordingError: it is one of another version.
-        DamagedLogError: the header is cut off or damaged.
-    """
-    file.seek(0)
-    if file.read(len(MAGIC)) != MAGIC:
-        raise OtherFileError("no rally log: it does not begin as an MCAP file does")
-    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
-    profile = Header.read(stream(start)).profile
-    if profile != PROFILE:
-        raise OtherFileError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
-    at = len(MAGIC) + FRAME.size + len(start)
-    body = read_record(file, at, size, Opcode.METADATA)
-    metadata = Metadata.read(stream(body))
-    if metadata.name != METADATA:
-        raise DamagedLogError("the header is missing")
-    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)

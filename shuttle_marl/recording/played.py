@@ -11,7 +11,7 @@ from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.played import Matches, Played
 from shuttle_marl.recording.header import LogHeader, Player
-from shuttle_marl.recording.parts import existing_parts
+from shuttle_marl.recording.log_file import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.schema import Rallies
 

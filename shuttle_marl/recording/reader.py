@@ -13,8 +13,7 @@ import pyarrow as pa
 
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.recording.header import LogHeader, Player
-from shuttle_marl.recording.log_file import LogFile
-from shuttle_marl.recording.parts import SUFFIX, existing_parts, is_further_part, part_path
+from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path
 from shuttle_marl.recording.schema import OtherFileError, Rallies, RecordingError, arrow_schema
 from shuttle_marl.recording.tables import Derive, rally_rows, stroke_rows
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-from shuttle_marl.recording.header import LogHeader
-from shuttle_marl.recording.sampling import Sampling
+from shuttle_marl.recording.header import LogHeader, Sampling
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
@@ -50,7 +49,7 @@ class RallyRecorder:
         """Record into a log, as its header says.
 
         Args:
-            log: a new log, or one that :func:`shuttle_marl.recording.resume.resume` goes on with. It is the recorder's now.
+            log: a new log, or one that :func:`shuttle_marl.recording.recover.resume` goes on with. It is the recorder's now.
             waiting_strokes: so many strokes may wait to be written before :meth:`add` waits too.
         """
         self.path = log.path

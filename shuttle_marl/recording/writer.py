@@ -9,10 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from shuttle_marl.recording.batch import encode
+from shuttle_marl.recording.container import encode
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader
-from shuttle_marl.recording.parts import existing_parts, part_path
+from shuttle_marl.recording.log_file import existing_parts, part_path
 from shuttle_marl.recording.schema import Rallies, RecordingError
 
 BATCH_RALLIES: Final = 4096
@@ -112,7 +112,7 @@ class RallyLogWriter:
 
         Args:
             first: number of its first rally, not below the number of rallies written so far.
-            data: what :func:`shuttle_marl.recording.batch.encode` made.
+            data: what :func:`shuttle_marl.recording.container.encode` made.
             rallies: the same, decoded.
 
         Raises:

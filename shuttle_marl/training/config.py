@@ -96,7 +96,7 @@ class TrainingConfig:
     """Threads of PyTorch in this process; part of what decides a run, because sums are split by it."""
 
     def __post_init__(self) -> None:
-        from shuttle_marl.recording.sampling import Sampling  # noqa: PLC0415  pyarrow; not for a help page
+        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
         Sampling.parse(self.record)
         for name, fits, expected in _BOUNDS:

@@ -19,7 +19,7 @@ from tensordict import TensorDictBase
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
-from shuttle_marl.recording.resume import resume
+from shuttle_marl.recording.recover import resume
 from shuttle_marl.recording.trace import RallyTrace
 from shuttle_marl.training.config import TrainingConfig
 

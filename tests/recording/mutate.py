@@ -25,11 +25,10 @@ from mcap.records import AttachmentIndex
 from conftest import a_header, some_rallies
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.batch import encode
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.container import INDEX_NAME, read_record, read_summary, stream
+from shuttle_marl.recording.container import INDEX_NAME, encode, read_record, read_summary, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.parts import part_path, unfinished
+from shuttle_marl.recording.log_file import part_path, unfinished
 
 MEMORY = 768 << 20
 """More address space than the process has after its imports [bytes]; reading a log of this size needs a few megabytes."""

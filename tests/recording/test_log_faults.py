@@ -16,8 +16,8 @@ from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.parts import unfinished
-from shuttle_marl.recording.salvage import salvage
+from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.schema import DamagedLogError
 
 

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
-from shuttle_marl.recording.parts import unfinished
-from shuttle_marl.recording.resume import resume
+from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.recover import resume
 from shuttle_marl.recording.schema import arrow_schema
 from shuttle_marl.recording.tables import outcomes, rows_of_strokes
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, recover
-from shuttle_marl.recording.parts import unfinished
+from shuttle_marl.recording.log_file import unfinished
 
 
 def same(a: Rallies, b: Rallies) -> bool:
@@ -88,7 +88,7 @@ def test_errors_of_the_thread_reach_the_caller(
         raise failure
 
     with monkeypatch.context() as patch:
-        patch.setattr("shuttle_marl.recording.sink.Sink.commit", fail)
+        patch.setattr("shuttle_marl.recording.file_writer.Sink.commit", fail)
         recorder.add(rallies(64))
         with pytest.raises(expected):
             recorder.flush()

@@ -16,7 +16,7 @@ from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.sink import NoRoomError, Sink
+from shuttle_marl.recording.file_writer import NoRoomError, Sink
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
 
 GAME = default_game()
