@@ -1,4 +1,4 @@
-# `make demo` plays a tournament, `make test` runs all tests. Both install what they need into .venv, once.
+# `make demo` plays a tournament, `make test` runs the tests. Both install what they need into .venv, once.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -6,9 +6,9 @@ VENV ?= .venv
 MATCHES ?= 200
 # Another package index to look at too, for example one with CPU builds of PyTorch; see the README.
 TORCH_INDEX ?=
-# Further flags of pytest, for example '-m "not slow"'.
+# Further flags of pytest, for example '-k league'.
 PYTEST_FLAGS ?=
-# Tests that run side by side; those of one file run one after the other. 0: all one after the other.
+# Processes that run tests side by side. 0: all tests one after the other, in one process.
 JOBS ?= auto
 
 export PIP_CONSTRAINT := constraints.txt
@@ -16,28 +16,37 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install -qq $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
-# Each stamp stands for one finished installation. Whatever the larger one covers, the smaller one needs not do again.
+PYTEST := $(BIN)/python -m pytest -n $(JOBS) --maxprocesses 4 --dist worksteal --durations 10
+# Each stamp stands for one finished installation. The larger one includes the smaller one.
 RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
-.PHONY: help demo test install lint format lock clean
+.PHONY: help demo test test-slow test-all install lint format lock clean
 .NOTPARALLEL:
 
 help:
-	@echo 'make demo     play a tournament between the players of the package, into runs/demo'
-	@echo 'make test     run all tests'
-	@echo 'make install  install everything, PyTorch too, and run nothing'
-	@echo 'make lint     check format, style, types and floors'
-	@echo 'make format   format the code and mend what can be mended'
-	@echo 'make lock     choose all versions anew and write them to constraints.txt'
-	@echo 'make clean    remove .venv and caches'
+	@echo 'make demo       play a tournament between the players of the package, into runs/demo'
+	@echo 'make test       run the tests, all but the slow ones: a few minutes'
+	@echo 'make test-slow  run the slow tests: training runs, killed processes, tutorials, Ray and Node'
+	@echo 'make test-all   run both'
+	@echo 'make install    install everything, PyTorch too, and run nothing'
+	@echo 'make lint       check format, style, types and layers'
+	@echo 'make format     format the code and fix what can be fixed'
+	@echo 'make lock       choose all versions again and write them to constraints.txt'
+	@echo 'make clean      remove .venv and caches'
 
 demo: $(RUN_STAMP)
 	$(BIN)/python -m shuttle_marl.league --matches $(MATCHES) --out runs/demo --overwrite
 
 test: $(TEST_STAMP)
-	$(BIN)/python -m pytest -n $(JOBS) --maxprocesses 4 --dist loadfile $(PYTEST_FLAGS)
+	$(PYTEST) -m 'not slow' $(PYTEST_FLAGS)
+
+test-slow: $(TEST_STAMP)
+	$(PYTEST) -m slow $(PYTEST_FLAGS)
+
+test-all: $(TEST_STAMP)
+	$(PYTEST) $(PYTEST_FLAGS)
 
 install: $(TEST_STAMP)
 

@@ -1,8 +1,8 @@
-"""Runs the code of the documentation: every ``python`` block, and every block whose fence says ``bash run``.
+"""Settings of all tests, and the runner of the documentation's code.
 
-The blocks of one page run in order, in one namespace and one empty folder. A ``python`` block whose first line is a
-comment with a file name (``# my_policy.py``) is also written to that file, so that commands further down can use it.
-``<!--- skip: next -->`` before a block skips it.
+Every ``python`` block of a page runs, and every block whose fence says ``bash run``. A page is one test: its blocks run in
+order, in one namespace and one empty folder, up to the first that fails. A ``python`` block whose first line is a comment with
+a file name (``# my_policy.py``) is also written to that file, so that commands further down can use it.
 """
 
 import os
@@ -11,18 +11,27 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from sybil import Example, Sybil
+import pytest
+from sybil import Document, Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
-from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 
-_FILE_NAME = re.compile(r"#\s*(\w+\.py)\n")
+# One thread a process: tests run side by side, and each of these libraries would start a thread for every core. This has to
+# happen before the libraries are imported; programs that tests start inherit it.
+for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+SLOW_PAGES: Final = ("docs/tutorials",)
+"""Pages, or folders of pages, whose code trains agents; marked ``slow``."""
+_FILE_NAME: Final = re.compile(r"#\s*(\w+\.py)\n")
 
 
 class _BashFailed(Exception):
-    """A command of the documentation that does not do what it says."""
+    """A command of the documentation that does not do what the page says."""
 
 
 def _run_python(example: Example) -> None:
@@ -43,21 +52,7 @@ def _run_bash(example: Example) -> None:
         check=False,
     )
     if done.returncode != 0:
-        raise _BashFailed(f"exit status {done.returncode} of:\n{example.parsed}\n{done.stdout}{done.stderr}")
-
-
-def _enter_folder(namespace: dict[str, Any]) -> None:
-    folder = tempfile.TemporaryDirectory(prefix="docs-")
-    namespace["__leave__"] = (folder, Path.cwd())
-    os.chdir(folder.name)
-    sys.path.insert(0, folder.name)
-
-
-def _leave_folder(namespace: dict[str, Any]) -> None:
-    folder, before = namespace["__leave__"]
-    os.chdir(before)
-    sys.path.remove(folder.name)
-    folder.cleanup()
+        raise _BashFailed(f"line {example.line}: exit status {done.returncode} of:\n{example.parsed}\n{done.stdout}{done.stderr}")
 
 
 class _PythonParser(PythonCodeBlockParser):
@@ -66,9 +61,41 @@ class _PythonParser(PythonCodeBlockParser):
         self.codeblock_parser = CodeBlockParser("python", _run_python)
 
 
-pytest_collect_file = Sybil(
-    parsers=[_PythonParser(), CodeBlockParser("bash run", _run_bash), SkipParser()],
-    pattern="*.md",
-    setup=_enter_folder,
-    teardown=_leave_folder,
-).pytest()
+_SYBIL: Final = Sybil(parsers=[_PythonParser(), CodeBlockParser("bash run", _run_bash)], pattern="*.md")
+
+
+class _PageCode(pytest.Item):
+    """All code of a page: one test, because a block needs what the blocks before it made."""
+
+    def __init__(self, *, document: Document, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self.document = document
+
+    def runtest(self) -> None:
+        before = Path.cwd()
+        with tempfile.TemporaryDirectory(prefix="docs-") as folder:
+            os.chdir(folder)
+            sys.path.insert(0, folder)
+            try:
+                for example in self.document.examples():
+                    example.evaluate()
+            finally:
+                os.chdir(before)
+                sys.path.remove(folder)
+
+    def reportinfo(self) -> tuple[Path, int, str]:
+        return self.path, 0, f"code of {self.path.name}"
+
+
+class _Page(pytest.File):
+    def collect(self) -> Iterator[pytest.Item]:
+        document = _SYBIL.parse(self.path)
+        if any(True for _ in document.examples()):
+            item = _PageCode.from_parent(self, name="code", document=document)
+            if any(self.path.is_relative_to(self.config.rootpath / slow) for slow in SLOW_PAGES):
+                item.add_marker(pytest.mark.slow)
+            yield item
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    return _Page.from_parent(parent, path=file_path) if file_path.suffix == ".md" else None

@@ -14,6 +14,12 @@ __version__ = "0.1.0"
 __all__ = ["__version__", "match_v0", "rally_v0"]
 
 # The environments are imported when first used, so that ``import shuttle_marl`` does not import PettingZoo.
-__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"env": ["match_v0", "rally_v0"]})
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"env": ["match_v0", "rally_v0"]})
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 
 register_when_imported()

@@ -91,12 +91,19 @@ def test_broken_links_are_found(tmp_path: Path) -> None:
 
 
 def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
-    """One page that is right, and one with a wrong line of each language."""
+    """Blocks share a folder and a namespace; a wrong line of either language fails its page, and its line is told."""
     (tmp_path / "conftest.py").write_text((ROOT / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
     good = "```python\n# written.py\nx = 1\n```\n```bash run\ncat written.py | grep 'x = 1'\n```\n```bash\nfalse\n```\n"
-    (tmp_path / "good.md").write_text(good + "```python\nassert x == 1\n```\n", encoding="utf-8")
-    (tmp_path / "bad.md").write_text("```python\nassert False\n```\n```bash run\nfalse\n```\n", encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "good.md", "bad.md"]
+    pages = {
+        "good.md": good + "```python\nassert x == 1\n```\n",
+        "python.md": "```python\nassert 1\n```\n\n```python\nassert 0, 'wrong'\n```\n",
+        "bash.md": "```bash run\ntrue\n```\n\n```bash run\nfalse\n```\n",
+        "text.md": "No code.\n",
+    }
+    for name, text in pages.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *pages]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert "3 passed" in done.stdout, done.stdout
-    assert "2 failed" in done.stdout, done.stdout
+    assert "2 failed, 1 passed" in done.stdout, done.stdout
+    assert "python.md:6: AssertionError" in done.stdout
+    assert "line 5: exit status 1 of:" in done.stdout

@@ -62,7 +62,7 @@ def test_wheel_carries_licence_and_extras(wheel: Path) -> None:
         (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         text = archive.read(metadata).decode()
         (points,) = (name for name in archive.namelist() if name.endswith(".dist-info/entry_points.txt"))
-        assert "minimax = shuttle_marl.policy.solved:MINIMAX" in archive.read(points).decode().splitlines()
+        assert "shuttle-marl = shuttle_marl.__main__:main" in archive.read(points).decode().splitlines()
     assert "License-Expression: MIT" in text
     needed = [line for line in text.splitlines() if line.startswith("Requires-Dist:") and "extra ==" not in line]
     assert needed

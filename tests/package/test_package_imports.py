@@ -1,31 +1,41 @@
-"""What the package imports when: light commands, and play that needs no torch."""
+"""What the package imports when: commands are light, and play needs no torch."""
 
+import json
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
-COMMANDS = ("data", "dynamics", "exact", "league", "recording")
-TABLE_FLOORS = (
-    "rally",
-    "scoring",
-    "draws",
-    "stroke",
-    "policy",
+TABLE_LAYERS = (
+    "game",
     "kernel",
     "exact",
+    "data",
+    "policy",
     "env",
     "recording",
     "analysis",
+    "league",
     "staging",
     "scene",
-    "league",
 )
+"""Layers that run on tables: they work without PyTorch."""
 NEED_TORCH = ("shuttle_marl.env.batched",)
+IMPORT_ONE_BY_ONE = """
+import importlib, json, sys
+first = {}
+for name in json.loads(sys.argv[1]):
+    importlib.import_module(name)
+    for heavy in ("torch", "torchrl", "tensordict"):
+        if heavy in sys.modules:
+            first.setdefault(heavy, name)
+print("\\n" + json.dumps(first))
+"""
 
 
 def imported(code: str, names: tuple[str, ...]) -> set[str]:
@@ -39,8 +49,13 @@ def command(name: str, *arguments: str) -> str:
     return f"import runpy, sys; sys.argv = [{name!r}, *{arguments!r}]; runpy.run_module({name!r}, run_name='__main__')"
 
 
-def test_heavy_imports_are_seen() -> None:
-    assert imported("import torch", HEAVY) >= {"torch"}
+def first_to_import_torch(modules: list[str]) -> dict[str, str]:
+    """The first of ``modules`` that brings torch or what builds on it into one interpreter, by library."""
+    script = [sys.executable, "-c", IMPORT_ONE_BY_ONE, json.dumps(modules)]
+    done = subprocess.run(script, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    first: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+    return first
 
 
 def test_importing_the_package_is_light() -> None:
@@ -52,12 +67,17 @@ def test_help_is_light(module: str) -> None:
     assert imported(command(module, "--help"), (*HEAVY, "numba")) == set()
 
 
-@pytest.mark.parametrize("floor", TABLE_FLOORS)
-def test_what_plays_does_not_import_torch(floor: str) -> None:
-    """Every module of a floor that runs on tables, imported one after the other."""
-    names = [name for _, name, _ in pkgutil.walk_packages(shuttle_marl.__path__, "shuttle_marl.") if name.split(".")[1] == floor]
-    if not names:
-        pytest.skip(f"there is no floor {floor} yet")
-    wanted = [n for n in names if not n.endswith("__main__") and n not in NEED_TORCH]
-    code = "import importlib\n" + "\n".join(f"importlib.import_module({n!r})" for n in wanted)
-    assert imported(code, ("torch", "torchrl", "tensordict")) == set()
+def test_a_module_that_imports_torch_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, text in {"torch": "", "light": "", "heavy": "import torch", "later": "import torch"}.items():
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert first_to_import_torch(["light", "heavy", "later"]) == {"torch": "heavy"}
+
+
+def test_what_plays_does_not_import_torch() -> None:
+    """Every module of the layers that run on tables, imported in one interpreter."""
+    names = [name for _, name, _ in pkgutil.walk_packages(shuttle_marl.__path__, "shuttle_marl.")]
+    modules = [name for name in names if name.split(".")[1] in TABLE_LAYERS and not name.endswith("__main__")]
+    assert {name.split(".")[1] for name in modules} == set(TABLE_LAYERS)
+    assert set(NEED_TORCH) <= set(modules)
+    assert first_to_import_torch([name for name in modules if name not in NEED_TORCH]) == {}
