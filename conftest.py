@@ -98,4 +98,5 @@ class _Page(pytest.File):
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect the code of a page of the documentation."""
     return _Page.from_parent(parent, path=file_path) if file_path.suffix == ".md" else None

@@ -21,5 +21,4 @@ def __dir__() -> list[str]:
     return __all__
 
 
-
 register_when_imported()
