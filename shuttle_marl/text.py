@@ -1,6 +1,15 @@
 """Text from files and from users, made fit to be printed."""
 
 
+def described(error: BaseException) -> str:
+    """The type and the message of an error that code of others raised; never fails itself."""
+    try:
+        message = str(error)
+    except Exception:
+        message = "(its message cannot be read)"
+    return f"{type(error).__name__}: {message}"
+
+
 def printable(text: str, *, keep: str = "") -> str:
     r"""Replace every character that a terminal does not print by its escape, such as ``\x1b`` or ``\u202e``.
 

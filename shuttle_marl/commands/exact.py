@@ -16,6 +16,7 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import load_game
+from shuttle_marl.policy.time_limit import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
@@ -95,6 +96,7 @@ def evaluate(
     seed: int = 0,
     record: str = "all",
     log: File = None,
+    policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
 ) -> None:
     """Measure policies exactly: against bc, against their best responses, and against perfect play.
@@ -109,6 +111,7 @@ def evaluate(
         seed: of their draws.
         record: which of their rallies are recorded: all, sample:N (those of one match in N) or none.
         log: the rally log they go into; default: runs/evaluate-SEED.mcap, or the next such name that is free.
+        policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
     from shuttle_marl.commands.tables import play, scorecards  # noqa: PLC0415
@@ -120,7 +123,8 @@ def evaluate(
     if matches < 1:
         raise ExactError(f"--matches {matches}: expected 1 or more")
     scorer = Scorer(load_game(game))
-    found = [(name, resolve(name, scorer.game)) for name in policies]
+    with time_limit(policy_timeout):
+        found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
     cards: list[Scorecard] = []
     with _recorded(sampled, scorer, seed, record, log) as add:
@@ -148,7 +152,12 @@ def evaluate(
 
 
 def best_response(
-    policy: Annotated[str, tyro.conf.Positional], *, game: str = "default", save: File = None, json_output: Json = False
+    policy: Annotated[str, tyro.conf.Positional],
+    *,
+    game: str = "default",
+    save: File = None,
+    policy_timeout: float = POLICY_TIMEOUT,
+    json_output: Json = False,
 ) -> None:
     """Compute what beats a policy most.
 
@@ -156,6 +165,7 @@ def best_response(
         policy: name of a policy (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
         save: write the response as a table; table:FILE is its name from then on.
+        policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
     from shuttle_marl.commands.tables import facts, percent, shares  # noqa: PLC0415
@@ -166,7 +176,8 @@ def best_response(
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     tables = load_game(game)
-    opponent = tabulate(resolve(policy, tables), tables, policy)
+    with time_limit(policy_timeout):
+        opponent = tabulate(resolve(policy, tables), tables, policy)
     answer = respond(opponent)
     odds, seen = answer.value.odds(), visits(answer.policy, opponent)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
@@ -204,12 +215,15 @@ def best_response(
     _console().print(facts(rows))
 
 
-def crossplay(policies: Policies, *, game: str = "default", json_output: Json = False) -> None:
+def crossplay(
+    policies: Policies, *, game: str = "default", policy_timeout: float = POLICY_TIMEOUT, json_output: Json = False
+) -> None:
     """Compute the odds of every policy against every other.
 
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
     from shuttle_marl.commands.tables import matrix  # noqa: PLC0415
@@ -219,7 +233,8 @@ def crossplay(policies: Policies, *, game: str = "default", json_output: Json = 
 
     _check_some(policies)
     tables = load_game(game)
-    entrants = [tabulate(resolve(name, tables), tables, name) for name in _progress(policies, "tables")]
+    with time_limit(policy_timeout):
+        entrants = [tabulate(resolve(name, tables), tables, name) for name in _progress(policies, "tables")]
     pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
     begun = time.perf_counter()
     odds = play_all(entrants, progress=lambda: next(pairs))

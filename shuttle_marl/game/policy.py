@@ -10,6 +10,7 @@ import numpy.typing as npt
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import Game
+from shuttle_marl.text import described
 
 
 class PolicyError(ShuttleError):
@@ -65,8 +66,17 @@ class Policy(Protocol):
 
 
 def reads_score(policy: Policy) -> bool:
-    """Whether a policy reads more than the state of the rally, so that it cannot be tabulated."""
-    return bool(getattr(policy, "reads_score", False))
+    """Whether a policy reads more than the state of the rally, so that it cannot be tabulated.
+
+    Raises:
+        PolicyError: asking it raised.
+    """
+    try:
+        return bool(getattr(policy, "reads_score", False))
+    except (KeyboardInterrupt, PolicyError):
+        raise
+    except BaseException as error:
+        raise PolicyError(f"reads_score of {type(policy).__name__} raised {described(error)}") from error
 
 
 def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDArray[np.float64]:
@@ -77,11 +87,15 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
     """
     try:
         raw = policy.probabilities(states)
-    except Exception as error:
-        raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # sys.exit too: no policy ends the program
+        raise PolicyError(f"policy {name!r} raised {described(error)}") from error
     try:
         p = np.asarray(raw, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise PolicyError(f"policy {name!r} returned {type(raw).__name__}, no array of numbers") from error
     expected = (len(states), states.game.n_strokes)
     if p.shape != expected:

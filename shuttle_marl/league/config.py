@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.policy import registry
+from shuttle_marl.policy.time_limit import POLICY_TIMEOUT
 from shuttle_marl.recording import Sampling
 
 _OWN_PLAYERS: Final = 6
@@ -44,6 +45,8 @@ class LeagueConfig:
     """Model whose game is played: a shipped one or a folder."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
+    policy_timeout: float = POLICY_TIMEOUT
+    """Seconds that a policy may take for one answer before it forfeits; 0 for no limit."""
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)

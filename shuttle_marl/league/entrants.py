@@ -43,9 +43,9 @@ def enter(name: str, game: Game) -> Entrant:
         PolicyError: there is no policy of that name. One that raises or returns no distribution enters, and forfeits.
     """
     policy = resolve(name, game)
-    if reads_score(policy):
-        return Entrant(name=name, policy=policy)
     try:
+        if reads_score(policy):
+            return Entrant(name=name, policy=policy)
         return Entrant(name=name, policy=policy, table=tabulate(policy, game, name))
     except PolicyError as error:
         return Entrant(name=name, policy=policy, failure=str(error))

@@ -30,6 +30,7 @@ from shuttle_marl.league.report import report
 from shuttle_marl.league.results import PairResult, results_table
 from shuttle_marl.league.schedule import Pairing, round_robin
 from shuttle_marl.league.tournament import Tournament
+from shuttle_marl.policy.time_limit import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
@@ -66,7 +67,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     console = console or Console(quiet=True)
     game = load_game(config.game)
     config = dataclasses.replace(config, pool=config.pool or default_pool())
-    with console.status("evaluating the entrants on every state"):
+    with console.status("evaluating the entrants on every state"), time_limit(config.policy_timeout):
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:

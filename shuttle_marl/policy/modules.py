@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.rally import Game
+from shuttle_marl.text import described
 
 
 class ModuleMissingError(PolicyError):
@@ -57,6 +58,10 @@ def from_module(name: str, game: Game) -> Policy:
         close = difflib.get_close_matches(attribute, [a for a in vars(module) if not a.startswith("_")], n=4, cutoff=0.5)
         hint = f"; did you mean {', '.join(close)}?" if close else ""
         raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise PolicyError(f"policy {name!r}: finding it in its module raised {described(error)}") from error
     if inspect.isclass(thing):
         thing = _instance(name, thing, game)
     if callable(getattr(thing, "probabilities", None)):
@@ -84,7 +89,7 @@ def _import(name: str, module_name: str) -> ModuleType:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # sys.exit too
-        raise PolicyError(f"policy {name!r}: importing its module raised {type(error).__name__}: {error}") from error
+        raise PolicyError(f"policy {name!r}: importing its module raised {described(error)}") from error
 
 
 def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
@@ -97,4 +102,4 @@ def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # sys.exit too
-        raise PolicyError(f"policy {name!r}: making it raised {type(error).__name__}: {error}") from error
+        raise PolicyError(f"policy {name!r}: making it raised {described(error)}") from error

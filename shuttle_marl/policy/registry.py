@@ -31,6 +31,8 @@ from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.modules import ModuleMissingError, from_module
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
+from shuttle_marl.policy.time_limit import limited
+from shuttle_marl.text import described
 
 Load = Callable[[str | None, Game], Policy]
 
@@ -117,8 +119,10 @@ def _plugged_in(key: str) -> Family | None:
         return None
     try:
         family = point.load()
-    except Exception as error:
-        raise PolicyError(f"policies {key!r}: entry point {point.value} raised {type(error).__name__}: {error}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise PolicyError(f"policies {key!r}: entry point {point.value} raised {described(error)}") from error
     if not isinstance(family, Family):
         raise PolicyError(f"policies {key!r}: entry point {point.value} is a {type(family).__name__}, expected a Family")
     return family
@@ -131,13 +135,16 @@ def resolve(name: str, game: Game) -> Policy:
         name: see the module's first lines; for ``module:attribute`` see :func:`shuttle_marl.policy.modules.from_module`.
         game: the tables that the policy will play on.
 
+    Returns:
+        The policy; within :func:`shuttle_marl.policy.time_limit.time_limit` under that limit.
+
     Raises:
         PolicyError: there is no such policy (with the closest names), or it cannot be made.
     """
     _check_depth(name)
     base, temperature = _split(name)
     policy = _resolve_plain(base, game)
-    return policy if temperature is None else TemperedPolicy(policy, temperature)
+    return limited(policy if temperature is None else TemperedPolicy(policy, temperature))
 
 
 def resolve_recorded(name: str, game: Game) -> Policy:

@@ -198,3 +198,15 @@ def test_a_tolerance_that_cannot_be_met_states_its_bound(capsys: pytest.CaptureF
 def test_pictures_need_matplotlib(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert "needs matplotlib" in failure(capsys, "solve", "--plot", str(tmp_path / "court.png"))
+
+
+@pytest.mark.parametrize("command", ["evaluate", "best-response", "crossplay"])
+@pytest.mark.parametrize(("body", "says"), [("time.sleep(60)", "no answer within 0.2 s"), ("sys.exit()", "raised SystemExit")])
+def test_policies_that_hang_or_exit(
+    command: str, body: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"my_{command}_{body[:3]}".replace("-", "_")
+    (tmp_path / f"{name}.py").write_text(f"import sys, time\ndef player(states):\n    {body}\n")
+    monkeypatch.chdir(tmp_path)
+    assert says in failure(capsys, command, f"{name}:player", "--policy-timeout", "0.2")
+    assert "--policy-timeout -1" in failure(capsys, command, f"{name}:player", "--policy-timeout", "-1")

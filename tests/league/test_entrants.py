@@ -1,6 +1,8 @@
 """Entrants that fail, and entrants that read the score."""
 
 import dataclasses
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -14,8 +16,10 @@ from shuttle_marl.league.ranking import rank
 from shuttle_marl.league.results import results_table
 from shuttle_marl.league.schedule import matches_of, round_robin
 from shuttle_marl.league.tournament import Tournament
+from shuttle_marl.policy import registry
 from shuttle_marl.policy.modules import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.time_limit import time_limit
 
 GAME = default_game()
 
@@ -38,6 +42,22 @@ def illegal(states: States) -> np.ndarray:
 
 def no_distribution(states: States) -> np.ndarray:
     return uniform(states) / 2
+
+
+def exits(states: States) -> np.ndarray:
+    sys.exit(0)
+
+
+def stops_a_generator(states: States) -> np.ndarray:
+    raise GeneratorExit
+
+
+def unreadable(states: States) -> np.ndarray:
+    class Unreadable(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError("no message either")
+
+    raise Unreadable
 
 
 def wrong_shape(states: States) -> np.ndarray:
@@ -63,6 +83,9 @@ FAILURES = {
     no_distribution: "no distribution",
     wrong_shape: "returned shape",
     no_array: "returned str",
+    exits: "raised SystemExit: 0",
+    stops_a_generator: "raised GeneratorExit",
+    unreadable: "raised Unreadable: (its message cannot be read)",
 }
 
 
@@ -113,6 +136,34 @@ def test_one_that_reads_the_score_forfeits_while_it_plays(function: object) -> N
     assert [result.forfeit for result in results] == [("broken",), (), ("broken",)]
     assert results[0].seats[0]["matches"] == 0
     assert FAILURES.get(function, "raised TimeoutError: legs") in results[0].reason
+
+
+def test_one_that_hangs_forfeits_and_changes_nothing_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def hangs(states: States) -> np.ndarray:
+        time.sleep(60)
+        return uniform(states)
+
+    def hangs_late(states: States) -> np.ndarray:
+        if (states.score[:, 0] > 5).any():
+            time.sleep(60)
+        return uniform(states)
+
+    def end(states: States) -> np.ndarray:
+        sys.exit(0)
+
+    hangs_late.reads_score = True
+    own = {"hangs": hangs, "hangs_late": hangs_late, "end": end}
+    monkeypatch.setattr(registry, "from_module", lambda name, game: FunctionPolicy(own[name.partition(":")[2]]))
+    names = ["random", "mine:hangs", "safe", "mine:hangs_late", "mine:end"]
+    with time_limit(1.0):
+        pool = [enter(name, GAME) for name in names]
+    assert "no answer within 1 s" in pool[1].failure
+    results = [result for group in tournament(pool).play(round_robin(names)) for result, _ in group]
+    assert {r.names for r in results if not r.forfeit} == {("random", "safe")}
+    assert {f for r in results for f in r.forfeit if "safe" in r.names} == set(names[1::2]) | {"mine:end"}
+    good = [enter(name, GAME) for name in ("random", "safe")]
+    ((alone, _),) = next(iter(tournament(good).play(round_robin(["random", "safe"]))))
+    assert alone == dataclasses.replace(next(r for r in results if not r.forfeit), pairing=0)
 
 
 def test_both_fail() -> None:
