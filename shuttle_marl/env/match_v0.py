@@ -10,7 +10,7 @@ from shuttle_marl.env.episode_draws import EpisodeDraws
 from shuttle_marl.env.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.scoring import BWF, Rules, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
 
 __all__ = ["env", "raw_env"]
 
@@ -90,13 +90,12 @@ class raw_env(ShuttleEnv):
 
     def _end_rally(self, winner: int) -> None:
         points = self._by_game[-1]
-        points[winner] += 1
-        if wins_game(points[winner], points[1 - winner], self.rules):
-            self._games[winner] += 1
-            if self._games[winner] < self.rules.games:
-                self._by_game.append([0, 0])
+        counted = count_rally(points[winner], points[1 - winner], self._games[winner], self.rules)
+        points[winner], self._games[winner] = counted.points, counted.games
+        if counted.game_won and not counted.match_won:
+            self._by_game.append([0, 0])
         self._note_score(winner)
-        if self._games[winner] == self.rules.games:
+        if counted.match_won:
             self._end_episode(winner)
             return
         if self.reward == "rally":
@@ -112,10 +111,9 @@ class raw_env(ShuttleEnv):
         """Prepare what both see of the score: own and other points, own and other games, own and other serve."""
         rows = []
         for own in (0, 1):
-            pair = (own, 1 - own)
-            points = [self._by_game[-1][p] / self.rules.cap for p in pair]
-            games = [self._games[p] / self.rules.games for p in pair]
-            rows.append(np.array([*points, *games, *(float(server == p) for p in pair)], dtype=np.float32))
+            points, games, other = self._by_game[-1], self._games, 1 - own
+            shares = as_shares((points[own], points[other]), (games[own], games[other]), self.rules)
+            rows.append(np.array([*shares, server == own, server == other], dtype=np.float32))
         self._scores = tuple(rows)
         self._server = server
 

@@ -8,7 +8,7 @@ because the winner of a rally serves next, and serving can be a disadvantage.
 
 import dataclasses
 
-from shuttle_marl.game.scoring import BWF, Rules, match_win_probability, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
 
 Situation = tuple[int, int, int, int, int]
 """Games of players 0 and 1, their points, and who serves."""
@@ -62,26 +62,23 @@ def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Si
     """
     table: dict[Situation, tuple[float, float]] = {}
 
-    def win_probability(games: tuple[int, int], points: tuple[int, int], server: int) -> float:
-        own, other = games
-        if wins_game(*points, rules):
-            own, points = own + 1, (0, 0)
-        elif wins_game(*points[::-1], rules):
-            other, points = other + 1, (0, 0)
-        if rules.games in (own, other):
-            return float(own == rules.games)
-        won, lost = table[(own, other, *points, server)]
-        p = receiving if server else serving
-        return lost + p * (won - lost)
+    def win_probability(games: tuple[int, int], points: tuple[int, int], winner: int) -> float:
+        """Of player 0 after a rally."""
+        score, won = [*points], [*games]
+        counted = count_rally(points[winner], points[1 - winner], games[winner], rules)
+        if counted.match_won:
+            return float(winner == 0)
+        score[winner], won[winner] = counted.points, counted.games
+        if counted.game_won:
+            score = [0, 0]
+        if_won, if_lost = table[(won[0], won[1], score[0], score[1], winner)]
+        p = receiving if winner else serving
+        return if_lost + p * (if_won - if_lost)
 
-    points_left = [(i, j) for i in range(rules.cap - 1, -1, -1) for j in range(rules.cap - 1, -1, -1)]
-    games_left = [(a, b) for a in range(rules.games - 1, -1, -1) for b in range(rules.games - 1, -1, -1)]
-    for games in games_left:
-        for i, j in points_left:
-            if not (wins_game(i, j, rules) or wins_game(j, i, rules)):
-                after = (win_probability(games, (i + 1, j), 0), win_probability(games, (i, j + 1), 1))
-                for server in (0, 1):
-                    table[(*games, i, j, server)] = after
+    for games, points in open_scores(rules):
+        after = (win_probability(games, points, 0), win_probability(games, points, 1))
+        for server in (0, 1):
+            table[(*games, *points, server)] = after
     return table
 
 

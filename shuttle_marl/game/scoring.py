@@ -5,7 +5,9 @@ point; the winner of a rally serves next, so the winner of a game serves first i
 """
 
 import dataclasses
-from typing import Final, overload
+import itertools
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -45,9 +47,61 @@ class Rules:
         """Most games a match can have."""
         return 2 * self.games - 1
 
+    @property
+    def max_rallies(self) -> int:
+        """Most rallies a match can have."""
+        return self.max_games * (2 * self.cap - 1)
+
+    @property
+    def numbers(self) -> "Numbers":
+        """The same for compiled code."""
+        return Numbers(self.points, self.clear, self.cap, self.games)
+
+
+class Numbers(NamedTuple):
+    """The numbers of :class:`Rules`, as compiled code takes them."""
+
+    points: int
+    clear: int
+    cap: int
+    games: int
+
 
 BWF: Final = Rules()
 """The rules of the sport since 2006."""
+
+
+class Counted(NamedTuple):
+    """What one rally did to a match; numbers, or arrays of the shape that was given.
+
+    Attributes:
+        points: points of the rally's winner in this game, with this rally.
+        games: games of the rally's winner, with this one if it was won.
+        game_won: whether the rally won the game; then both players start the next one with no points.
+        match_won: whether the rally won the match.
+    """
+
+    points: Any
+    games: Any
+    game_won: Any
+    match_won: Any
+
+
+def count_rally(own: Any, other: Any, games: Any, rules: Any) -> Counted:
+    """Count one rally: the rule of all matches, wherever they are played, checked or shown.
+
+    The kernel compiles this function as it stands, so it is arithmetic alone.
+
+    Args:
+        own: points of the rally's winner in the current game before the rally; a number, or an array of signed integers.
+        other: points of the rally's loser.
+        games: games won so far by the rally's winner.
+        rules: :class:`Rules`; in compiled code :class:`Numbers`.
+    """
+    points = own + 1
+    game_won = ((points >= rules.points) & (points - other >= rules.clear)) | (points >= rules.cap)
+    games = games + game_won
+    return Counted(points, games, game_won, games >= rules.games)
 
 
 @overload
@@ -56,7 +110,26 @@ def wins_game(own: int, other: int, rules: Rules = BWF) -> bool: ...
 def wins_game(own: Int8s, other: Int8s, rules: Rules = BWF) -> npt.NDArray[np.bool_]: ...
 def wins_game(own: int | Int8s, other: int | Int8s, rules: Rules = BWF) -> bool | npt.NDArray[np.bool_]:
     """Whether the first of two point scores has won the game; two numbers, or arrays of any shape."""
-    return ((own >= rules.points) & (own - other >= rules.clear)) | (own >= rules.cap)
+    won: bool | npt.NDArray[np.bool_] = count_rally(own - 1, other, 0, rules).game_won
+    return won
+
+
+def is_over(games: npt.NDArray[np.integer], rules: Rules = BWF) -> npt.NDArray[np.bool_]:
+    """``[...]`` whether matches with ``[..., 2]`` games are over."""
+    return np.asarray(games.max(axis=-1) >= rules.games)
+
+
+def open_scores(rules: Rules = BWF) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Games and points of both players at every score at which a match continues, each after all that can follow it."""
+    for games in itertools.product(range(rules.games - 1, -1, -1), repeat=2):
+        for own, other in itertools.product(range(rules.cap - 1, -1, -1), repeat=2):
+            if not (wins_game(own, other, rules) or wins_game(other, own, rules)):
+                yield (games[0], games[1]), (own, other)
+
+
+def as_shares(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> tuple[float, float, float, float]:
+    """Points and games of both players as shares of the most that they can have, for observations: from 0 to 1."""
+    return points[0] / rules.cap, points[1] / rules.cap, games[0] / rules.games, games[1] / rules.games
 
 
 def ends_changed(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> bool:
@@ -96,7 +169,7 @@ class Score:
     @property
     def over(self) -> npt.NDArray[np.bool_]:
         """``[B]`` whether the match is over."""
-        return self.games.max(axis=1) >= self.rules.games
+        return is_over(self.games, self.rules)
 
     @property
     def winner(self) -> Int8s:
@@ -154,9 +227,9 @@ def step(score: Score, winner: npt.NDArray[np.integer]) -> Score:
     won_by = winner[rows]
     by_game, games, server = score.by_game.copy(), score.games.copy(), score.server.copy()
     game = score.game[rows]
-    by_game[rows, game, won_by] += 1
     server[rows] = won_by
-    games[rows, won_by] += wins_game(by_game[rows, game, won_by], by_game[rows, game, 1 - won_by], score.rules)
+    counted = count_rally(by_game[rows, game, won_by], by_game[rows, game, 1 - won_by], games[rows, won_by], score.rules)
+    by_game[rows, game, won_by], games[rows, won_by] = counted.points, counted.games
     return Score(by_game=by_game, games=games, server=server, rules=score.rules)
 
 

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
-from shuttle_marl.game.scoring import BWF, Rules, wins_game
-from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
+from shuttle_marl.game.scoring import BWF, Rules, count_rally
+from shuttle_marl.kernel.played import Matches, Played, stroke_type
 
 Ints = npt.NDArray[np.int32]
 Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]
@@ -49,7 +49,7 @@ def play(
         keep_strokes: whether to return the strokes, or only their number.
         progress: called now and then with the number of strokes played since the last call.
     """
-    diary = _Diary(len(matches), longest_match(rules), stroke_type(game))
+    diary = _Diary(len(matches), rules.max_rallies, stroke_type(game))
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
@@ -109,15 +109,14 @@ def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker:
 def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:
     """Count a rally in each column of ``now`` and set up the next one; returns which matches are over."""
     column = np.arange(now.shape[1])
-    now[_POINTS + won_by, column] += 1
-    own, other = (now[_POINTS + seat, column].astype(np.int8) for seat in (won_by, 1 - won_by))
-    game_won = wins_game(own, other, rules)
-    now[_GAMES + won_by, column] += game_won
-    now[_POINTS:_GAMES, game_won] = 0
+    own, other, games = _POINTS + won_by, _POINTS + 1 - won_by, _GAMES + won_by
+    counted = count_rally(now[own, column], now[other, column], now[games, column], rules)
+    now[own, column], now[games, column] = counted.points, counted.games
+    now[_POINTS:_GAMES, counted.game_won] = 0
     now[_STATE], now[_STROKE] = ROOT, 0
     now[_STRIKER] = now[_SERVER] = won_by
     now[_RALLY] += 1
-    over: npt.NDArray[np.bool_] = now[_GAMES + won_by, column] >= rules.games
+    over: npt.NDArray[np.bool_] = counted.match_won
     return over
 
 

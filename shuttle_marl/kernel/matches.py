@@ -14,16 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, extend, inlined, pack, table_choice, tables_of
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
-from shuttle_marl.kernel.played import Matches, Played, longest_match, stroke_type
+from shuttle_marl.kernel.played import Matches, Played, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
 
 _STROKES_A_MATCH: Final = 1600
 """First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of
 different matches do not compete for the same places of the first cache."""
+
+
+_count_rally = inlined(count_rally)
 
 
 class _Log(NamedTuple):
@@ -81,7 +84,7 @@ def _play(
     players: Players,
     entrant: npt.NDArray[np.int32],
     match_key: npt.NDArray[np.uint64],
-    rules: tuple[int, int, int, int],
+    rules: Numbers,
     keep: bool,
     lanes: Rows,
     live: int,
@@ -93,7 +96,6 @@ def _play(
     The number of its match is the ``rally`` of a lane. All matches begin together and never wait, so stroke n of each is
     played in step n. Returns how many lanes are live, and the next step.
     """
-    points_needed, clear, cap, games_needed = rules
     block = new_block()
     while live > 0 and (not keep or step < log.stroke.shape[1]):
         part = part_of(lanes, 0, live)
@@ -117,12 +119,11 @@ def _play(
             outcome = block.outcome[j]
             winner = 1 - lanes.striker[j] if outcome == 1 else np.int64(lanes.striker[j])
             log.winner[m, r], log.reason[m, r], log.strokes[m, r] = winner, outcome, lanes.stroke[j]
-            log.points[m, winner] += 1
-            own, other = log.points[m, winner], log.points[m, 1 - winner]
-            if (own >= points_needed and own - other >= clear) or own >= cap:
-                log.games[m, winner] += 1
+            counted = _count_rally(log.points[m, winner], log.points[m, 1 - winner], log.games[m, winner], rules)
+            log.points[m, winner], log.games[m, winner] = counted.points, counted.games
+            if counted.game_won:
                 log.points[m, 0] = log.points[m, 1] = 0
-            if log.games[m, winner] < games_needed:
+            if not counted.match_won:
                 _begin_rally(lanes, j, log, m, match_key[m], winner)
                 continue
             log.length[m] = step
@@ -140,7 +141,7 @@ def _play_block(
     keep: bool,
     type_: np.dtype[np.unsignedinteger],
 ) -> Played:
-    size, rallies = len(matches), longest_match(rules)
+    size, rallies = len(matches), rules.max_rallies
     log = _Log(
         begun=np.zeros(size, np.int32),
         length=np.zeros(size, np.int32),
@@ -153,11 +154,10 @@ def _play_block(
         strokes=np.empty((size, rallies), np.int32),
         stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), type_),
     )
-    laws = (rules.points, rules.clear, rules.cap, rules.games)
     lanes, live, step = new_rows(size), size, 0
     _begin(lanes, log, matches.key, matches.first_server)
     while True:
-        live, step = _play(tables, players, matches.entrant, matches.key, laws, keep, lanes, live, log, step)
+        live, step = _play(tables, players, matches.entrant, matches.key, rules.numbers, keep, lanes, live, log, step)
         if live == 0:
             break
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))

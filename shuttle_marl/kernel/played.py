@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from shuttle_marl.game.draws import UInt64s
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.scoring import Rules
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,11 +53,6 @@ class Played:
     score: npt.NDArray[np.uint8]
     length: npt.NDArray[np.int32]
     stroke: npt.NDArray[np.unsignedinteger]
-
-
-def longest_match(rules: Rules) -> int:
-    """Most rallies that a match can have."""
-    return rules.max_games * (2 * rules.cap - 1)
 
 
 def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:

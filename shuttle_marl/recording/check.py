@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.scoring import Rules, wins_game
+from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
 from shuttle_marl.recording.header import Sampling
 from shuttle_marl.recording.log_file import LogFile
@@ -157,12 +157,10 @@ class _Matches:
         """Whether the match is over after each rally, the score, and who serves next."""
         row, winner = np.arange(len(rows)), rows[:, 4]
         after = rows[:, 5:].copy()
-        after[row, winner] += 1
-        own, other = (after[row, seat].astype(np.int8) for seat in (winner, winner ^ 1))
-        game_won = wins_game(own, other, self._rules)
-        after[row, 2 + winner] += game_won
-        after[game_won, :2] = 0
-        return after[:, 2:].max(axis=1) >= self._rules.games, after, winner
+        counted = count_rally(after[row, winner], after[row, winner ^ 1], after[row, 2 + winner], self._rules)
+        after[row, winner], after[row, 2 + winner] = counted.points, counted.games
+        after[counted.game_won, :2] = 0
+        return is_over(after[:, 2:], self._rules), after, winner
 
 
 def _rows(rallies: Rallies) -> npt.NDArray[np.int64]:

@@ -11,7 +11,7 @@ from shuttle_marl.exact.profile import ProfileValue, evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import ONE, OUTCOMES, Game
-from shuttle_marl.game.scoring import ends_changed, match_win_probability, wins_game
+from shuttle_marl.game.scoring import count_rally, ends_changed, match_win_probability
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
@@ -248,14 +248,14 @@ class Teller:
         odds = value.odds(0)
         out = []
         for winner in (0, 1):
-            score = [points[0] + (winner == 0), points[1] + (winner == 1)]
-            won = [games[0], games[1]]
-            if wins_game(score[winner], score[1 - winner], header.rules):
-                won[winner] += 1
-                score = [0, 0]
-            if won[winner] == header.rules.games:
+            score, won = [*points], [*games]
+            counted = count_rally(points[winner], points[1 - winner], games[winner], header.rules)
+            score[winner], won[winner] = counted.points, counted.games
+            if counted.match_won:
                 out.append(float(winner == 0))
                 continue
+            if counted.game_won:
+                score = [0, 0]
             chance = match_win_probability(
                 odds.serving,
                 odds.receiving,

@@ -1,0 +1,185 @@
+"""One rule of matches: all who play, check or show them follow the rules they are given, and none has its own."""
+
+import ast
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import shuttle_marl
+from shuttle_marl import match_v0
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.exact.match import match_table
+from shuttle_marl.game import scoring
+from shuttle_marl.game.uniform import UniformPolicy
+from shuttle_marl.game.scoring import Rules
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.kernel import Matches, play_matches
+from shuttle_marl.kernel.core import compiled, inlined
+from shuttle_marl.kernel.lockstep import ask, play
+from shuttle_marl.recording.check import _Matches
+from shuttle_marl.recording.schema import Rallies
+
+GAME = default_game()
+UNIFORM = UniformPolicy()
+RULES = [
+    *(Rules(points=3, clear=2, cap=cap, games=2) for cap in (3, 4, 6, 9)),
+    *(Rules(points=points, clear=clear, cap=7, games=1) for points, clear in ((5, 1), (5, 3), (7, 2))),
+    scoring.BWF,
+]
+
+Rally = tuple[tuple[int, ...], int]
+"""Points and games of seats 0 and 1 before a rally, and who won it."""
+
+
+def counted_by_hand(winners: Sequence[int], rules: Rules) -> list[tuple[int, ...]]:
+    """The score before every rally, and after the last one."""
+    points, games, scores = [0, 0], [0, 0], [(0, 0, 0, 0)]
+    for winner in winners:
+        assert max(games) < rules.games, "a rally after the end of the match"
+        points[winner] += 1
+        lead = points[winner] - points[1 - winner]
+        if points[winner] == rules.cap or (points[winner] >= rules.points and lead >= rules.clear):
+            games[winner] += 1
+            points = [0, 0]
+        scores.append((*points, *games))
+    assert max(games) == rules.games, "the match breaks off"
+    return scores
+
+
+def by_scoring(rules: Rules) -> Iterator[list[Rally]]:
+    rng = np.random.default_rng(1)
+    score, rallies = scoring.new([0], rules), []
+    while not score.over[0]:
+        winner = int(rng.integers(2))
+        rallies.append(((*score.points[0].tolist(), *score.games[0].tolist()), winner))
+        score = scoring.step(score, np.array([winner]))
+    yield rallies
+
+
+def by_match_v0(rules: Rules) -> Iterator[list[Rally]]:
+    env = match_v0.raw_env(rules=rules)
+    env.reset(seed=2)
+    rng = np.random.default_rng(2)
+    scores: list[tuple[int, ...]] = []
+    for _ in env.agent_iter():
+        seen, _, terminated, truncated, _ = env.last()
+        if not scores or scores[-1] != env.score_of(0):
+            scores.append(env.score_of(0))
+        if terminated or truncated:
+            break
+        assert seen is not None
+        env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
+    winners = [_winner(before, after) for before, after in itertools.pairwise(scores)]
+    yield list(zip(scores[:-1], winners, strict=True))
+
+
+def _winner(before: tuple[int, ...], after: tuple[int, ...]) -> int:
+    if before[2:] != after[2:]:
+        return int(after[3] > before[3])
+    return int(after[1] > before[1])
+
+
+def some_matches(size: int = 6) -> Matches:
+    number = np.arange(size)
+    return Matches(entrant=np.zeros((size, 2), np.int32), first_server=(number % 2).astype(np.int8), key=number.astype(np.uint64))
+
+
+def played(games: Any) -> Iterator[list[Rally]]:
+    for m in range(6):
+        rows = games.match == m
+        yield [(tuple(s), w) for s, w in zip(games.score[rows].tolist(), games.winner[rows].tolist(), strict=True)]
+
+
+def by_lockstep(rules: Rules) -> Iterator[list[Rally]]:
+    def choose(entrant: Any, *seen: Any) -> Any:
+        return ask(UNIFORM, "random", GAME, *seen)
+
+    yield from played(play(GAME, some_matches(), choose, rules=rules))
+
+
+def by_kernel(rules: Rules) -> Iterator[list[Rally]]:
+    yield from played(play_matches(GAME, some_matches(), [tabulate(UNIFORM, GAME)], rules=rules))
+
+
+@pytest.mark.parametrize("rules", RULES, ids=str)
+@pytest.mark.parametrize("player", [by_scoring, by_match_v0, by_lockstep, by_kernel])
+def test_every_player_of_matches_follows_the_rules_it_is_given(player: Any, rules: Rules) -> None:
+    for rallies in player(rules):
+        scores = counted_by_hand([winner for _, winner in rallies], rules)
+        assert [score for score, _ in rallies] == scores[:-1]
+
+
+@pytest.mark.parametrize("other", [Rules(points=3, cap=4), Rules(points=3, cap=6)], ids=str)
+def test_the_check_of_a_log_follows_the_rules_of_its_header(other: Rules) -> None:
+    rules = Rules(points=3, cap=5)
+    games = play_matches(GAME, some_matches(60), [tabulate(UNIFORM, GAME)], rules=rules)
+    rallies = cast(
+        Rallies,
+        SimpleNamespace(
+            pairing=np.zeros(len(games.match), np.int64), match=games.match, rally=games.rally,
+            server=games.server, winner=games.winner, score=games.score,
+        ),
+    )  # fmt: skip
+    assert not _Matches(rules).breaks(rallies).any()
+    assert _Matches(other).breaks(rallies).any()
+
+
+def test_odds_of_a_match_follow_the_rules() -> None:
+    for rules in RULES[:4]:
+        table = match_table(0.6, 0.5, rules)
+        open_points = {(i, j) for _, _, i, j, _ in table}
+        assert max(max(pair) for pair in open_points) == rules.cap - 1
+        for (own, other, i, j, server), (won, lost) in table.items():
+            chance = scoring.match_win_probability(
+                0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules
+            )
+            assert (lost + (0.5 if server else 0.6) * (won - lost)) == pytest.approx(float(chance), abs=1e-12)
+
+
+def test_the_kernel_compiles_the_function_of_scoring() -> None:
+    count = inlined(scoring.count_rally)
+    assert count.py_func is scoring.count_rally  # type: ignore[attr-defined]
+
+    @compiled
+    def count_one(own: int, other: int, games: int, rules: scoring.Numbers) -> Any:
+        return count(own, other, games, rules)
+
+    for rules in RULES:
+        for own, other in itertools.product(range(rules.cap), repeat=2):
+            assert count_one(own, other, 0, rules.numbers) == scoring.count_rally(own, other, 0, rules)
+
+
+def _own_rules(tree: ast.AST) -> Iterator[int]:
+    """Lines that compare with the numbers of the sport, or read those of a match's rules."""
+    fields = {field.name for field in dataclasses.fields(Rules)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in fields:
+            owner = node.value.attr if isinstance(node.value, ast.Attribute) else getattr(node.value, "id", "")
+            if owner.lower().lstrip("_") in ("rules", "bwf", "laws"):
+                yield node.lineno
+        if isinstance(node, ast.Compare):
+            numbers = {n.value for n in [node.left, *node.comparators] if isinstance(n, ast.Constant)}
+            if numbers & {20, 21, 29, 30}:
+                yield node.lineno
+
+
+def test_no_module_but_scoring_knows_when_a_game_is_won() -> None:
+    root = Path(shuttle_marl.__file__).parent
+    found = [
+        f"{path.relative_to(root)}:{line}"
+        for path in sorted(root.rglob("*.py"))
+        if path != root / "game" / "scoring.py"
+        for line in _own_rules(ast.parse(path.read_text()))
+    ]
+    assert not found
+
+
+def test_a_rule_of_ones_own_would_be_noticed() -> None:
+    assert list(_own_rules(ast.parse("x = own >= rules.points"))) == [1]
+    assert list(_own_rules(ast.parse("x = self.rules.cap\ny = points >= 21"))) == [1, 2]
