@@ -165,7 +165,7 @@ def _own_rules(tree: ast.AST) -> Iterator[int]:
                 yield node.lineno
         if isinstance(node, ast.Compare):
             numbers = {n.value for n in [node.left, *node.comparators] if isinstance(n, ast.Constant)}
-            if numbers & {20, 21, 29, 30}:
+            if numbers & {21, 29, 30}:
                 yield node.lineno
 
 
