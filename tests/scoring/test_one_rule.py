@@ -16,9 +16,9 @@ from shuttle_marl import match_v0
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import scoring
-from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.kernel.core import compiled, inlined
 from shuttle_marl.kernel.lockstep import ask, play
@@ -136,9 +136,7 @@ def test_odds_of_a_match_follow_the_rules() -> None:
         open_points = {(i, j) for _, _, i, j, _ in table}
         assert max(max(pair) for pair in open_points) == rules.cap - 1
         for (own, other, i, j, server), (won, lost) in table.items():
-            chance = scoring.match_win_probability(
-                0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules
-            )
+            chance = scoring.match_win_probability(0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules)
             assert (lost + (0.5 if server else 0.6) * (won - lost)) == pytest.approx(float(chance), abs=1e-12)
 
 
