@@ -16,8 +16,8 @@ import pyarrow.compute as pc
 
 from shuttle_marl import __version__
 from shuttle_marl.commands import cli
-from shuttle_marl.data.account import Account
-from shuttle_marl.data.schema import FAULT, WINNER
+from shuttle_marl.data.clean import Account
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import default_game
@@ -107,8 +107,8 @@ def card(strokes: pa.Table, account: Account, provenance: Mapping[str, Any], *, 
         players=" ".join(provenance["policies"]),
         game=provenance["game"],
         length=strokes.num_rows / account.rallies,
-        faults=pc.mean(pc.equal(strokes["outcome"], FAULT)).as_py(),
-        winners=pc.mean(pc.equal(strokes["outcome"], WINNER)).as_py(),
+        faults=pc.mean(pc.equal(strokes["outcome"], Outcome.FAULT)).as_py(),
+        winners=pc.mean(pc.equal(strokes["outcome"], Outcome.WINNER)).as_py(),
         shots=", ".join(f"{SHOTS[c['values']]} {c['counts'] / strokes.num_rows:.0%}" for c in counts[:5]),
     )
 

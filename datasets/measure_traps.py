@@ -29,7 +29,7 @@ from shuttle_marl.data.inference import (
     outcomes,
     rally_starts,
     sides,
-    with_letters_mended,
+    with_letters_fixed,
 )
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
@@ -80,9 +80,9 @@ def _order(raw: RawGame) -> Measures:
 def _of_game(raw: RawGame) -> Iterator[Measures]:
     first = rally_starts(raw)
     number = np.cumsum(first) - 1
-    mended = with_letters_mended(raw, first)
-    yield {"rallies in which A and B are exchanged": (mended.by_a != raw.by_a)[first]}
-    raw = mended
+    fixed = with_letters_fixed(raw, first)
+    yield {"rallies in which A and B are exchanged": (fixed.by_a != raw.by_a)[first]}
+    raw = fixed
     ends = np.flatnonzero(np.r_[first[1:], True])
     unknown = raw.shot < 0
     yield {

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import clean_matches, matches_of
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.table import provenance_of
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
@@ -65,7 +65,7 @@ def measure(strokes: pa.Table) -> dict[str, Any]:
     c = {name: strokes[name].to_numpy(zero_copy_only=False) for name in strokes.column_names}
     shot, area = c["shot"].astype(np.int64), np.nan_to_num(c["area"].astype(np.float64), nan=-1).astype(np.int64)
     following = _following(c)
-    returned = following & (c["outcome"] == RETURNED)
+    returned = following & (c["outcome"] == Outcome.RETURNED)
     seconds = np.full(len(shot), np.nan)
     seconds[:-1] = np.diff(c["frame"].astype(np.float64)) / _frames_per_second(c)[:-1]
     seconds[~returned | (seconds <= 0) | (seconds > _LONGEST)] = np.nan
@@ -160,7 +160,7 @@ def _bases(shot: Ints, area: Ints, c: dict[str, npt.NDArray[Any]], following: np
 
 def _faults(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
     """Share of the faults of each shot type that do not cross the net; the others land out."""
-    fault = c["outcome"] == FAULT
+    fault = c["outcome"] == Outcome.FAULT
     net = np.isin(c["reason"], [REASONS.index("net"), REASONS.index("short")])
     out = c["reason"] == REASONS.index("out")
     # One of each kind is added, so that a rare fault keeps both.
@@ -172,7 +172,7 @@ def _faults(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
 
 def _out_by(c: dict[str, npt.NDArray[Any]]) -> dict[str, list[float]]:
     """Quantiles of the distance by which shuttles land out [m]."""
-    rows = (c["outcome"] == FAULT) & (c["reason"] == REASONS.index("out"))
+    rows = (c["outcome"] == Outcome.FAULT) & (c["reason"] == REASONS.index("out"))
     side = np.abs(c["landing_x"][rows]) - HALF_WIDTH
     back = c["landing_y"][rows] - HALF_LENGTH
     return {"side": _round(np.quantile(side[side > 0], QUANTILES)), "back": _round(np.quantile(back[back > 0], QUANTILES))}

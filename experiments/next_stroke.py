@@ -19,7 +19,7 @@ from rich.table import Table
 
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.splits import Split
+from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics import model_folder
 from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.evaluate import next_stroke_scores

@@ -19,8 +19,8 @@ from rich.table import Table
 
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.schema import FAULT, UNKNOWN, WINNER
-from shuttle_marl.data.splits import Split
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.health import play_statistics
@@ -39,15 +39,15 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
     of the kept strokes of known outcome. Serves that the cameras missed are few but not at random: the share of serves is
     taken of rallies, not of strokes.
     """
-    ended = (rows.outcome == FAULT) | (rows.outcome == WINNER)
-    known = rows.outcome != UNKNOWN
+    ended = (rows.outcome == Outcome.FAULT) | (rows.outcome == Outcome.WINNER)
+    known = rows.outcome != Outcome.UNKNOWN
     n = len(rows.matches)
     # Strokes before a kept one that were dropped (nearly always serves) count towards the length.
     total = np.bincount(rows.match[ended], rows.stroke[ended], n)
     per_match: dict[str, tuple[Floats, Floats]] = {
         "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(float)),
-        "fault share": (np.bincount(rows.match[rows.outcome == FAULT], minlength=n).astype(float), total),
-        "winner share": (np.bincount(rows.match[rows.outcome == WINNER], minlength=n).astype(float), total),
+        "fault share": (np.bincount(rows.match[rows.outcome == Outcome.FAULT], minlength=n).astype(float), total),
+        "winner share": (np.bincount(rows.match[rows.outcome == Outcome.WINNER], minlength=n).astype(float), total),
     }
     strokes = np.bincount(rows.match[known], minlength=n).astype(float)
     for i, shot in enumerate(SHOTS):

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.analysis.errors import AnalysisError
-from shuttle_marl.data.schema import FAULT, REASONS, UNKNOWN, WINNER
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 
@@ -69,7 +69,7 @@ def rally_table(strokes: pa.Table) -> pa.Table:
     names = [strokes[name].to_numpy(zero_copy_only=False).astype(object) for name in ("player", "opponent")]
     struck = frame.stroke[first] % 2 == 1  # who struck the first stroke kept served if its number is odd
     ended = frame.outcome[last]
-    won = np.where(ended == WINNER, names[0][last], np.where(ended == FAULT, names[1][last], None))
+    won = np.where(ended == Outcome.WINNER, names[0][last], np.where(ended == Outcome.FAULT, names[1][last], None))
     clock = frame.clock[last] - frame.clock[first]
     return pa.table(
         {
@@ -110,8 +110,8 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
             f"no stroke of {player or 'anybody'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
         )
     decided = present & rallies["winner"].is_valid().to_numpy()
-    good = mine & (frame.outcome != FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
-    ends = mine & np.isin(np.arange(len(mine)), frame.last) & (frame.outcome != UNKNOWN)
+    good = mine & (frame.outcome != Outcome.FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
+    ends = mine & np.isin(np.arange(len(mine)), frame.last) & (frame.outcome != Outcome.UNKNOWN)
     timed = np.flatnonzero(mine[1:] & frame.follows[1:] & np.isfinite(frame.clock[1:] - frame.clock[:-1])) + 1
     after = np.flatnonzero(mine[1:] & frame.follows[1:]) + 1
     length = rallies["length"].to_numpy()[present].astype(np.int64)
@@ -166,7 +166,7 @@ class _Frame:
         self.follows = ~new & (np.diff(self.stroke, prepend=0) == 1)
         reasons = np.array([ENDINGS.index(name) if name in ENDINGS else len(ENDINGS) - 1 for name in REASONS])
         reason = column("reason").astype(np.int64)
-        self.ending = np.where(self.outcome == WINNER, 0, reasons[reason])
+        self.ending = np.where(self.outcome == Outcome.WINNER, 0, reasons[reason])
 
 
 def _shares(numbers: Ints, size: int) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.schema import FAULT, RETURNED, WINNER
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.exact.sweeps import stroke_values
@@ -61,8 +61,8 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     before = (1 + np.where(state >= 0, value[state], mean[incoming, contact])) / 2
     before[incoming == _UNKNOWN] = np.nan
     after = np.full(len(rows), np.nan)
-    after[rows.outcome == FAULT], after[rows.outcome == WINNER] = 0.0, 1.0
-    goes_on = np.flatnonzero((rows.outcome == RETURNED) & (rows.next_contact >= 0))
+    after[rows.outcome == Outcome.FAULT], after[rows.outcome == Outcome.WINNER] = 0.0, 1.0
+    goes_on = np.flatnonzero((rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0))
     after[goes_on] = 1 - before[goes_on + 1]
     decision = _decisions(reference, rows, state, nearest, value)
     columns = {
@@ -136,7 +136,7 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Int
     stroke = np.where(area >= 0, nearest[shot, area, contact, technique], _UNKNOWN)
     incoming = game.edge_incoming[state >> 1].astype(np.int64)
     k = np.where(stroke >= 0, game.reply_rank[incoming, contact, stroke].astype(np.int64), _UNKNOWN)
-    legal = (state >= 0) & (k >= 0) & (rows.outcome != FAULT)
+    legal = (state >= 0) & (k >= 0) & (rows.outcome != Outcome.FAULT)
     found = np.full(len(rows), np.nan)
     found[legal] = quality[game.pair_start[state[legal]] + k[legal]]
     # A fault came down where it was not aimed: the mean over the targets.
@@ -148,6 +148,6 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Int
     total = np.bincount(key, weight, kinds * game.n_states)
     with np.errstate(invalid="ignore"):
         expected = np.bincount(key, weight * quality, kinds * game.n_states) / total
-    fault = (state >= 0) & (rows.outcome == FAULT)
+    fault = (state >= 0) & (rows.outcome == Outcome.FAULT)
     found[fault] = expected[kinds * state[fault] + (N_TECHNIQUES * shot + technique)[fault]]
     return np.asarray((found - value[state]) / 2)

@@ -38,8 +38,7 @@ def analysis(
         rallies: about how many rallies of a log are looked at.
         json: print JSON.
     """
-    import pyarrow.parquet as pq  # noqa: PLC0415  what computes is not needed to show the flags
-
+    from shuttle_marl import table_files  # noqa: PLC0415  what computes is not needed to show the flags
     from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.game.shipped import load_game  # noqa: PLC0415
@@ -53,9 +52,8 @@ def analysis(
     if against is not None:
         found[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        pq.write_table(valued, out / "strokes.parquet", compression="zstd")
-        pq.write_table(rally_table(valued), out / "rallies.parquet", compression="zstd")
+        table_files.write_parquet(out / "strokes.parquet", valued)
+        table_files.write_parquet(out / "rallies.parquet", rally_table(valued))
         _draw(out, found)
     _print(found, as_json=json)
 

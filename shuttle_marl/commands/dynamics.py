@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, run
-from shuttle_marl.data.splits import Split
+from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder
 
 

@@ -3,12 +3,11 @@
 ``load_strokes`` is all that most users need; the rest is for those who make or check data.
 """
 
-from shuttle_marl.data.account import Account
-from shuttle_marl.data.clean import Cleaned, clean_matches
+from shuttle_marl.data.clean import Account, Cleaned, clean_matches
 from shuttle_marl.data.errors import DataError
-from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES
-from shuttle_marl.data.splits import SPLITS, Split, matches_of, split_of
+from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Outcome
 from shuttle_marl.data.table import load_account, load_strokes
+from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [
     "OUTCOMES",
@@ -18,6 +17,7 @@ __all__ = [
     "Account",
     "Cleaned",
     "DataError",
+    "Outcome",
     "Split",
     "clean_matches",
     "load_account",

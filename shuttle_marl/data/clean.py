@@ -27,7 +27,7 @@ tells more):
 
 import collections
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,7 +35,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.account import DROP_REASONS, Account
 from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.inference import (
     arrange,
@@ -46,14 +45,80 @@ from shuttle_marl.data.inference import (
     rally_starts,
     sides,
     timed,
-    with_letters_mended,
+    with_letters_fixed,
 )
-from shuttle_marl.data.schema import FAULT, REACH_OVER, STROKES
+from shuttle_marl.data.schema import REACH_OVER, STROKES, Outcome
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES
 
 _COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
+
+DROP_REASONS: Final = {
+    "repeated row": "The same stroke of the same player stands there twice.",
+    "unreadable value": "A value that cannot be what it should be, in a published file.",
+    "broken homography": "More than a fifth of the rows of the game put both players in one half.",
+    "contact heights unreliable": "Those of the whole game contradict each other, or the shot types.",
+    "broken rally": "Strokes are not numbered 1, 2, …, players do not alternate, or the rally's number is taken.",
+    "unknown shot type": "Nearly always a serve that the camera missed; the rest of the rally is kept.",
+    "serve type inside a rally": "A serve that is not the first stroke.",
+    "first stroke is no serve": "A rally that starts with another shot type.",
+    "contact height missing": "Above or below the net is not known.",
+    "side of the court unknown": "No coordinate tells the striker's half, or they contradict the rest of the rally.",
+    "landing missing": "No landing point, of a stroke that is no fault.",
+    "landing on the striker's side": "A returned or winning stroke that seems to have landed in the striker's own half.",
+}
+"""Why a row can be dropped, in the order in which the reasons are tried."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Account:
+    """Counts of a stroke table, totals after deduplication of matches.
+
+    Attributes:
+        matches: matches read.
+        rallies, strokes: numbers before dropping.
+        rallies_kept: rallies of which at least one stroke was kept.
+        strokes_kept: rows of the table.
+        dropped: rows dropped by reason, keys of :data:`DROP_REASONS`; reasons that never applied are left out.
+        area_agreement: share of kept strokes with an in-court label whose label is the area computed from the
+            coordinates; None where there are no labels.
+    """
+
+    matches: int
+    rallies: int
+    rallies_kept: int
+    strokes: int
+    strokes_kept: int
+    dropped: dict[str, int]
+    area_agreement: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """The account as plain values."""
+        return {
+            "matches": self.matches,
+            "rallies": {"total": self.rallies, "kept": self.rallies_kept},
+            "strokes": {"total": self.strokes, "kept": self.strokes_kept},
+            "dropped": self.dropped,
+            "area_agreement": self.area_agreement,
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "Account":
+        """Read what :meth:`as_json` gave.
+
+        Raises:
+            KeyError, TypeError: it is something else.
+        """
+        return cls(
+            matches=values["matches"],
+            rallies=values["rallies"]["total"],
+            rallies_kept=values["rallies"]["kept"],
+            strokes=values["strokes"]["total"],
+            strokes_kept=values["strokes"]["kept"],
+            dropped=dict(values["dropped"]),
+            area_agreement=values["area_agreement"],
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -111,7 +176,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     """
     raw, repeated = arrange(raw)
     first = rally_starts(raw)
-    raw = with_letters_mended(raw, first)
+    raw = with_letters_fixed(raw, first)
     side, contradicted = sides(raw, first)
     outcome, reason = outcomes(raw, first)
     # In the image x points right and y down: the lower player's right is +x and the upper player's right is -x.
@@ -135,8 +200,8 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "first stroke is no serve": ~is_serve & (raw.stroke == 1),
         "contact height missing": (raw.height < 0) & ~is_serve,
         "side of the court unknown": (side == 0) | contradicted,
-        "landing missing": (area < 0) & (outcome != FAULT),
-        "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != FAULT),
+        "landing missing": (area < 0) & (outcome != Outcome.FAULT),
+        "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
     }
     keep = np.ones(len(first), dtype=bool)
     counts = {"repeated row": repeated}

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.shuttleset import RawGame
 from shuttle_marl.game.stroke import SHOTS
 
@@ -77,7 +77,7 @@ def sides(raw: RawGame, first: Bools) -> tuple[Ints, Bools]:
     return side, vote * side < 0
 
 
-def with_letters_mended(raw: RawGame, first: Bools) -> RawGame:
+def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
     """The rows, players exchanged in rallies whose letters A and B contradict the ends of the game.
 
     Nobody changes ends within games 1 and 2. In two rallies of the data one player stands where the other one does in the
@@ -109,8 +109,8 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:
     given = raw.reason[ends]
     contradiction = (given >= 0) & (np.isin(given, (_OUT, _NET, _SHORT, _FOUL)) == won)
     unknown = (winner < 0) | contradiction
-    outcome = np.full(len(first), RETURNED)
-    outcome[ends] = np.where(unknown, UNKNOWN, np.where(won, WINNER, FAULT))
+    outcome = np.full(len(first), Outcome.RETURNED)
+    outcome[ends] = np.where(unknown, Outcome.UNKNOWN, np.where(won, Outcome.WINNER, Outcome.FAULT))
     reason = np.full(len(first), _RETURNED)
     reason[ends] = np.where(unknown | (given < 0), _UNKNOWN, given)
     return outcome, reason

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES
 
@@ -116,8 +116,8 @@ def _reasons(played: Played, rng: np.random.Generator) -> npt.NDArray[np.int64]:
     cumulative = np.cumsum(mix / mix.sum(axis=1, keepdims=True), axis=1)
     which = (rng.random(len(mix))[:, None] >= cumulative[:, :2]).sum(axis=1)
     fault = np.array([_OUT, _NET, _SHORT])[which]
-    ended = np.where(played.outcome == FAULT, fault, _LANDED)
-    return np.where(played.outcome == RETURNED, REASONS.index("returned"), ended)
+    ended = np.where(played.outcome == Outcome.FAULT, fault, _LANDED)
+    return np.where(played.outcome == Outcome.RETURNED, REASONS.index("returned"), ended)
 
 
 def _inside(played: Played, rng: np.random.Generator) -> Floats:

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from shuttle_marl.data import upstream
 from shuttle_marl.data.errors import DataError, Problem
-from shuttle_marl.data.players import discipline, player_id
-from shuttle_marl.data.schema import REASONS
-from shuttle_marl.data.strict_csv import Sheet
+from shuttle_marl.data.schema import FAR_OFF, REASONS
+from shuttle_marl.data.strict_csv import StrictCsv
+from shuttle_marl.data.upstream import discipline, player_id
 from shuttle_marl.game.stroke import SHOTS
 
 SHOT_NAMES: Final = {
@@ -60,8 +60,6 @@ REASON_NAMES: Final = {
 
 POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
 """Points with pixel coordinates in every row."""
-FAR_OFF: Final = 5.0
-"""A point more than this far outside the lines [m] cannot be real: the file or its homography is broken."""
 BAD_HOMOGRAPHY: Final = 0.2
 """The homography of a game is broken when more than this share of its rows puts both players in one half."""
 
@@ -215,7 +213,7 @@ def list_matches(root: Path, problems: list[Problem] | None = None) -> list[Matc
 
 def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Match]:
     homographies = _homographies(folder / "homography.csv", problems)
-    sheet = Sheet(folder / "match.csv", _MATCH_COLUMNS)
+    sheet = StrictCsv(folder / "match.csv", _MATCH_COLUMNS)
     numbers = sheet.integers("id", 1, _MOST, missing=0)
     n_games = sheet.integers("set", 1, 9, missing=0)
     matches: dict[str, Match] = {}
@@ -227,7 +225,7 @@ def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Mat
         if name not in homographies:
             sheet.mark(i, f"no homography for match {name!r} in homography.csv")
         if len(kinds) != 1:
-            sheet.mark(i, f"players {players} belong to no or to different disciplines; see shuttle_marl/data/players.py")
+            sheet.mark(i, f"players {players} belong to no or to different disciplines; see shuttle_marl/data/upstream")
         if not sheet.unreadable[i]:
             matches[name] = Match(
                 name=name,
@@ -244,12 +242,12 @@ def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Mat
 
 
 def _homographies(path: Path, problems: list[Problem]) -> dict[str, npt.NDArray[np.float64]]:
-    sheet = Sheet(path, _HOMOGRAPHY_COLUMNS)
+    sheet = StrictCsv(path, _HOMOGRAPHY_COLUMNS)
     homographies = {}
     for i, (name, text) in enumerate(zip(sheet.text("video"), sheet.text("homography_matrix"), strict=True)):
         try:
             matrix = np.array(json.loads(text), dtype=np.float64)
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError, RecursionError):
             matrix = np.empty(0)
         if matrix.shape == (3, 3) and np.isfinite(matrix).all():
             homographies[name] = matrix
@@ -271,7 +269,7 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
         DataError: a file that cannot be decoded, lacks a column or rows; and, unless ``problems`` is given or the file is a
             published one, an impossible value. The message names file, line and value.
     """
-    sheet = Sheet(path, _COLUMNS)
+    sheet = StrictCsv(path, _COLUMNS)
     point = {name: _project(sheet, name, match.homography) for name in POINTS}
     striker, receiver = point["player_location"][:, 1], point["opponent_location"][:, 1]
     broken = bool((striker * receiver > 0).mean() > BAD_HOMOGRAPHY)
@@ -309,13 +307,13 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
     return raw
 
 
-def _height(sheet: Sheet, column: str) -> npt.NDArray[np.int8]:
+def _height(sheet: StrictCsv, column: str) -> npt.NDArray[np.int8]:
     """Heights of the files (1 above, 2 below the net; the data sets' README says 0) as ours, -1 missing."""
     codes = sheet.codes(column, 2)
     return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
-def _project(sheet: Sheet, name: str, homography: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _project(sheet: StrictCsv, name: str, homography: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """``[n, 2]`` pixels to metres on the court, origin under the middle of the net; NaN where a pixel is missing."""
     x, y = sheet.numbers(f"{name}_x"), sheet.numbers(f"{name}_y")
     image = homography @ np.stack([x, y, np.ones_like(x)])
@@ -324,7 +322,7 @@ def _project(sheet: Sheet, name: str, homography: npt.NDArray[np.float64]) -> np
     return metres
 
 
-def _check_points(sheet: Sheet, point: dict[str, npt.NDArray[np.float64]]) -> None:
+def _check_points(sheet: StrictCsv, point: dict[str, npt.NDArray[np.float64]]) -> None:
     """Mark points far off the court and make them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():

@@ -12,11 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.data.errors import DataError, Problem
+from shuttle_marl.files import open_file, problem
 
-_CLOCK: Final = re.compile(r"(\d+):([0-5]\d):([0-5]\d)")
+_CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-class Sheet:
+class StrictCsv:
     """The n rows of a CSV file in UTF-8 with a header.
 
     Reading a column never stops at a bad value: the value becomes a missing one, the row is marked, and the problem is
@@ -38,9 +40,10 @@ class Sheet:
         """
         self.path = path
         try:
-            self.content = path.read_bytes()
-        except OSError as error:
-            raise DataError(path, f"cannot be read ({error.strerror})") from error
+            with open_file(path) as file:
+                self.content = file.read()
+        except (OSError, ValueError) as error:
+            raise DataError(path, f"cannot be read ({problem(error)})") from error
         reader = csv.reader(io.StringIO(_decode(path, self.content), newline=""))
         header = next(reader, [])
         if not header:
@@ -143,10 +146,8 @@ def _decode(path: Path, content: bytes) -> str:
 
 @functools.lru_cache(maxsize=1 << 16)
 def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
+    # `float` reads more than numbers as they are written in files: 1_000, Arabic digits, infinity.
+    return float(text) if _NUMBER.fullmatch(text) else np.nan
 
 
 def _seconds(text: str) -> int:

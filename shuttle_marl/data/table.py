@@ -8,13 +8,12 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from shuttle_marl import __version__
+from shuttle_marl import __version__, table_files
 from shuttle_marl.data import upstream
-from shuttle_marl.data.account import Account
-from shuttle_marl.data.clean import Cleaned, clean_matches
+from shuttle_marl.data.clean import Account, Cleaned, clean_matches
 from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.schema import STROKES
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import problem
 
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
@@ -45,12 +44,12 @@ def load_account(path: Path | str) -> Account:
     metadata = _open(path).schema_arrow.metadata or {}
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise DataError(path, "holds no account of its strokes; make it with `python -m shuttle_marl.data convert`") from error
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
-    """Write a stroke table (zstd), beside and moved into place. The same arguments give the same bytes.
+    """Write a stroke table (zstd, with checksums), whole or not at all. The same arguments give the same bytes.
 
     Raises:
         FileWriteError: the file cannot be written.
@@ -60,9 +59,7 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
         _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
     }
     table = strokes.cast(STROKES).combine_chunks().replace_schema_metadata({**STROKES.metadata, **extra})
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, compression="zstd", compression_level=9)
-    replace_file(path, sink.getvalue().to_pybytes())
+    table_files.write_parquet(path, table, compression_level=9)
 
 
 def read_parquet(path: Path) -> pa.Table:
@@ -118,11 +115,13 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
 
 def _open(path: Path) -> pq.ParquetFile:
     try:
-        return pq.ParquetFile(path)
+        return table_files.open_parquet(path)
     except FileNotFoundError as error:
         raise DataError(path, "no such file or folder; give a folder with the data or a Parquet file") from error
-    except (OSError, pa.ArrowException) as error:
+    except pa.ArrowException as error:
         raise DataError(path, f"no readable Parquet file ({error})") from error
+    except (OSError, ValueError) as error:
+        raise DataError(path, f"cannot be read ({problem(error)})") from error
 
 
 def _kind(field: pa.Field) -> str:

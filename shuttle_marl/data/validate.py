@@ -8,13 +8,12 @@ from pathlib import Path
 import pooch
 
 from shuttle_marl.data import upstream
-from shuttle_marl.data.account import Account
-from shuttle_marl.data.clean import clean_matches
+from shuttle_marl.data.clean import Account, clean_matches
 from shuttle_marl.data.errors import DataError, Problem
-from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.schema import violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
-from shuttle_marl.data.splits import SPLITS, Split, split_of
 from shuttle_marl.data.table import load_account, read_parquet
+from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

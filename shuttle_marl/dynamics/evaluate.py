@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import rankdata
 
-from shuttle_marl.data.schema import FAULT, RETURNED
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
@@ -98,8 +98,8 @@ def evaluate(bundle: Bundle, train: Rows, test: Rows, *, report: Callable[[str],
 
     tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], Floats], tuple[str, ...]]] = {
         # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
-        "success": (known_outcome, lambda rows: rows.outcome != FAULT, success, _CONTEXT),
-        "return": (was_good, lambda rows: rows.outcome == RETURNED, returned, _STROKE),
+        "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, _CONTEXT),
+        "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
         "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: bundle.above(rows.codes), _STROKE),
     }
     out: dict[str, Any] = {}
@@ -163,7 +163,7 @@ def next_stroke_scores(bundle: Bundle, rows: Rows, *, own: bool = True) -> dict[
     that of shot type and area together, on the same strokes; ``shot_type_cross_entropy`` that of the shot type on all.
     """
     shot, area, given = next_stroke_chances(bundle, rows, own=own)
-    good = (rows.outcome != FAULT) & (rows.codes["area"] >= 0)
+    good = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
     of_shot = shot[np.arange(len(rows)), rows.codes["shot"]]
     of_area = given[np.flatnonzero(good), rows.codes["area"][good]]
     return {

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.schema import RETURNED
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
@@ -110,7 +110,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
             codes[f"{name}_{attribute}"] = np.where(code < 0, unknown, code).astype(np.int16)
     after = _shift(np.arange(len(match)), -1)
     follows = (after >= 0) & (key[:, after] == key).all(axis=0) & (number[after] - number == 1)
-    returned = column["outcome"] == RETURNED
+    returned = column["outcome"] == Outcome.RETURNED
     codes["contact"] = column["height"].astype(np.int16)
     codes["discipline"] = (strokes["discipline"].to_numpy(zero_copy_only=False) == "WS").astype(np.int16)
     codes["shot"] = column["shot"].astype(np.int16)

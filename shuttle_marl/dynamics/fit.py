@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 from scipy.optimize import minimize
 
-from shuttle_marl.data.schema import FAULT, RETURNED
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
 from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.compile import empty_game
@@ -94,7 +94,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     target = fit_target(train, soft, config, seed + 2)
     success = fit_success(known, _targets(target, known), config, seed + 3)
     report("returns")
-    returned = good.outcome == RETURNED
+    returned = good.outcome == Outcome.RETURNED
     return_network = fit_binary("return", good, returned, config, seed + 4)
     ridge = fit_ridge(good.codes, returned)
     report("contact heights")
@@ -108,7 +108,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     blind_return = _blind_returns(return_network, good, returned, config)
     blind_above = _logit(unseen(_chances(contact, met), met.match, config.folds))
     calibration = np.stack([
-        _calibrate(blind_fault, share, known.outcome == FAULT),
+        _calibrate(blind_fault, share, known.outcome == Outcome.FAULT),
         _calibrate(blind_return[:, None], np.ones((len(good), 1)), returned),
         _calibrate(blind_above[:, None], np.ones((len(met), 1)), met_above),
     ])  # fmt: skip
@@ -126,7 +126,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     report("players")
     marginal = sigmoid(calibration[0, 0] * blind_fault + calibration[0, 1])
     blind = {
-        "striker": (known, _logit((share * marginal).sum(axis=1)), known.outcome == FAULT),
+        "striker": (known, _logit((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
         "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
     }
     profiles, chosen = _player_shifts(average, blind, validation)
@@ -205,7 +205,7 @@ def _player_shifts(
         "striker": _logit(bundle.fault_without_target(judges["striker"])),
         "receiver": _logit(bundle.returned(judges["receiver"].codes)),
     }
-    label = {"striker": judges["striker"].outcome == FAULT, "receiver": judges["receiver"].outcome == RETURNED}
+    label = {"striker": judges["striker"].outcome == Outcome.FAULT, "receiver": judges["receiver"].outcome == Outcome.RETURNED}
     shifts: dict[str, dict[str, float]] = {}
     chosen: dict[str, Any] = {}
     for role, (rows, logit, happened) in blind.items():

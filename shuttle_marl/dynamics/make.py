@@ -12,7 +12,7 @@ from safetensors.numpy import load_file, save
 
 from shuttle_marl import __version__
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.splits import Split, matches_of
+from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_chances, pair_log_choices

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import STATE, Codes, Rows
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode
 from shuttle_marl.dynamics.training import TrainingConfig, fit_ensemble, predict
@@ -78,7 +78,7 @@ SPECS: Final = {
 
 def fault_class(rows: Rows) -> npt.NDArray[np.int64]:
     """``[N]`` GOOD, OUT or SHORT; faults of unknown kind count as short."""
-    fault = rows.outcome == FAULT
+    fault = rows.outcome == Outcome.FAULT
     return np.where(~fault, GOOD, np.where(rows.reason == REASONS.index("out"), OUT, SHORT))
 
 
@@ -187,17 +187,17 @@ def fit_binary(name: str, rows: Rows, label: npt.NDArray[np.bool_], config: Trai
 
 def known_outcome(rows: Rows) -> npt.NDArray[np.bool_]:
     """``[N]`` rows that the success network is fitted to."""
-    return rows.outcome != UNKNOWN
+    return rows.outcome != Outcome.UNKNOWN
 
 
 def was_good(rows: Rows) -> npt.NDArray[np.bool_]:
     """``[N]`` rows that the return network is fitted to."""
-    return (rows.outcome == RETURNED) | (rows.outcome == WINNER)
+    return (rows.outcome == Outcome.RETURNED) | (rows.outcome == Outcome.WINNER)
 
 
 def was_met(rows: Rows) -> npt.NDArray[np.bool_]:
     """``[N]`` rows that the contact network is fitted to."""
-    return (rows.outcome == RETURNED) & (rows.next_contact >= 0)
+    return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
 
 
 def outcome_chances(success: Ensemble, codes: dict[str, Codes]) -> Floats:

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import beta
 
-from shuttle_marl.data.schema import FAULT, WINNER
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
@@ -41,7 +41,7 @@ CREDIBLE: Final = 0.90
 
 def catalogue_of(rows: Rows) -> Catalogue:
     """The strokes with enough support among good strokes; order: shot type, area, height, technique."""
-    good = rows.take((rows.outcome != FAULT) & (rows.codes["area"] >= 0))
+    good = rows.take((rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0))
     c = {name: good.codes[name].astype(np.int64) for name in ("shot", "area", "contact", "technique")}
     count = np.zeros((N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
     np.add.at(count, (c["shot"], c["area"], c["contact"], c["technique"]), 1)
@@ -103,8 +103,8 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
     which, area = np.nonzero(targets > 0)
     weight = targets[which, area]
     c = {name: code[which].astype(np.int64) for name, code in rows.codes.items()}
-    fault = weight * (rows.outcome[which] == FAULT)
-    winner = weight * (rows.outcome[which] == WINNER)
+    fault = weight * (rows.outcome[which] == Outcome.FAULT)
+    winner = weight * (rows.outcome[which] == Outcome.WINNER)
     catalogue, n = game.catalogue, game.n_strokes
     own, stroke = game.edge_own, game.edge_incoming
     e_shot, e_area, e_height, e_technique = (

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.account import Account
-from shuttle_marl.data.players import discipline
+from shuttle_marl.data.clean import Account
+from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
@@ -26,7 +26,7 @@ class SimulationError(ShuttleError):
 def simulate(game: Game, players: Mapping[str, npt.NDArray[np.floating]], *, matches: int, seed: int) -> pa.Table:
     """Play matches (best of three games to 21) and write every stroke down.
 
-    Pairs of players of one discipline meet in turn; a player who is in neither list of :mod:`shuttle_marl.data.players`
+    Pairs of players of one discipline meet in turn; a player who is in neither list of :mod:`shuttle_marl.data.upstream`
     meets all others.
 
     Args:

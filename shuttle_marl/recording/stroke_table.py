@@ -8,9 +8,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data import placing
-from shuttle_marl.data.players import discipline
-from shuttle_marl.data.schema import FAULT, RETURNED, STROKES, WINNER
-from shuttle_marl.game import court, rally
+from shuttle_marl.data.schema import STROKES, Outcome, outcome_of
+from shuttle_marl.data.upstream import discipline
+from shuttle_marl.game import court
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.recording.tables import rows_of_strokes
@@ -25,7 +25,7 @@ def stroke_table(
 
     Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
     (:mod:`shuttle_marl.data.placing`): a good stroke lands in its target area, and flight times are medians of the annotated
-    matches. A match is filed under the discipline of its first player who has one (:mod:`shuttle_marl.data.players`), or
+    matches. A match is filed under the discipline of its first player who has one (:mod:`shuttle_marl.data.upstream`), or
     under men's singles; its time begins with the first of its rallies that is there.
 
     Args:
@@ -41,8 +41,8 @@ def stroke_table(
     """
     row, position, seat = rows_of_strokes(rallies)
     stroke = rallies.stroke.astype(np.int64)
-    outcome = np.full(len(stroke), RETURNED)
-    outcome[rallies.first_stroke[1:] - 1] = np.where(rallies.reason == rally.WINNER, WINNER, FAULT)
+    outcome = np.full(len(stroke), Outcome.RETURNED)
+    outcome[rallies.first_stroke[1:] - 1] = outcome_of(rallies.reason)
     number = np.arange(len(rallies))
     points = rallies.score[:, :2].astype(np.int64)
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)

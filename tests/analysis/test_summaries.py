@@ -11,8 +11,7 @@ from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.summary import ENDINGS, players_of
 from shuttle_marl.commands.analysis import main as analysis
-from shuttle_marl.data.invariants import violations
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
+from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 
@@ -22,10 +21,10 @@ SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 def by_hand() -> pa.Table:
     """Two rallies: ann serves, bea lifts, ann smashes a winner; bea serves, of which only her fault in the net was kept."""
     rows = [
-        ("ann", 1, 1, "short-serve", RETURNED, "returned", 0, 0.5, 2.2),
-        ("bea", 1, 2, "lift", RETURNED, "returned", 1, -2.0, 6.0),
-        ("ann", 1, 3, "smash", WINNER, "landed", 3, 2.0, 4.0),
-        ("bea", 2, 3, "drop", FAULT, "net", 30, 0.2, -0.1),
+        ("ann", 1, 1, "short-serve", Outcome.RETURNED, "returned", 0, 0.5, 2.2),
+        ("bea", 1, 2, "lift", Outcome.RETURNED, "returned", 1, -2.0, 6.0),
+        ("ann", 1, 3, "smash", Outcome.WINNER, "landed", 3, 2.0, 4.0),
+        ("bea", 2, 3, "drop", Outcome.FAULT, "net", 30, 0.2, -0.1),
     ]
     base = dict.fromkeys(STROKES.names)
     table = [
@@ -76,7 +75,7 @@ def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
         catalogue, names = log.catalogue, [player.name for player in log.policies]
     assert strokes.num_rows == len(rallies.stroke)
     assert (strokes["shot"].to_numpy() == catalogue.shot[rallies.stroke]).all()
-    good = strokes["outcome"].to_numpy() != FAULT
+    good = strokes["outcome"].to_numpy() != Outcome.FAULT
     assert (strokes["area"].to_numpy(zero_copy_only=False)[good] == catalogue.area[rallies.stroke][good]).all()
     table = rally_table(strokes)
     assert table["length"].to_pylist() == rallies.length.tolist()

@@ -24,8 +24,7 @@ from upstream_layout import (
 
 from shuttle_marl.data import clean_matches
 from shuttle_marl.data.clean import Cleaned
-from shuttle_marl.data.invariants import violations
-from shuttle_marl.data.schema import FAULT, OUTCOMES, REASONS, RETURNED, UNKNOWN, WINNER
+from shuttle_marl.data.schema import OUTCOMES, REASONS, Outcome, violations
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import SHOTS
 
@@ -109,7 +108,7 @@ def test_labels_decide_nothing(tmp_path: Path) -> None:
 
 def test_labels_outside_the_court_are_null(tmp_path: Path) -> None:
     result = cleaned(tmp_path, plain_game(2))
-    out = result.strokes.filter(np.equal(column(result, "outcome"), FAULT)).to_pylist()
+    out = result.strokes.filter(np.equal(column(result, "outcome"), Outcome.FAULT)).to_pylist()
     assert [(row["label_area"], row["in_court"], REASONS[row["reason"]]) for row in out] == [(None, False, "out")]
     assert court.AREAS[out[0]["area"]] == "back-left"
 
@@ -153,7 +152,7 @@ def test_unknown_serve_leaves_the_rest_of_its_rally(tmp_path: Path) -> None:
     assert result.account.dropped == {"unknown shot type": 1}
     assert column(result, "stroke") == [2, 3]
     assert column(result, "contact_x") == [None, pytest.approx(-LIFT.x, abs=1e-3)]
-    assert column(result, "outcome") == [RETURNED, WINNER]
+    assert column(result, "outcome") == [Outcome.RETURNED, Outcome.WINNER]
 
 
 def test_missing_winner_follows_from_the_score(tmp_path: Path) -> None:
@@ -164,28 +163,30 @@ def test_missing_winner_follows_from_the_score(tmp_path: Path) -> None:
         rally(5, "A", [SERVE, LIFT], (4, 1), reason="", winner=""),
     ])  # fmt: skip
     result = cleaned(tmp_path, rows)
-    ends = [row["outcome"] for row in result.strokes.to_pylist() if row["outcome"] != RETURNED]
-    assert ends == [WINNER, FAULT, UNKNOWN, WINNER]
+    ends = [row["outcome"] for row in result.strokes.to_pylist() if row["outcome"] != Outcome.RETURNED]
+    assert ends == [Outcome.WINNER, Outcome.FAULT, Outcome.UNKNOWN, Outcome.WINNER]
     assert {REASONS[r] for r in column(result, "reason")} == {"returned", "unknown"}
 
 
 def test_a_reason_that_contradicts_the_winner_makes_the_outcome_unknown(tmp_path: Path) -> None:
     """The last hitter cannot hit the net and win: the annotators missed a stroke."""
     result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="掛網", winner="A"))
-    assert column(result, "outcome") == [RETURNED, RETURNED, UNKNOWN]
+    assert column(result, "outcome") == [Outcome.RETURNED, Outcome.RETURNED, Outcome.UNKNOWN]
 
 
 def test_the_score_outweighs_the_annotated_winner(tmp_path: Path) -> None:
     result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], (0, 1), reason="掛網", winner="A"))
-    assert column(result, "outcome") == [RETURNED, RETURNED, FAULT]
+    assert column(result, "outcome") == [Outcome.RETURNED, Outcome.RETURNED, Outcome.FAULT]
 
 
 @pytest.mark.parametrize(("chinese", "reason", "outcome"), [
-    ("出界", "out", FAULT), ("掛網", "net", FAULT), ("未過網", "short", FAULT), ("犯規", "foul", FAULT),
-    ("對手落地致勝", "landed", WINNER), ("落點判斷失誤", "misjudged", WINNER), ("對手落地判斷失誤", "misjudged", WINNER),
+    ("出界", "out", Outcome.FAULT), ("掛網", "net", Outcome.FAULT),
+    ("未過網", "short", Outcome.FAULT), ("犯規", "foul", Outcome.FAULT),
+    ("對手落地致勝", "landed", Outcome.WINNER), ("落點判斷失誤", "misjudged", Outcome.WINNER),
+    ("對手落地判斷失誤", "misjudged", Outcome.WINNER),
 ])  # fmt: skip
 def test_reasons(tmp_path: Path, chinese: str, reason: str, outcome: int) -> None:
-    score = (0, 1) if outcome == FAULT else (1, 0)
+    score = (0, 1) if outcome == Outcome.FAULT else (1, 0)
     result = cleaned(tmp_path, rally(1, "A", [SERVE, LIFT, SMASH], score, reason=chinese))
     assert result.strokes.to_pylist()[-1]["reason"] == REASONS.index(reason)
     assert result.strokes.to_pylist()[-1]["outcome"] == outcome
@@ -220,7 +221,7 @@ def test_rallies_out_of_order_are_put_in_order(tmp_path: Path) -> None:
     ])  # fmt: skip
     result = cleaned(tmp_path, rows)
     assert column(result, "rally") == [1, 1, 1, 2, 2, 2, 3, 3, 3]
-    assert column(result, "outcome")[2::3] == [WINNER] * 3
+    assert column(result, "outcome")[2::3] == [Outcome.WINNER] * 3
 
 
 def test_a_row_that_stands_there_twice(tmp_path: Path) -> None:
@@ -237,7 +238,7 @@ def test_a_rally_number_given_twice_keeps_the_first(tmp_path: Path) -> None:
     ])  # fmt: skip
     result = cleaned(tmp_path, rows)
     assert result.account.dropped == {"broken rally": 2}
-    assert column(result, "outcome") == [RETURNED, RETURNED, WINNER]
+    assert column(result, "outcome") == [Outcome.RETURNED, Outcome.RETURNED, Outcome.WINNER]
 
 
 @pytest.mark.parametrize("defect", ["gap", "same player", "starts late"])
@@ -397,7 +398,7 @@ def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:
         row["player"] = "B" if row["player"] == "A" else "A"
     result = cleaned(tmp_path, [*rows, *odd])
     assert column(result, "player")[-3:] == ["viktor-axelsen", "chen-long", "viktor-axelsen"]
-    assert column(result, "outcome")[-3:] == [RETURNED, RETURNED, FAULT]
+    assert column(result, "outcome")[-3:] == [Outcome.RETURNED, Outcome.RETURNED, Outcome.FAULT]
 
 
 def test_letters_are_left_alone_where_ends_may_change(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl.data import matches_of, upstream
-from shuttle_marl.data.account import DROP_REASONS
+from shuttle_marl.data.clean import DROP_REASONS
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.game import court
 

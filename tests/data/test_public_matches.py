@@ -9,9 +9,8 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.data import clean_matches, matches_of, split_of
-from shuttle_marl.data.account import DROP_REASONS
-from shuttle_marl.data.clean import Cleaned
-from shuttle_marl.data.invariants import violations
+from shuttle_marl.data.clean import DROP_REASONS, Cleaned
+from shuttle_marl.data.schema import violations
 from shuttle_marl.data.shuttleset import list_matches
 
 ROOT = os.environ.get("SHUTTLESET")

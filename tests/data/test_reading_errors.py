@@ -205,7 +205,7 @@ def test_match_listed_twice(tmp_path: Path) -> None:
 def test_unreadable_file(path: Path) -> None:
     path.unlink()
     path.mkdir()
-    assert str(refused(path)) == f"{path}: cannot be read (Is a directory)"
+    assert str(refused(path)) == f"{path}: cannot be read (no regular file)"
 
 
 def test_both_sets_are_read(tmp_path: Path) -> None:

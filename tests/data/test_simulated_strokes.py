@@ -9,8 +9,7 @@ import pytest
 
 from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.data import placing, split_of
-from shuttle_marl.data.invariants import violations
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED, STROKES, WINNER
+from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court, scoring
 from shuttle_marl.game.rally import Game, layout, thresholds
@@ -64,7 +63,7 @@ def table() -> pd.DataFrame:
 
 def rows_after(table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Each stroke that was returned, and the reply."""
-    returned = np.flatnonzero(table.outcome == RETURNED)
+    returned = np.flatnonzero(table.outcome == Outcome.RETURNED)
     return table.iloc[returned].reset_index(), table.iloc[returned + 1].reset_index()
 
 
@@ -118,7 +117,7 @@ def test_matches_follow_the_laws(table: pd.DataFrame) -> None:
         wins, server, score = {}, None, None
         for (game, _), rows in match.groupby(["game", "rally"], sort=False):
             last = rows.iloc[-1]
-            winner = last.player if last.outcome == WINNER else last.opponent
+            winner = last.player if last.outcome == Outcome.WINNER else last.opponent
             after = (last.points, last.points_opponent) if last.player == a else (last.points_opponent, last.points)
             if score is None or score[0] != game:
                 score = (game, 0, 0)
@@ -138,10 +137,10 @@ def test_outcomes_have_the_chances_of_the_game() -> None:
     table = simulate(GAME, PLAYERS, matches=40, seed=9).to_pandas()
     n = len(table)
     assert n > 5000
-    fault = (table.outcome == FAULT).mean()
+    fault = (table.outcome == Outcome.FAULT).mean()
     assert fault == pytest.approx(0.15, abs=4 * np.sqrt(0.15 * 0.85 / n))
-    good = table[table.outcome != FAULT]
-    assert (good.outcome == RETURNED).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / len(good)))
+    good = table[table.outcome != Outcome.FAULT]
+    assert (good.outcome == Outcome.RETURNED).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / len(good)))
     _, reply = rows_after(table)
     assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))
 
@@ -169,7 +168,7 @@ def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
     assert all(area in by_parts[s, h, t] for area, s, h, t in aimed)
     beyond = np.maximum(np.abs(x) - court.HALF_WIDTH, y - court.HALF_LENGTH)
     assert (beyond[out] <= 1).all()
-    serves = ((table.stroke == 1) & (table.outcome != FAULT)).to_numpy()
+    serves = ((table.stroke == 1) & (table.outcome != Outcome.FAULT)).to_numpy()
     assert (y[serves] >= court.SHORT_SERVICE).all()
 
 
@@ -182,7 +181,7 @@ def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -
     n = 4000
     same = np.full(n, 1)
     played = placing.Played(
-        shot=shot * same, area=area * same, outcome=FAULT * same, stroke=same, new_game=same == 0, right=same == 1
+        shot=shot * same, area=area * same, outcome=Outcome.FAULT * same, stroke=same, new_game=same == 0, right=same == 1
     )
     reason = placing.place(played, np.random.default_rng(4)).reason
     shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
@@ -213,7 +212,7 @@ def test_servers_stand_right_at_even_points(table: pd.DataFrame) -> None:
     """Of the serves to the centre; a serve to a corner decides the service court by itself."""
     first = table.groupby(["match", "game", "rally"], sort=False).first()
     last = table.groupby(["match", "game", "rally"], sort=False).last()
-    winner = last.player.where(last.outcome == WINNER, last.opponent)
+    winner = last.player.where(last.outcome == Outcome.WINNER, last.opponent)
     before = first.points - (winner == first.player)
     centre = first["shot"] == 0
     agrees = np.sign(first.striker_x) == np.where(before % 2 == 0, 1.0, -1.0)

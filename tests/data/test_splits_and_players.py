@@ -3,9 +3,8 @@
 import pytest
 
 from shuttle_marl.data import matches_of, split_of, upstream
-from shuttle_marl.data.players import MEN, WOMEN, discipline, player_id
 from shuttle_marl.data.shuttleset import SHOT_NAMES
-from shuttle_marl.data.splits import SPLITS
+from shuttle_marl.data.upstream import MEN, SPLITS, WOMEN, discipline, player_id
 from shuttle_marl.game.stroke import SHOTS
 
 

@@ -9,8 +9,7 @@ import pytest
 from upstream_layout import Layout, plain_game
 
 from shuttle_marl.data import DataError, clean_matches, load_account, load_strokes
-from shuttle_marl.data.invariants import violations
-from shuttle_marl.data.schema import STROKES
+from shuttle_marl.data.schema import STROKES, violations
 from shuttle_marl.data.table import provenance_of, write_parquet
 from shuttle_marl.files import FileWriteError
 
@@ -76,7 +75,7 @@ def test_damaged_parquet(file: Path) -> None:
     content = bytearray(file.read_bytes())
     content[8:1500] = bytes(1492)
     file.write_bytes(content)
-    with pytest.raises(DataError, match=r"strokes\.parquet: a damaged Parquet file"):
+    with pytest.raises(DataError, match=r"strokes\.parquet: no readable Parquet file \(it was changed after it was written"):
         load_strokes(file)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.data.schema import FAULT, REASONS, RETURNED
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.fit import intended_targets
 from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, outcome_chances, softmax
@@ -37,7 +37,7 @@ def simulated() -> tuple[Rows, np.ndarray]:
     reason = np.where(out, REASONS.index("out"), np.where(short, REASONS.index("net"), REASONS.index("returned")))
     rows = Rows(
         codes=codes,
-        outcome=np.where(out | short, FAULT, RETURNED).astype(np.int8),
+        outcome=np.where(out | short, Outcome.FAULT, Outcome.RETURNED).astype(np.int8),
         reason=reason.astype(np.int8),
         next_contact=np.full(N, -1, dtype=np.int8),
         match=(np.arange(N) // 600).astype(np.int32),
@@ -61,7 +61,7 @@ def test_fault_rates_per_intended_target_are_recovered(monkeypatch: pytest.Monke
         monkeypatch.setitem(SPECS, name, spec)
     config = TrainingConfig(epochs=12, batch=512, learning_rate=1e-2, decay=0.0, decay_linear=0.0, dropout=0.0)
     rows, target = simulated()
-    fault = rows.outcome == FAULT
+    fault = rows.outcome == Outcome.FAULT
     truth = OUT + SHORT
     # The naive fit reads the recorded landing as the target.
     naive = np.array([fault[rows.codes["area"] == a].mean() for a in range(N_AREAS)])

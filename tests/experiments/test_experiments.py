@@ -10,7 +10,7 @@ import pytest
 from experiments import next_stroke, realism
 from shuttle_marl.commands.dynamics import main as dynamics
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.schema import FAULT, RETURNED, WINNER
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -21,12 +21,12 @@ needs_matches = pytest.mark.skipif(not MATCHES, reason="SHUTTLESET names no fold
 def test_observed_figures_of_the_sample() -> None:
     rows = rows_from_strokes(load_strokes(SAMPLE))
     figures = realism.observed(rows)
-    rallies = int(((rows.outcome == FAULT) | (rows.outcome == WINNER)).sum())
+    rallies = int(((rows.outcome == Outcome.FAULT) | (rows.outcome == Outcome.WINNER)).sum())
     assert figures["mean rally"]["value"] == pytest.approx(len(rows) / rallies)
-    assert figures["fault share"]["value"] == pytest.approx((rows.outcome == FAULT).mean())
+    assert figures["fault share"]["value"] == pytest.approx((rows.outcome == Outcome.FAULT).mean())
     assert figures["smash"]["value"] == pytest.approx((rows.codes["shot"] == 5).mean())
     assert all(f["low"] <= f["value"] <= f["high"] for f in figures.values())
-    assert (rows.outcome == RETURNED).any()
+    assert (rows.outcome == Outcome.RETURNED).any()
 
 
 @pytest.mark.parametrize("command", [next_stroke.main, realism.main])
