@@ -2,17 +2,21 @@
 
 import contextlib
 import errno
+import hashlib
+import json
 import os
 import secrets
 import stat
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 from shuttle_marl.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Errors of the system that say that something does not fit."""
 _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
+_SEAL: Final = "checksum"
+"""Entry of a sealed JSON object."""
 
 
 class FileWriteError(ShuttleError):
@@ -59,3 +63,36 @@ def open_file(path: Path) -> BinaryIO:
 def problem(error: OSError | ValueError) -> str:
     """Why a file cannot be used, without its name: the words of the operating system."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+class FileReadError(ShuttleError):
+    """A file cannot be read, or is not what was written."""
+
+
+def seal(fields: dict[str, Any]) -> bytes:
+    """A JSON object that carries the SHA-256 of the rest of itself, so that :func:`read_sealed` notices any change."""
+    return (json.dumps({**fields, _SEAL: _digest(fields)}, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """Read the content of a file that :func:`seal` made.
+
+    Raises:
+        FileReadError: it is missing, no JSON object, or was changed after it was written; the message is the reason alone.
+    """
+    try:
+        with open_file(path) as file:
+            fields = json.loads(file.read().decode())
+        if not isinstance(fields, dict):
+            raise FileReadError("no JSON object")
+        if fields.pop(_SEAL, None) != _digest(fields):
+            raise FileReadError("it was changed after it was written: its checksum does not fit")
+        return fields
+    except RecursionError as error:
+        raise FileReadError("nested too deeply") from error
+    except (OSError, ValueError) as error:
+        raise FileReadError(problem(error)) from error
+
+
+def _digest(fields: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()

@@ -6,7 +6,10 @@ import tyro
 from rich.console import Console
 
 from shuttle_marl.commands.cli import Command, run
-from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.a2c import A2CConfig
+from shuttle_marl.training.config import TrainingConfig
+from shuttle_marl.training.ppo import PPOConfig
+from shuttle_marl.training.sac import SACConfig
 
 
 def _train(config: TrainingConfig) -> None:
@@ -14,11 +17,11 @@ def _train(config: TrainingConfig) -> None:
 
     done = train(config, Console(stderr=True, highlight=False))
     figures = done.evaluation
-    out = Console(highlight=False, soft_wrap=True)
+    out = Console(highlight=False, soft_wrap=True, markup=False)
     against = "bc" if config.self_play else " and ".join(config.opponent)
     out.print(
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
-        f"normalised score {figures.normalised_score:.3f}, exploitability {figures.exploitability:.3f}"
+        f"{figures.score_text}, exploitability {figures.exploitability:.3f}"
     )
     out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
 

@@ -89,3 +89,18 @@ def least_gain(serving: float, receiving: float, rules: Rules = BWF) -> float:
     0 gains player 1 loses, so it holds for both.
     """
     return min(won - lost for won, lost in match_table(serving, receiving, rules).values())
+
+
+def normalised_score(rally_win: float, reference: float, best: float, *, error_bound: float = 0.0) -> float | None:
+    """Score of a policy against an opponent: 0 for a reference policy, 1 for the best response to the opponent.
+
+    Args:
+        rally_win: probability that the policy wins a rally against the opponent.
+        reference: the same of the reference policy.
+        best: the same of the best response.
+        error_bound: ``best - reference`` is within this of the truth.
+
+    Returns:
+        ``(rally_win - reference) / (best - reference)``; None where the best response may be no better than the reference.
+    """
+    return (rally_win - reference) / (best - reference) if best - error_bound > reference else None

@@ -5,6 +5,7 @@ import functools
 from typing import Any, Final
 
 from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate
@@ -104,7 +105,7 @@ class Scorer:
         """The normalised score of a chance to win a rally against ``bc``; None if nothing beats ``bc``."""
         best = self.reference_response.value.odds()
         # J(bc) is exactly one half: bc against itself.
-        return (rally_win_vs_bc - 0.5) / (best.rally - 0.5) if best.rally - best.error_bound > 0.5 else None
+        return normalised_score(rally_win_vs_bc, 0.5, best.rally, error_bound=best.error_bound)
 
     def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0, watch: Watch | None = None) -> Scorecard:
         """The figures of a policy.

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
+    from shuttle_marl.training.a2c import A2CConfig
+    from shuttle_marl.training.config import TrainingConfig, TrainingError
     from shuttle_marl.training.evaluation import Evaluation, Evaluator
+    from shuttle_marl.training.ppo import PPOConfig
     from shuttle_marl.training.run import TrainingRun, train
+    from shuttle_marl.training.sac import SACConfig
 
 __all__ = [
     "A2CConfig",
@@ -27,8 +30,11 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
+        "a2c": ("A2CConfig",),
+        "config": ("TrainingConfig", "TrainingError"),
         "evaluation": ("Evaluation", "Evaluator"),
+        "ppo": ("PPOConfig",),
         "run": ("TrainingRun", "train"),
+        "sac": ("SACConfig",),
     },
 )

@@ -9,8 +9,8 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torchrl import collectors
 from torchrl._utils import seed_generator
-from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
@@ -24,20 +24,20 @@ _SEEDS = 1 << 31
 
 
 def seeds(seed: int, processes: int) -> tuple[int, ...]:
-    """Seeds of the environments of all processes, of which :meth:`Strokes.begin` is given one number."""
+    """Seeds of the environments of all processes, of which :meth:`Collector.begin` is given one number."""
     found = [seed % _SEEDS]
     while len(found) < processes:
         found.append(seed_generator(found[-1]))  # as TorchRL hands them on
     return tuple(found)
 
 
-class Strokes:
+class Collector:
     """Collects the strokes of one iteration after another.
 
     Args:
         config: rows, steps, processes, device.
         game: the tables.
-        opponents: whom the learner meets; none in self-play.
+        opponents: of the learner; none in self-play.
         actor: the policy that collects.
     """
 
@@ -50,7 +50,7 @@ class Strokes:
         self._collector: Any = None
 
     def begin(self, seed: int) -> None:
-        """Begin anew: from here on, what is collected depends on this seed and on the weights alone."""
+        """Begin again: from here on, what is collected depends on this seed and on the weights alone."""
         seed %= _SEEDS
         torch.manual_seed(seed)
         if self._config.processes == 1 and self._config.collector == "local":
@@ -62,7 +62,7 @@ class Strokes:
             self._collector = self._several()
             self._collector.set_seed(seed)
         else:
-            self._collector.set_seed(seed)  # which also begins anew
+            self._collector.set_seed(seed)  # which also begins again
 
     def collect(self) -> TensorDictBase:
         """``[rows, steps]`` strokes by the present weights."""
@@ -82,8 +82,8 @@ class Strokes:
         devices = {} if device.type == "cpu" else {"policy_device": device, "storing_device": device, "env_device": "cpu"}
         return {"frames_per_batch": self._config.frames, **devices}
 
-    def _one(self, env: EnvBase) -> Collector:
-        return Collector(
+    def _one(self, env: EnvBase) -> collectors.Collector:
+        return collectors.Collector(
             env,
             self._actor,
             total_frames=-1,
@@ -96,7 +96,7 @@ class Strokes:
         makers = [self._make] * self._config.processes
         if self._config.collector == "ray":
             return _ray_collector(makers, self._actor, self._options())
-        return MultiSyncCollector(
+        return collectors.MultiSyncCollector(
             makers,
             self._actor,
             total_frames=-1,
@@ -106,8 +106,8 @@ class Strokes:
         )
 
 
-class _SeededCollector(Collector):
-    """A collector in a process of its own, which `set_seed` begins anew, as it does those of MultiSyncCollector."""
+class _SeededCollector(collectors.Collector):
+    """A collector in a process of its own, which `set_seed` begins again, as it does those of MultiSyncCollector."""
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:
         torch.manual_seed(seed)

@@ -1,4 +1,4 @@
-"""How good a policy is, exactly, while it learns: odds against the opponents, the normalised score, exploitability."""
+"""Exact figures of a policy while it learns: odds against the opponents, the normalised score, exploitability."""
 
 import dataclasses
 import functools
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from shuttle_marl import exact
+from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
@@ -21,17 +22,23 @@ class Evaluation:
     """Exact figures of a policy, means over the opponents where there are several.
 
     Attributes:
-        rally_win: chance to win a rally, both serving equally often.
-        match_win: chance to win a match, the first serve drawn by lot.
+        rally_win: probability of winning a rally, both serving equally often.
+        match_win: probability of winning a match, the first server drawn at random.
         normalised_score: 0 for ``bc``, 1 for the best response: the mean over the opponents of
-            ``(J(pi) - J(bc)) / (J(best response) - J(bc))`` with J the chance to win a rally.
+            ``(J(pi) - J(bc)) / (J(best response) - J(bc))`` with J the probability of winning a rally, without those to whom
+            ``bc`` is a best response already; None if it is one to all of them.
         exploitability: what the best response to the policy gains, as a value from 0 to 1.
     """
 
     rally_win: float
     match_win: float
-    normalised_score: float
+    normalised_score: float | None
     exploitability: float
+
+    @property
+    def score_text(self) -> str:
+        """The normalised score in words."""
+        return "no normalised score" if self.normalised_score is None else f"normalised score {self.normalised_score:.3f}"
 
 
 class Evaluator:
@@ -47,20 +54,24 @@ class Evaluator:
         self._reference = tabulate(resolve(REFERENCE, game), game, REFERENCE)
 
     @functools.cached_property
-    def _scales(self) -> list[tuple[float, float]]:
-        """For each opponent, the chance of ``bc`` and of the best response to win a rally against it."""
-        return [(self._rally(self._reference, o), exact.best_response(o).value.odds().rally) for o in self._opponents]
+    def _scales(self) -> list[tuple[Odds, Odds]]:
+        """For each opponent, the odds of ``bc`` and of the best response against it."""
+        return [(self._odds(self._reference, o), exact.best_response(o).value.odds()) for o in self._opponents]
 
-    def _rally(self, policy: TabulatedPolicy, opponent: TabulatedPolicy) -> float:
-        return exact.evaluate(policy, opponent, tolerance=_TOLERANCE).odds().rally
+    def _odds(self, policy: TabulatedPolicy, opponent: TabulatedPolicy) -> Odds:
+        return exact.evaluate(policy, opponent, tolerance=_TOLERANCE).odds()
 
     def evaluate(self, policy: TabulatedPolicy) -> Evaluation:
         """The figures of a policy."""
-        odds = [exact.evaluate(policy, opponent, tolerance=_TOLERANCE).odds() for opponent in self._opponents]
-        scores = [(o.rally - bc) / (best - bc) for o, (bc, best) in zip(odds, self._scales, strict=True)]
+        odds = [self._odds(policy, opponent) for opponent in self._opponents]
+        found = [
+            normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
+            for o, (bc, best) in zip(odds, self._scales, strict=True)
+        ]
+        scores = [score for score in found if score is not None]
         return Evaluation(
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
-            normalised_score=float(np.mean(scores)),
+            normalised_score=float(np.mean(scores)) if scores else None,
             exploitability=exact.best_response(policy, tolerance=_TOLERANCE).value.odds().value,
         )

@@ -8,6 +8,7 @@ striker's own last stroke and for the incoming one: so what is learned about a s
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from tensordict.nn import TensorDictModule
 from torch import nn
@@ -16,16 +17,18 @@ from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.training.learner import DivergedError
 
 IMPOSSIBLE: Final = -1e9
-"""Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its chance 0."""
+"""Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
 
 
 class LegalStrokes(Categorical):
     """A distribution over the legal strokes, for TorchRL's actors and losses.
 
     Built on the softmax kernels throughout: on a CPU, `exp` and `logsumexp` of a masked row cost ten times as much. Sampled
-    by the inverse of the cumulative chances, because `torch.multinomial` costs more than the network.
+    by the inverse of the cumulative probabilities, because `torch.multinomial` costs more than the network.
 
     Args:
         logits: ``[..., n]`` of all strokes.
@@ -44,7 +47,7 @@ class LegalStrokes(Categorical):
     def sample(self, sample_shape: torch.Size | list[int] | tuple[int, ...] = ()) -> torch.Tensor:
         """``[*sample_shape, *batch]`` strokes, none of them illegal."""
         total = self.probs.expand(*sample_shape, *self.probs.shape).cumsum(-1)
-        # A draw in (0, total]: the first entry that reaches it belongs to a stroke whose chance is not zero.
+        # A draw in (0, total]: the first entry that reaches it belongs to a stroke whose probability is not zero.
         draw = (1 - torch.rand(*total.shape[:-1], 1, device=total.device)) * total[..., -1:]
         return torch.searchsorted(total, draw).squeeze(-1).clamp_max_(total.shape[-1] - 1)
 
@@ -54,7 +57,7 @@ class LegalStrokes(Categorical):
         return self.probs.argmax(-1)
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """Log-chance of ``[*sample_shape, *batch]`` strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
+        """Log-probability of ``[*sample_shape, *batch]`` strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
         return self.logits.expand(*value.shape, -1).gather(-1, value.unsqueeze(-1)).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
@@ -120,7 +123,7 @@ def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float) -> 
 
 
 def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True) -> ProbabilisticActor:
-    """A stochastic policy: observation and action mask to action (and its log-chance)."""
+    """A stochastic policy: observation and action mask to action (and its log-probability)."""
     network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
     return ProbabilisticActor(
@@ -137,7 +140,73 @@ def make_critic(game: Game, *, width: int, hidden: int) -> ValueOperator:
     return ValueOperator(head(game, 1, width=width, hidden=hidden, scale=0.1), in_keys=["observation"])
 
 
-def make_quality(game: Game, *, width: int, hidden: int) -> TensorDictModule:
+def make_q_network(game: Game, *, width: int, hidden: int) -> TensorDictModule:
     """The value of every stroke in a state."""
     network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1)
     return TensorDictModule(network, in_keys=["observation"], out_keys=["action_value"])
+
+
+def logit_network(actor: ProbabilisticActor) -> nn.Module:
+    """The part of an actor that turns observations into logits."""
+    network: nn.Module = actor.module[0].module
+    return network
+
+
+@torch.no_grad()
+def tabulated(actor: ProbabilisticActor, game: Game) -> TabulatedPolicy:
+    """An actor on every state.
+
+    Raises:
+        DivergedError: a logit is no finite number.
+    """
+    network = logit_network(actor)
+    device = next(network.parameters()).device
+    states = np.arange(game.n_states)
+    observations = torch.from_numpy(game.observation(states))
+    legal = torch.from_numpy(game.mask(states))
+    chunks = []
+    for mask, part in zip(torch.split(legal, 4096), torch.split(observations, 4096), strict=True):
+        logits = network(part.to(device)).cpu().double()
+        if not bool(torch.isfinite(logits).all()):
+            raise DivergedError("the network gives logits that are no finite numbers")
+        chunks.append(functional.softmax(torch.where(mask, logits, IMPOSSIBLE), dim=-1))
+    p = torch.cat(chunks).numpy()
+    return from_pair_probabilities(game, p[game.pair_state, game.pair_stroke])
+
+
+def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDArray[np.float64], *, steps: int = 600) -> float:
+    """Teach an actor to play like a policy; its draws come from torch's generator.
+
+    Args:
+        actor: changed in place.
+        policy: to be imitated.
+        weight: ``[S]`` how often each state is visited.
+        steps: gradient steps.
+
+    Returns:
+        Cross-entropy beyond the policy's own entropy, in nats a stroke, at the end.
+    """
+    game = policy.game
+    network = logit_network(actor)
+    device = next(network.parameters()).device
+    observations = torch.from_numpy(game.observation(np.arange(game.n_states)))
+    wanted = torch.zeros(game.n_states, game.n_strokes)
+    wanted[torch.from_numpy(game.pair_state.astype(np.int64)), torch.from_numpy(game.pair_stroke.astype(np.int64))] = (
+        torch.from_numpy(policy.pair_probabilities()).float()
+    )
+    # Half of the states as they are visited, half from anywhere: rare states matter when play changes.
+    playable = torch.tensor(game.playable).double()
+    probability = torch.from_numpy(weight) / weight.sum() + playable / playable.sum()
+    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+    gap = torch.tensor(float("nan"))
+    for step in range(steps):
+        optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
+        drawn = torch.multinomial(probability, 1024, replacement=True)
+        target = wanted[drawn].to(device)
+        mask = torch.from_numpy(game.mask(drawn.numpy())).to(device)
+        logits = functional.log_softmax(torch.where(mask, network(observations[drawn].to(device)), IMPOSSIBLE), dim=-1)
+        gap = (torch.special.xlogy(target, target) - target * logits).sum(-1).mean()
+        optimizer.zero_grad()
+        gap.backward()
+        optimizer.step()
+    return float(gap.detach())

@@ -1,9 +1,12 @@
-"""A training run from its configuration to its folder: collect, learn, evaluate, save, and go on after a kill."""
+"""A training run from its configuration to its folder: collect, learn, evaluate, save, and continue after a kill."""
 
+import contextlib
 import dataclasses
+import hashlib
 import json
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,34 +14,42 @@ import numpy as np
 import torch
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 from safetensors.torch import save
+from tensordict import TensorDictBase
 from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact, runs
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import problem, replace_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.checkpoints import finite, last_checkpoint, save_checkpoint
-from shuttle_marl.training.collecting import Strokes, seeds
+from shuttle_marl.training.a2c import make_a2c
+from shuttle_marl.training.collecting import Collector, seeds
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
-from shuttle_marl.training.inference import imitate, logit_network, tabulated
-from shuttle_marl.training.learner import Learner, NotFiniteError, Tensors
-from shuttle_marl.training.objective import Objective
-from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.learner import (
+    CHECKPOINTS,
+    DivergedError,
+    Learner,
+    check_finite,
+    last_checkpoint,
+    save_checkpoint,
+)
+from shuttle_marl.training.networks import imitate, logit_network, tabulated
+from shuttle_marl.training.ppo import make_ppo
 from shuttle_marl.training.recorded import RALLIES, NoLog, RunLog, open_log
-from shuttle_marl.training.sac import SAC
+from shuttle_marl.training.reward_shaping import RewardShaping
+from shuttle_marl.training.sac import make_sac
 
 AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
 METRICS: Final = "metrics.jsonl"
 _PACKAGES: Final = ("numpy", "torch", "torchrl", "tensordict", "numba", "scipy")
-_LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
+_LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": make_ppo, "a2c": make_a2c, "sac": make_sac}
 _FIRST, _SEGMENT = 0, 1
 
 
@@ -60,26 +71,79 @@ class TrainingRun:
 
 
 def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun:
-    """Train an agent, or go on training it, and write its run folder.
+    """Train an agent, or continue to train it, and write its run folder.
 
     Args:
-        config: what to train, and against whom.
+        config: what to train, and its opponents.
         console: shows progress; None shows nothing.
 
     Raises:
         PolicyError: an opponent cannot be found or is no distribution over the legal strokes; nothing was written.
         GameError: the model cannot be found; nothing was written.
         RunError: the run folder cannot be used.
-        TrainingError: learning went astray, or a checkpoint cannot be written; the last checkpoint is whole.
+        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, or a
+            file of the run is damaged or cannot be written, and the last checkpoint is whole.
         RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
     """
     console = console or Console(quiet=True)
     game = load_game(config.game)
     names = () if config.self_play else config.opponent
     opponents = [tabulate(resolve(name, game), game, name) for name in names]
+    _check_machine(config, game)
     name = f"{config.algorithm}-{config.seed}"
     with runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         return _Run(config, game, opponents, folder, console).go()
+
+
+def _check_machine(config: TrainingConfig, game: Game) -> None:
+    """Refuse a device or sizes that this machine does not have, before anything is allocated or written."""
+    try:
+        torch.zeros(1, device=config.device).item()
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).partition("\n")[0]
+        raise TrainingError(f"--device {config.device}: cannot be used here ({reason}); --device cpu can") from error
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    for flags, needed in config.memory(game.n_strokes).items():
+        if needed > there:
+            raise TrainingError(
+                f"{flags}: such a run needs {needed / 1e9:,.0f} GB of memory or more, and this machine has {there / 1e9:,.0f}; "
+                "choose smaller numbers"
+            )
+
+
+class _Metrics:
+    """The file of evaluations, one JSON object a line, of which checkpoints know the length and the hash."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def append(self, line: dict[str, Any]) -> None:
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def mark(self) -> dict[str, Any]:
+        """Have everything on the disk; returns what :meth:`cut` needs to find its end again."""
+        with self._path.open("ab+") as file:
+            os.fsync(file.fileno())
+            file.seek(0)
+            content = file.read()
+        return {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+
+    def cut(self, mark: dict[str, Any] | None) -> None:
+        """Take away what was written after a mark; None: everything.
+
+        Raises:
+            TrainingError: what was written before the mark is damaged.
+        """
+        try:
+            content = self._path.read_bytes() if mark is not None else b""
+        except OSError as error:
+            raise TrainingError(f"{self._path}: cannot be read ({problem(error)}); train again with --overwrite") from error
+        kept = content[: mark["bytes"]] if mark is not None else b""
+        if mark is not None and mark != {"bytes": len(kept), "sha256": hashlib.sha256(kept).hexdigest()}:
+            raise TrainingError(f"{self._path}: was changed after it was written; train again with --overwrite")
+        if kept != content or mark is None:
+            replace_file(self._path, kept)
 
 
 class _Run:
@@ -93,10 +157,11 @@ class _Run:
         self.evaluator = Evaluator(game, measured)
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
-        self.objective = Objective(config, game)
-        self.strokes = Strokes(config, game, opponents, self.learner.actor)
+        self.shaping = RewardShaping(config, game)
+        self.collector = Collector(config, game, opponents, self.learner.actor)
+        self.metrics = _Metrics(folder / METRICS)
         self.opponents = opponents
-        self.iteration, self.seconds = 0, 0.0
+        self.iteration, self.saved, self.seconds = 0, 0, 0.0
         self.stopped = False
         self.rallies = 0
         """Rallies in the log at the last checkpoint."""
@@ -109,9 +174,9 @@ class _Run:
             **runs.describe(_PACKAGES),
             "game": {"model": config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
         }
-        saved = self._restore()
+        resumed = self._restore()
         runs.write_json(self.folder / runs.MANIFEST, about)
-        if saved is None and config.warm_start is not None:
+        if not resumed and config.warm_start is not None:
             self._warm_start(config.warm_start)
         begun = time.monotonic() - self.seconds
         with (
@@ -135,7 +200,7 @@ class _Run:
                 log.abort()
                 raise
             finally:
-                self.strokes.close()
+                self.collector.close()
             log.close()
         return self._finish(about)
 
@@ -143,56 +208,76 @@ class _Run:
         config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
         if ended and (self.folder / RALLIES).exists():
             return NoLog()
-        segments = range(-(-config.iterations // config.checkpoint_every))
-        environments = [seeds(self._seed(_SEGMENT, segment), config.processes) for segment in segments]
+        environments = [seeds(self._seed(_SEGMENT, segment), config.processes) for segment in range(config.segments)]
         return open_log(self.folder, config, self.game, self.opponents, environments, rallies=self.rallies)
 
     def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog) -> None:
         """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
         config = self.config
         segment = self.iteration // config.checkpoint_every
-        self.strokes.begin(self._seed(_SEGMENT, segment))
+        self.collector.begin(self._seed(_SEGMENT, segment))
         log.begin(segment)
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
-            data = self.strokes.collect()
-            paid = data["next", "reward"]
-            if not self.objective.plain:
-                data["next", "reward"] = self.objective.rewards(data)
-            try:
+            data = self._collect()
+            rewards = data["next", "reward"]
+            if not self.shaping.changes_nothing:
+                data["next", "reward"] = self.shaping.rewards(data)
+            with self._diverging(self.iteration + 1):
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
-            except NotFiniteError as error:
-                raise self._astray(str(error)) from error
-            data["next", "reward"] = paid
+                self.learner.check_weights()
+            data["next", "reward"] = rewards
             log.add(data, self.iteration)
             self.iteration += 1
             after(losses)
             if self.stopped:
                 break
         state = self.learner.state()
-        if not finite(state):
-            raise self._astray("a weight is no finite number")
+        with self._diverging(self.iteration):
+            check_finite(state.values())
         # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
         self.rallies = log.flush()
-        about = {"game": self.game.hash, "seconds": self.seconds, "stopped": self.stopped, "rallies": self.rallies}
+        about = {
+            "game": self.game.hash,
+            "seconds": self.seconds,
+            "stopped": self.stopped,
+            "rallies": self.rallies,
+            "metrics": self.metrics.mark(),
+        }
         save_checkpoint(self.folder, self.iteration, state, about)
+        self.saved = self.iteration
 
-    def _astray(self, what: str) -> NotFiniteError:
-        saved = last_checkpoint(self.folder)
-        kept = f"the weights of iteration {saved[0]['iteration']} are kept" if saved else "no weights were saved yet"
-        return NotFiniteError(
-            f"{self.folder}: {what} in iteration {self.iteration + 1}; {kept} in its checkpoints. "
-            "Train anew with a lower --learning-rate"
-        )
+    def _collect(self) -> TensorDictBase:
+        """The strokes of an iteration; an actor that diverged plays illegal ones, about which the environment complains."""
+        try:
+            return self.collector.collect()
+        except Exception:
+            with self._diverging(self.iteration):
+                tabulated(self.learner.actor, self.game)
+            raise
+
+    @contextlib.contextmanager
+    def _diverging(self, iteration: int) -> Iterator[None]:
+        """Say in which iteration learning diverged, and what to do."""
+        try:
+            yield
+        except DivergedError as error:
+            kept = f"the weights of iteration {self.saved} are kept" if self.saved else "no weights were saved yet"
+            raise DivergedError(
+                f"{self.folder}: learning diverged in iteration {iteration}: {error}; {kept} in its checkpoints. "
+                "Train again with a lower --learning-rate"
+            ) from error
 
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
-        evaluation = self.evaluator.evaluate(tabulated(self.learner.actor, self.game))
+        with self._diverging(self.iteration):
+            policy = tabulated(self.learner.actor, self.game)
+        evaluation = self.evaluator.evaluate(policy)
         strokes = self.iteration * self.config.frames
         figures = {**dataclasses.asdict(evaluation), **losses}
         line = {"iteration": self.iteration, "strokes": strokes, "seconds": round(self.seconds, 2), **figures}
-        with (self.folder / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
+        self.metrics.append(line)
         for name, value in figures.items():
-            board.add_scalar(name, value, strokes)
+            if value is not None:
+                board.add_scalar(name, value, strokes)
         board.add_scalar("strokes_per_second", strokes / max(self.seconds, 1e-9), strokes)
         if self.config.target is not None and evaluation.match_win >= self.config.target:
             self.stopped = True
@@ -202,37 +287,39 @@ class _Run:
         speed = self.iteration * self.config.frames / max(self.seconds, 1e-9)
         return (
             f"{speed / 1e3:.0f} k strokes/s · wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of "
-            f"matches · score {evaluation.normalised_score:.3f} · exploitability {evaluation.exploitability:.3f}"
+            f"matches · {evaluation.score_text} · exploitability {evaluation.exploitability:.3f}"
         )
 
-    def _restore(self) -> Tensors | None:
+    def _restore(self) -> bool:
+        """Take over the last checkpoint; returns whether there is one."""
         saved = last_checkpoint(self.folder) if self.config.resume else None
         if saved is None:
-            (self.folder / METRICS).unlink(missing_ok=True)
-            return None
+            self.metrics.cut(None)
+            return False
         about, state = saved
         if about.get("game") != self.game.hash:
             raise TrainingError(
                 f"{self.folder}: was trained on game {str(about.get('game'))[:12]}, this is {self.game.hash[:12]}; "
-                "go on with the same --game, or train anew with another --out"
+                "continue with the same --game, or train again with another --out"
             )
-        self.iteration, self.seconds, self.stopped = about["iteration"], about["seconds"], about["stopped"]
-        self.rallies = about["rallies"]
-        self.learner.restore(state)
-        path = self.folder / METRICS
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-        kept = [line for line in lines if line.endswith("\n") and json.loads(line)["iteration"] <= self.iteration]
-        replace_file(path, "".join(kept).encode())
-        self.console.print(f"{self.folder}: goes on after iteration {self.iteration}", highlight=False)
-        return state
+        try:
+            self.iteration, self.seconds, self.stopped = int(about["iteration"]), float(about["seconds"]), bool(about["stopped"])
+            self.saved, self.rallies, mark = self.iteration, int(about["rallies"]), dict(about["metrics"])
+            self.learner.restore(state)
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+            found = f"{self.folder / CHECKPOINTS}: the last checkpoint is of another kind of run"
+            raise TrainingError(f"{found} ({type(error).__name__}: {error}); train again with --overwrite") from error
+        self.metrics.cut(mark)
+        self.console.print(f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False)
+        return True
 
     def _warm_start(self, name: str) -> None:
         policy = tabulate(resolve(name, self.game), self.game, name)
         seen = exact.visits(policy, policy).pairs(0)
         weight = np.asarray(np.bincount(self.game.pair_state, seen, self.game.n_states), dtype=np.float64)
-        with self.console.status(f"imitating {name}"):
+        with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight)
-        self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False)
+        self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False, markup=False)
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         policy = tabulated(self.learner.actor, self.game)

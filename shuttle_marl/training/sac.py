@@ -5,141 +5,180 @@ policy" is over the legal strokes, so the target is a share of their mean entrop
 reached. In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1.
 """
 
+import dataclasses
 import logging
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-import torch
-from tensordict import TensorDict, TensorDictBase
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import SACConfig
-from shuttle_marl.training.learner import (
-    Tensors,
-    checked,
-    module_state,
-    optimizer_state,
-    restore_module,
-    restore_optimizer,
-    set_rate,
-)
-from shuttle_marl.training.networks import make_actor, make_quality
+from shuttle_marl.training.config import Count, CountOrNone, Fraction, FractionOrNone, Positive, TrainingConfig
 
-logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports that a buffer was made
-_LEAST_SHARE = 0.02
+if TYPE_CHECKING:
+    from shuttle_marl.training.learner import Learner, Tensors
+
+_LEAST_SHARE: Final = 0.02
 """Share of the entropy that is left at the end."""
-_STORED = ("observation", "action", "following", "reward", "terminated")
+_STORED: Final = ("observation", "action", "following", "reward", "terminated")
+"""Entries of the replay buffer: 12 + 8 + 12 + 4 + 1 bytes a stroke."""
 
 
-class SAC:
-    """See :class:`shuttle_marl.training.learner.Learner`."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SACConfig(TrainingConfig):
+    """Soft actor-critic (Haarnoja et al. 2018) for discrete actions (Christodoulou 2019)."""
 
-    def __init__(self, config: SACConfig, game: Game) -> None:
-        self.config = config
-        self.actor = make_actor(game, width=config.width, hidden=config.hidden, log_prob=False).to(config.device)
-        self.loss = DiscreteSACLoss(
-            self.actor,
-            make_quality(game, width=config.width, hidden=config.hidden).to(config.device),
-            action_space="categorical",
-            num_actions=game.n_strokes,
-            alpha_init=config.temperature,
-            target_entropy=config.entropy_share,
-            loss_function="l2",
-            delay_qvalue=True,
-        )
-        self.loss.make_value_estimator(ValueEstimators.TD0, gamma=-1.0 if config.self_play else 1.0)
-        self.targets = SoftUpdate(self.loss, eps=config.polyak)
-        networks = [weight for name, weight in self.loss.named_parameters() if name != "log_alpha"]
-        self.optimizer = torch.optim.Adam(networks, lr=config.learning_rate)
-        self.temperature = torch.optim.Adam([self.loss.log_alpha], lr=config.temperature_rate)
-        self.buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(config.buffer), batch_size=config.minibatch)
-        # Masks are read off the incoming stroke and the contact when they are needed; stored, they would be nine tenths.
-        self.masks = torch.from_numpy(game.reply_mask).to(config.device)
-        counts = game.legal_count(np.arange(game.n_states))
-        self.mean_entropy = float(np.log(counts[counts > 0]).mean())
-        self.collected = 0
+    algorithm: ClassVar[str] = "sac"
 
-    def learn(self, data: TensorDictBase, left: float) -> dict[str, float]:
-        """One iteration: store what was collected, then a few gradient steps on strokes of the buffer."""
-        config = self.config
-        strokes = data.reshape(-1)
-        self.buffer.extend(
-            TensorDict(
-                {
-                    "observation": strokes["observation"],
-                    "action": strokes["action"],
-                    "following": strokes["next", "observation"],
-                    "reward": strokes["next", "reward"],
-                    "terminated": strokes["next", "terminated"],
-                },
-                batch_size=strokes.batch_size,
-            )
-        )
-        self.collected += len(strokes)
-        if self.collected < config.warm_up:
+    strokes: Count = 1_500_000
+    """Strokes of the learner to train on."""
+    rows: Count = 512
+    """Rallies that are played side by side."""
+    steps: Count = 2
+    """Strokes of each row that are collected before the learner learns."""
+    evaluate_every: Count = 100
+    """Iterations between two exact evaluations."""
+    checkpoint_every: Count = 200
+    """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
+    learning_rate: Positive = 1e-3
+    """Learning rate of Adam, for actor and critics; falls linearly to a fiftieth."""
+    temperature_rate: Positive = 1e-3
+    """Learning rate of Adam, for the temperature alpha."""
+    temperature: Fraction = 0.05
+    """Temperature alpha at the start."""
+    entropy_share: Fraction = 0.3
+    """Target entropy, as a share of the mean entropy of choosing equally among the legal strokes; falls linearly to 0.02."""
+    buffer: Count = 400_000
+    """Strokes that the replay buffer holds."""
+    minibatch: Count = 1024
+    """Strokes in one gradient step."""
+    updates: Count = 2
+    """Gradient steps an iteration."""
+    warm_up: CountOrNone = 20_000
+    """Strokes that are collected before the first gradient step."""
+    polyak: FractionOrNone = 0.99
+    """Share of the old weights that a target network keeps at each step."""
+
+    def memory(self, n_strokes: int) -> dict[str, int]:
+        """Bytes that a run needs at least, by the flags that decide how many; see :class:`TrainingConfig`."""
+        return {**super().memory(n_strokes), "--buffer": 37 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
+
+
+def make_sac(config: SACConfig, game: Game) -> "Learner":
+    """Networks, losses, replay buffer and update of SAC."""
+    import torch
+    from tensordict import TensorDict, TensorDictBase
+    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+    from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
+
+    from shuttle_marl.training.learner import Learner, Mean, set_rate
+    from shuttle_marl.training.networks import make_actor, make_q_network
+
+    logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports that a buffer was made
+    actor = make_actor(game, width=config.width, hidden=config.hidden, log_prob=False).to(config.device)
+    loss = DiscreteSACLoss(
+        actor,
+        make_q_network(game, width=config.width, hidden=config.hidden).to(config.device),
+        action_space="categorical",
+        num_actions=game.n_strokes,
+        alpha_init=config.temperature,
+        target_entropy=config.entropy_share,
+        loss_function="l2",
+        delay_qvalue=True,
+    )
+    loss.make_value_estimator(ValueEstimators.TD0, gamma=config.discount)
+    targets = SoftUpdate(loss, eps=config.polyak)
+    networks = [weight for name, weight in loss.named_parameters() if name != "log_alpha"]
+    optimizer = torch.optim.Adam(networks, lr=config.learning_rate)
+    temperature = torch.optim.Adam([loss.log_alpha], lr=config.temperature_rate)
+    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(config.buffer), batch_size=config.minibatch)
+    counts = game.legal_count(np.arange(game.n_states))
+    mean_entropy = float(np.log(counts[counts > 0]).mean())
+    # Masks are read off the incoming stroke and the contact when they are needed; stored, they would be nine tenths.
+    masks = torch.tensor(game.reply_mask).to(config.device)
+    collected = 0
+
+    def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
+        """Store what was collected, then take a few gradient steps on strokes of the buffer."""
+        nonlocal collected
+        store(data.reshape(-1))
+        collected += data.numel()
+        if collected < config.warm_up:
             return {}
-        set_rate(self.optimizer, config.learning_rate, left)
-        share = _LEAST_SHARE + (config.entropy_share - _LEAST_SHARE) * left
-        self.loss.target_entropy.fill_(share * self.mean_entropy)
-        totals: dict[str, float] = {}
+        set_rate(optimizer, config.learning_rate, remaining)
+        share = _LEAST_SHARE + (config.entropy_share - _LEAST_SHARE) * remaining
+        loss.target_entropy.fill_(share * mean_entropy)
+        logged = Mean("loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy")
         for _ in range(config.updates):
-            terms = self.loss(self.sample())
+            terms = loss(sample())
             total = terms["loss_actor"] + terms["loss_qvalue"] + terms["loss_alpha"]
-            self.optimizer.zero_grad()
-            self.temperature.zero_grad()
+            optimizer.zero_grad()
+            temperature.zero_grad()
             total.backward()
-            self.optimizer.step()
-            self.temperature.step()
-            self.targets.step()
-            for name in ("loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy"):
-                totals[name] = totals.get(name, 0.0) + terms[name].mean().item() / config.updates
-        return checked(totals)
+            optimizer.step()
+            temperature.step()
+            targets.step()
+            logged.add(terms)
+        return logged.values()
 
-    def sample(self) -> TensorDict:
-        """A minibatch of the buffer, with masks."""
-        drawn = self.buffer.sample().to(self.config.device)
+    def store(strokes: TensorDictBase) -> None:
+        entries = {
+            "observation": strokes["observation"],
+            "action": strokes["action"],
+            "following": strokes["next", "observation"],
+            "reward": strokes["next", "reward"],
+            "terminated": strokes["next", "terminated"],
+        }
+        buffer.extend(TensorDict(entries, batch_size=strokes.batch_size))
+
+    def sample() -> TensorDict:
+        """Draw a minibatch of the buffer, with masks."""
+        drawn = buffer.sample().to(config.device)
+        following = {
+            "observation": drawn["following"],
+            "action_mask": mask(drawn["following"]),
+            "reward": drawn["reward"],
+            "done": drawn["terminated"],
+            "terminated": drawn["terminated"],
+        }
         return TensorDict(
             {
                 "observation": drawn["observation"],
-                "action_mask": self.mask(drawn["observation"]),
+                "action_mask": mask(drawn["observation"]),
                 "action": drawn["action"],
-                "next": {
-                    "observation": drawn["following"],
-                    "action_mask": self.mask(drawn["following"]),
-                    "reward": drawn["reward"],
-                    "done": drawn["terminated"],
-                    "terminated": drawn["terminated"],
-                },
+                "next": following,
             },
             batch_size=drawn.batch_size,
         )
 
-    def mask(self, observation: torch.Tensor) -> torch.Tensor:
+    def mask(observation: torch.Tensor) -> torch.Tensor:
         """``[..., n]`` legal strokes of ``[..., 3]`` observations."""
-        return self.masks[observation[..., 1].long(), observation[..., 2].long()]
+        return masks[observation[..., 1].long(), observation[..., 2].long()]
 
-    def state(self) -> Tensors:
-        """Networks, temperature, moments of the gradient, and the buffer."""
-        stored = self.buffer[:] if len(self.buffer) else {}
+    def remembered() -> "Tensors":
+        """The buffer as tensors."""
+        stored = buffer[:] if len(buffer) else {}
         return {
-            **module_state("loss", self.loss),
-            **optimizer_state("optimizer", self.optimizer),
-            **optimizer_state("temperature", self.temperature),
-            **{f"buffer.{name}": stored[name].contiguous() for name in (_STORED if len(self.buffer) else ())},
-            "cursor": torch.tensor(self.buffer.writer.state_dict()["_cursor"]),
-            "collected": torch.tensor(self.collected),
+            **{f"buffer.{name}": stored[name].contiguous() for name in (_STORED if len(buffer) else ())},
+            "cursor": torch.tensor(buffer.writer.state_dict()["_cursor"]),
+            "collected": torch.tensor(collected),
         }
 
-    def restore(self, tensors: Tensors) -> None:
-        """Take over what :meth:`state` gave."""
-        restore_module("loss", self.loss, tensors)
-        restore_optimizer("optimizer", self.optimizer, tensors)
-        restore_optimizer("temperature", self.temperature, tensors)
-        self.collected = int(tensors["collected"])
+    def remember(tensors: "Tensors") -> None:
+        """Take over what :func:`remembered` gave."""
+        nonlocal collected
+        collected = int(tensors["collected"])
         entries = {name.removeprefix("buffer."): value for name, value in tensors.items() if name.startswith("buffer.")}
-        self.buffer.empty()
+        buffer.empty()
         if entries:
-            self.buffer.extend(TensorDict(entries, batch_size=[len(entries["action"])]))
+            buffer.extend(TensorDict(entries, batch_size=[len(entries["action"])]))
             # Where the next stroke goes decides which ones are drawn later.
-            self.buffer.writer.load_state_dict({**self.buffer.writer.state_dict(), "_cursor": int(tensors["cursor"])})
+            buffer.writer.load_state_dict({**buffer.writer.state_dict(), "_cursor": int(tensors["cursor"])})
+
+    return Learner(
+        actor=actor,
+        learn=learn,
+        modules={"loss": loss},
+        optimizers={"optimizer": optimizer, "temperature": temperature},
+        remembered=remembered,
+        remember=remember,
+    )

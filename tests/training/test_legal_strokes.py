@@ -7,8 +7,7 @@ from scipy import stats
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import VersusEnv
-from shuttle_marl.training.inference import observations, tabulated
-from shuttle_marl.training.networks import LegalStrokes, make_actor
+from shuttle_marl.training.networks import LegalStrokes, make_actor, tabulated
 
 GAME = default_game()
 
@@ -68,7 +67,7 @@ def test_the_table_of_an_actor_is_what_it_plays() -> None:
     table = tabulated(actor, GAME).pair_probabilities()
     state = np.random.default_rng(2).integers(2, GAME.n_states, 50)
     with torch.no_grad():
-        seen = {"observation": observations(GAME)[state], "action_mask": masks(state)}
+        seen = {"observation": torch.from_numpy(GAME.observation(state)), "action_mask": masks(state)}
         distribution = actor.get_dist(VersusEnv(50).reset().update(seen))
     for row, s in enumerate(state):
         pairs = slice(GAME.pair_start[s], GAME.pair_start[s + 1])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import itertools
 import json
 import math
 import os
@@ -9,18 +10,23 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tensordict import TensorDictBase
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.files import read_sealed, seal
 from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
-from shuttle_marl.training.learner import NotFiniteError
+from shuttle_marl.training.learner import DivergedError, Learner
 
 GAME = default_game()
 SMALL = {"rows": 64, "steps": 4, "width": 16, "evaluate_every": 4, "checkpoint_every": 3}
@@ -46,6 +52,26 @@ def metrics(run: Path) -> list[dict[str, float]]:
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
 
 
+Make = Callable[[Any, Game], Learner]
+
+
+def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None]) -> Make:
+    """A learner to whose data something happens in one iteration."""
+
+    def make_disturbed(config: Any, game: Game) -> Learner:
+        learner, count = make(config, game), itertools.count(1)
+        learn = learner.learn
+
+        def learn_disturbed(data: TensorDictBase, remaining: float) -> dict[str, float]:
+            if next(count) == when:
+                disturb(data)
+            return learn(data, remaining)
+
+        return dataclasses.replace(learner, learn=learn_disturbed)
+
+    return make_disturbed
+
+
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIGS[name]
@@ -54,17 +80,11 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     again = dataclasses.replace(config, out=tmp_path / "broken")
     from shuttle_marl.training import run
 
-    learner = run._LEARNERS[config.algorithm]
-    learn, seen = learner.learn, []
-
-    def breaks(self, data, left):
-        seen.append(left)
-        if len(seen) == 5:
-            raise KeyboardInterrupt
-        return learn(self, data, left)
+    def interrupt(data: TensorDictBase) -> None:
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(learner, "learn", breaks)
+        patch.setitem(run._LEARNERS, config.algorithm, disturbed(run._LEARNERS[config.algorithm], 5, interrupt))
         with pytest.raises(KeyboardInterrupt):
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
@@ -119,17 +139,11 @@ def test_a_loss_that_is_no_number_stops_the_run_and_keeps_the_last_checkpoint(
 ) -> None:
     from shuttle_marl.training import run
 
-    learner = run._LEARNERS["ppo"]
-    learn, seen = learner.learn, []
+    def explode(data: TensorDictBase) -> None:
+        data["next", "reward"].fill_(math.nan)
 
-    def explodes(self, data, left):
-        seen.append(left)
-        if len(seen) == 5:
-            data["next", "reward"].fill_(float("nan"))
-        return learn(self, data, left)
-
-    monkeypatch.setattr(learner, "learn", explodes)
-    with pytest.raises(NotFiniteError, match="became nan in iteration 5; the weights of iteration 3 are kept"):
+    monkeypatch.setitem(run._LEARNERS, "ppo", disturbed(run._LEARNERS["ppo"], 5, explode))
+    with pytest.raises(DivergedError, match=r"diverged in iteration 5: \w+ became nan; the weights of iteration 3 are kept"):
         train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
     assert [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()] == ["00000003"]
 
@@ -197,7 +211,7 @@ def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:
         train(dataclasses.replace(config, resume=True, learning_rate=0.5))
     state = max((tmp_path / "run" / "checkpoints").iterdir()) / "state.safetensors"
     state.write_bytes(state.read_bytes()[:100])
-    with pytest.raises(TrainingError, match="go on from the one before"):
+    with pytest.raises(TrainingError, match="continue from the one before"):
         train(dataclasses.replace(config, resume=True))
 
 
@@ -214,7 +228,7 @@ def test_a_checkpoint_of_another_game_is_refused(tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run")
     done = train(config)
     for about in done.folder.glob("checkpoints/*/about.json"):
-        about.write_text(json.dumps({**json.loads(about.read_text()), "game": "0" * 64}))
+        about.write_bytes(seal({**read_sealed(about), "game": "0" * 64}))
     before = weights(done.folder)
     with pytest.raises(TrainingError, match="was trained on game 000000000000, this is"):
         train(dataclasses.replace(config, resume=True))

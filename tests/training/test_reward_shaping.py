@@ -1,4 +1,4 @@
-"""Changed objectives: what is added to the rewards, and that the entropic risk measure is what the module says."""
+"""Reward shaping: what is added to the rewards, and that the entropic risk measure is what the module says."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError, train
-from shuttle_marl.training.objective import Objective, fault_penalty
+from shuttle_marl.training.reward_shaping import RewardShaping, fault_penalty
 
 GAME = default_game()
 
 
 def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
     env = VersusEnv(64, game=GAME, seed=3)
-    objective = Objective(PPOConfig(bonus=("smash=0.25", "lift=-0.5"), fault_cost=2.0), GAME)
+    shaping = RewardShaping(PPOConfig(bonus=("smash=0.25", "lift=-0.5"), fault_cost=2.0), GAME)
     seen = env.reset()
     for _ in range(12):
         states = env.states
@@ -31,7 +31,7 @@ def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
         fault = GAME.threshold[GAME.pair(states, strokes), 0] / ONE
         shot = np.array(SHOTS)[GAME.catalogue.shot[strokes]]
         added = 0.25 * (shot == "smash") - 0.5 * (shot == "lift") - 2 * fault
-        found = objective.rewards(seen) - seen["next", "reward"]
+        found = shaping.rewards(seen) - seen["next", "reward"]
         torch.testing.assert_close(found.squeeze(-1), torch.from_numpy(added).float())
         seen = following
 
@@ -56,7 +56,7 @@ def test_the_penalty_without_aversion_is_the_cost() -> None:
     assert fault_penalty(0.7, 0) == 0.7
     assert fault_penalty(0.7, 1e-6) == pytest.approx(0.7, rel=1e-5)
     assert fault_penalty(0, 3) == 0
-    assert Objective(PPOConfig(risk_aversion=2.0), GAME).plain
+    assert RewardShaping(PPOConfig(risk_aversion=2.0), GAME).changes_nothing
 
 
 @pytest.mark.parametrize(

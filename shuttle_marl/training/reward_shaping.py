@@ -1,4 +1,4 @@
-"""What is learned for besides the point: a bonus for shot types, and aversion to losing points by one's own faults.
+"""Reward shaping: a bonus for shot types, and aversion to losing points by one's own faults.
 
 The return of a rally is G = +1 or -1, and -1 - c where it was lost by an own fault, with c the cost of a fault. Aversion to
 risk is the entropic risk measure: the agent minimises rho(-G) = log(E exp(-b G)) / b (Föllmer & Schied 2002) with b the
@@ -7,9 +7,9 @@ u(g) = -exp(-b g), scaled so that u(1) = 1 and u(-1) = -1: a loss by an own faul
 
     k = 2 (exp(b (1 + c)) - exp(b)) / (exp(b) - exp(-b)),    k = c for b = 0.
 
-So without a cost of faults (c = 0) no aversion to risk changes anything: a rally is won or lost, and whoever minimises the
-risk of losing maximises the chance of winning. The cost is charged as its expectation, k times the chance of a fault of the
-stroke chosen, which is the same on average and varies less.
+So without a cost of faults (c = 0) no aversion to risk changes anything: a rally is won or lost, and minimising the
+risk of losing is maximising the probability of winning. The cost is charged as its expectation, k times the probability of
+a fault of the stroke chosen, which is the same on average and varies less.
 """
 
 import math
@@ -35,7 +35,7 @@ def fault_penalty(cost: float, aversion: float) -> float:
     return 2 * math.exp(aversion) * math.expm1(aversion * cost) / (2 * math.sinh(aversion))
 
 
-class Objective:
+class RewardShaping:
     """Adds bonus and penalty to rewards.
 
     Args:
@@ -48,7 +48,7 @@ class Objective:
         for shot, points in config.bonuses().items():
             bonus[SHOTS.index(shot)] = points
         penalty = fault_penalty(config.fault_cost, config.risk_aversion)
-        self.plain = not bonus.any() and penalty == 0
+        self.changes_nothing = not bonus.any() and penalty == 0
         fault = game.threshold[:, 0].astype(np.float64) / ONE
         self._game = game
         self._added = (bonus[game.catalogue.shot[game.pair_stroke]] - penalty * fault).astype(np.float32)
@@ -56,12 +56,7 @@ class Objective:
     def rewards(self, data: TensorDictBase) -> torch.Tensor:
         """``[..., 1]`` rewards of what was collected, with bonus and penalty added to those of the rules."""
         game = self._game
-        own, incoming, contact = np.moveaxis(data["observation"].cpu().numpy().astype(np.int64), -1, 0)
-        # The state whose striker sees this: the edge of the incoming stroke as a reply to their own last one.
-        start = np.append(game.catalogue.height, 0)[incoming]
-        rank = game.reply_rank[own, start, np.minimum(incoming, game.n_strokes - 1)]
-        begun = incoming < game.n_strokes
-        edge = np.where(begun, game.reply_start[own, start] + rank, 0)
-        pair = game.pair(2 * edge + contact, data["action"].cpu().numpy())
+        state = game.state_of(*np.moveaxis(data["observation"].cpu().numpy(), -1, 0))
+        pair = game.pair(state, data["action"].cpu().numpy())
         reward: torch.Tensor = data["next", "reward"]
         return reward + torch.from_numpy(self._added[pair]).unsqueeze(-1).to(reward.device)
