@@ -25,7 +25,7 @@ from pettingzoo.utils import wrappers
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 from shuttle_marl import match_v0, rally_v0
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")

@@ -21,7 +21,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, visits
 from shuttle_marl.exact.sweeps import warm_up

@@ -23,7 +23,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay

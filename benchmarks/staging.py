@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage, summary

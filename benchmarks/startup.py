@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import shuttle_marl
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 
 _IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
 

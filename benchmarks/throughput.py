@@ -30,7 +30,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.markdown import machine, this_machine
+from benchmarks.machine import machine, this_machine
 from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, floor, game_of_size, kernel, kernel_observed
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError

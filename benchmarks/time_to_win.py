@@ -26,7 +26,7 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
-from benchmarks.markdown import this_machine
+from benchmarks.machine import this_machine
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.observation import features
 from shuttle_marl.game.rally import Game

@@ -54,7 +54,7 @@ def draw(result: dict[str, Any]) -> bytes:
 
 
 def learning_curves(
-    results: Path = ROOT / "benchmarks" / "results" / "win_rates.json",
+    results: Path = ROOT / "experiments" / "results" / "win_rates.json",
     out: Path = ROOT / "docs" / "images" / "learning_curves.png",
 ) -> None:
     """Draw the learning curves.

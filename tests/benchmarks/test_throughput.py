@@ -9,9 +9,9 @@ pytest.importorskip("pygame")
 
 from benchmarks import throughput
 from benchmarks.floor import floor_of
-from benchmarks.markdown import saved
 from benchmarks.synthetic import synthetic_game
 from benchmarks.throughput_cases import BATCHED, SINGLE, Play
+from docs.tools.markdown import saved
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
 
@@ -70,7 +70,7 @@ def test_json_is_a_list_of_measurements(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_results_hold_all_that_is_measured() -> None:
-    rows = saved("throughput")
+    rows = saved("benchmarks", "throughput")
     measured = {(row["what"], row["batch"], row["threads"]) for row in rows if "states" not in row}
     for what in BATCHED:
         for batch in throughput.BATCHES:

@@ -1,4 +1,4 @@
-"""Makes scene.png and moments.png: ``python docs/images/make_scene.py``.
+"""Makes ``docs/images/scene.png`` and ``moments.png``: ``python -m docs.tools.scene_picture``.
 
 Two imitated players play ten matches; the first varied rally of a deciding game that a smash wins becomes a scene file. The
 pictures are drawn from that file by the package itself (``shuttle_marl.scene.picture``), without a viewer.
@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from mcap.reader import make_reader
 
+from docs.tools.markdown import IMAGES
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.game.rally import WINNER
 from shuttle_marl.game.stroke import SHOTS
@@ -21,7 +22,6 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.picture import Film
 from shuttle_marl.scene.raster import Camera
 
-FOLDER: Final = Path(__file__).parent
 PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 SMASH: Final = SHOTS.index("smash")
 
@@ -59,7 +59,7 @@ def main() -> None:
         recording(["scene", str(log), "--rally", str(number), "--out", str(path)])
         film, struck = Film(path), strokes(path)
         last = struck[-1][0]
-        film.save(FOLDER / "scene.png", last + 0.14)
+        film.save(IMAGES / "scene.png", last + 0.14)
         figure, axes = plt.subplots(2, 2, figsize=(12.8, 7.2), dpi=100)
         behind = Camera(place=(2.4, -11.6, 3.9), target=(0.0, 0.4, 1.0), field=34)
         low = Camera(place=(9.2, -2.6, 1.9), target=(0.0, -0.3, 1.3), field=42)
@@ -69,7 +69,7 @@ def main() -> None:
             axis.imshow(np.asarray(film.picture(seconds, camera=camera, width=640, height=360)), interpolation="nearest")
             axis.set_axis_off()
         figure.subplots_adjust(0, 0, 1, 1, 0.004, 0.007)
-        figure.savefig(FOLDER / "moments.png")
+        figure.savefig(IMAGES / "moments.png")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Makes foxglove.png: ``python docs/images/make_foxglove.py``.
+"""Makes ``docs/images/foxglove.png``: ``python -m docs.tools.foxglove_picture``.
 
 Two imitated players play a match, all of it becomes a scene file, and Foxglove Studio (:mod:`experiments.studio`) opens it at a
 smash in the middle.
@@ -8,20 +8,20 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from make_scene import PLAYERS, strokes
-
+from docs.tools.markdown import IMAGES
+from docs.tools.scene_picture import PLAYERS, strokes
 from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.scene.picture import Film
 
-PICTURE: Final = Path(__file__).with_name("foxglove.png")
+PICTURE: Final = IMAGES / "foxglove.png"
 AFTER: Final = 0.14
 """From the contact to the picture [s]."""
 
 
 def smash(scene: Path) -> float:
-    """When the smash is struck that is nearest to the middle of a scene [s]."""
+    """Time of the smash nearest to the middle of a scene [s]."""
     film = Film(scene)
     middle = (film.end - film.start) / 2e9
     return min((seconds for seconds, shot in strokes(scene) if shot == "smash"), key=lambda seconds: abs(seconds - middle))

@@ -1,15 +1,15 @@
-"""Makes rally.png, the picture of the README: ``python docs/images/make_rally.py``.
+"""Makes ``docs/images/rally.png``: ``python -m docs.tools.rally_picture``.
 
 Two scripted players play a match; the picture shows the first moment of its deciding game in which a smash comes back
 after a long and varied rally.
 """
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pygame
 
+from docs.tools.markdown import IMAGES
 from shuttle_marl import match_v0
 from shuttle_marl.env.snapshot import Snapshot
 from shuttle_marl.game.policy import States
@@ -52,4 +52,4 @@ def first_lively_moment(seeds: range) -> np.ndarray:
 
 if __name__ == "__main__":
     picture = first_lively_moment(range(500))
-    pygame.image.save(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), Path(__file__).parent / "rally.png")
+    pygame.image.save(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), IMAGES / "rally.png")

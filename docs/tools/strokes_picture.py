@@ -1,6 +1,6 @@
-"""Draws ``strokes.png``: every kind of stroke motion at six instants around the contact, from staged rallies.
+"""Draws ``docs/images/strokes.png``: every kind of stroke motion at six instants around the contact, from staged rallies.
 
-python docs/images/make_strokes.py [OUT.png] [--hand left] [--seed N]
+python -m docs.tools.strokes_picture [OUT.png] [--hand left] [--seed N]
 """
 
 import argparse
@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from docs.tools.markdown import IMAGES
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.scene import athlete, equipment
@@ -56,7 +57,7 @@ def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarra
 def main() -> None:
     """Draw one row a kind of motion."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", nargs="?", type=Path, default=Path(__file__).parent / "strokes.png")
+    parser.add_argument("out", nargs="?", type=Path, default=IMAGES / "strokes.png")
     parser.add_argument("--hand", choices=("right", "left"), default="right")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

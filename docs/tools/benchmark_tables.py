@@ -1,0 +1,153 @@
+"""Tables of speed and cost, from ``benchmarks/results/``, where the benchmarks' own ``--json`` output was saved."""
+
+from typing import Any
+
+from benchmarks.machine import machine
+from docs.tools.markdown import markdown, saved
+
+
+def aec() -> str:
+    """Speed of PettingZoo's loop, from ``benchmarks/results/aec.json``."""
+    result = saved("benchmarks", "aec")
+    rows = [
+        (
+            f"`{e['environment']}`",
+            f"{e['steps_per_second']:,.0f}",
+            f"{e['slowest']:,.0f} to {e['fastest']:,.0f}",
+            f"{e['ratio']:.1f}",
+        )
+        for e in result["environments"]
+    ]
+    headings = ("environment", "steps/s", "slowest to fastest turn", "times `connect_four_v3`")
+    return f"{markdown(headings, rows, left=('environment',))}\n\n{machine(result)}"
+
+
+def startup() -> str:
+    """CPU time of commands that do nothing yet, from ``benchmarks/results/startup.json``."""
+    result = saved("benchmarks", "startup")
+    rows = [(f"`{c['command']}`", f"{c['cpu_s']:.2f}") for c in result["commands"]]
+    return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{machine(result)}"
+
+
+def recording() -> str:
+    """Cost of the rally log, from ``benchmarks/results/recording.json``."""
+    result = saved("benchmarks", "recording")
+    rows = [
+        ("CPU time to write a stroke", f"{result['cpu_us_per_stroke']:.3f} µs"),
+        ("bytes a stroke of a tournament", f"{result['bytes_per_stroke']:.2f}"),
+        ("strokes of a tournament played and recorded a second", f"{result['recorded_strokes_per_s'] / 1e6:.1f} million"),
+        ("CPU time that recording adds to training with PPO", f"{100 * result['training_overhead']:.1f} %"),
+        ("bytes a stroke of training, with chances and values", f"{result['training_bytes_per_stroke']:.2f}"),
+        ("strokes read a second", f"{result['read_strokes_per_s'] / 1e6:.0f} million"),
+        ("strokes played again a second", f"{result['replay_strokes_per_s'] / 1e6:.1f} million"),
+        (f"to open the log of {result['rallies']:,} rallies and read one of them", f"{result['find_rally_ms']:.1f} ms"),
+    ]
+    played = f"{result['strokes']:,} strokes of a tournament. {machine(result)}"
+    return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
+
+
+def exact_values() -> str:
+    """Time of the exact solvers, from ``benchmarks/results/exact_values.json``."""
+    result = saved("benchmarks", "exact_values")
+    rows = [(row["what"], f"{row['seconds']:.2f}", f"{row['cpu_s']:.2f}") for row in result["solvers"]]
+    return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{machine(result)}"
+
+
+def throughput() -> str:
+    """Million strokes a second by batch, from ``benchmarks/results/throughput.json``."""
+    rows = [row for row in saved("benchmarks", "throughput") if "states" not in row]
+    batches = sorted({row["batch"] for row in rows})
+    lines = []
+    for what, threads in dict.fromkeys((row["what"], row["threads"]) for row in rows):
+        mine = {row["batch"]: row for row in rows if (row["what"], row["threads"]) == (what, threads)}
+        cells = [_millions(mine[batch]["strokes_per_s"]) if batch in mine else "" for batch in batches]
+        lines.append((f"`{what}`", str(threads), *cells, f"{mine[max(mine)]['peak_mb']:.0f}"))
+    headings = ("", "threads", *(f"{batch:,}" for batch in batches), "peak MB")
+    least, most = (f"{edge(row['load'] for row in rows):.0f}" for edge in (min, max))
+    load = least if least == most else f"{least} to {most}"
+    return f"{markdown(headings, lines, left=('',))}\n\n{rows[0]['machine']}; processes that wanted a core meanwhile: {load}."
+
+
+def speed() -> str:
+    """The main figures, from ``benchmarks/results/throughput.json`` and ``exact_values.json``."""
+    best: dict[str, float] = {}
+    for row in saved("benchmarks", "throughput"):
+        if "states" not in row and row["threads"] == 1 and row["batch"] in (1, 8192):
+            best[row["what"]] = row["strokes_per_s"]
+    solvers = {row["what"].partition(",")[0]: row["cpu_s"] for row in saved("benchmarks", "exact_values")["solvers"]}
+    strokes = (
+        ("the kernel alone", "kernel"),
+        ("the kernel with observations and masks", "kernel_observed"),
+        ("`RallyEnv` in TorchRL's loop", "torchrl"),
+        ("a tournament, every stroke kept", "tournament"),
+    )
+    lines = [(name, f"{best[what] / 1e6:.0f} million strokes a second") for name, what in strokes]
+    times = best["aec"] / best["connect_four_v3"]
+    lines.append(("`rally_v0` in PettingZoo's loop", f"{times:.1f} times the speed of PettingZoo's `connect_four_v3`"))
+    lines.append(("perfect play of the whole game", f"{solvers['minimax']:.2f} s"))
+    lines.append(("a best response", f"{solvers['best response']:.2f} s"))
+    return f"{markdown(('', 'speed'), lines, left=('', 'speed'))}\n\nOne thread, 8,192 rallies or matches at once."
+
+
+def throughput_floor() -> str:
+    """The kernel beside what its reads alone allow, from ``benchmarks/results/throughput.json``."""
+    lines = [
+        (
+            f"`{row['what']}`",
+            str(row["threads"]),
+            str(row["bytes_per_stroke"]),
+            f"{1e9 / row['floor_per_s']:.1f}",
+            f"{1e9 / row['strokes_per_s']:.1f}",
+        )
+        for row in saved("benchmarks", "throughput")
+        if "floor_per_s" in row
+    ]
+    return markdown(("", "threads", "bytes a stroke", "floor, ns", "measured, ns"), lines, left=("",))
+
+
+def throughput_sizes() -> str:
+    """The kernel in games of other sizes, from ``benchmarks/results/throughput.json``."""
+    by_game: dict[tuple[Any, ...], dict[str, float]] = {}
+    for row in saved("benchmarks", "throughput"):
+        if "states" in row:
+            game = (row["synthetic"], row["strokes"], row["states"], row["legal_pairs"])
+            by_game.setdefault(game, {})[row["what"]] = 1e9 / row["strokes_per_s"]
+    lines = [
+        (
+            "synthetic" if synthetic else "shipped",
+            f"{strokes:,}",
+            f"{states:,}",
+            f"{pairs:,}",
+            f"{cost['kernel']:.1f}",
+            f"{cost['kernel_observed']:.1f}",
+        )
+        for (synthetic, strokes, states, pairs), cost in by_game.items()
+    ]
+    headings = ("game", "catalogue", "states", "legal pairs", "`kernel`, ns", "`kernel_observed`, ns")
+    return markdown(headings, lines, left=("game",))
+
+
+def _millions(speed: float) -> str:
+    return f"{speed / 1e6:.1f}" if speed >= 1e6 else f"{speed / 1e6:.3f}"
+
+
+def staging() -> str:
+    """How believable staged rallies are, from ``benchmarks/results/staging.json``."""
+    result = saved("benchmarks", "staging")
+    rows = [
+        ("racket to shuttle at a contact, worst", f"{1000 * result['contact_max']:.1f} mm", "10 mm"),
+        ("slide of a planted foot, worst", f"{1000 * result['slide_max']:.1f} mm", "20 mm"),
+        ("speed of a player, greatest", f"{result['speed_max']:.2f} m/s", "6.5 m/s"),
+        ("acceleration of a player, greatest", f"{result['acceleration_max']:.2f} m/s²", "12 m/s²"),
+        ("joint beyond its limit, worst", f"{result['joint_excess_deg']:.1f}°", "0°"),
+        ("shuttle over the net, least", f"{1000 * result['net_clearance_min']:.0f} mm", "10 mm"),
+        ("end of a flight to the chosen point, worst", f"{1000 * result['landing_error_max']:.1f} mm", "50 mm"),
+        ("strokes that end as they must: in their area, out, in the net", f"{100 * result['ends_as_it_must']:.1f} %", "100 %"),
+        ("flight times within the quartiles of their shot type", f"{100 * result['flight_times_in_quartiles']:.1f} %", "90 %"),
+        ("faster than real time, one core", f"{result['times_real_time']:.0f} times", "20 times"),
+    ]
+    staged = (
+        f"{result['rallies']:,} rallies between imitated players, {result['strokes']:,} strokes, {result['plants']:,} plants of "
+        f"a foot, {result['seconds'] / 60:,.0f} minutes. {machine(result)}"
+    )
+    return f"{markdown(('', 'measured', 'asked for'), rows, left=('',))}\n\n{staged}"

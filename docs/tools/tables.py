@@ -1,0 +1,117 @@
+"""Writes the tables of the documentation from results, so that no number is typed by hand.
+
+    python -m docs.tools.tables [--run FOLDER] [--check]
+
+A table stands between ``<!-- begin: NAME -->`` and ``<!-- end: NAME -->`` on any page; :data:`BLOCKS` lists the names. The
+rankings come from a run folder of the league; without ``--run`` the default tournament is played, which is the same on every
+machine. The other tables come from ``benchmarks/results/`` and ``experiments/results/``. The model card is a page of its own.
+``--check`` changes nothing and fails if a page does not show what the results say.
+"""
+
+import difflib
+import re
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+
+from docs.tools import benchmark_tables, experiment_tables, league_tables
+from docs.tools.league_tables import TableError
+from docs.tools.markdown import ROOT
+from shuttle_marl.commands import cli
+from shuttle_marl.dynamics.card import as_markdown, read_card
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.run import run_league
+
+LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
+    "ranking": league_tables.ranking,
+    "ranking_short": league_tables.ranking_short,
+}
+"""Tables of a tournament by name, and what makes them from its run folder."""
+BLOCKS: Final[dict[str, Callable[[], str]]] = {
+    "aec": benchmark_tables.aec,
+    "exact_values": benchmark_tables.exact_values,
+    "recording": benchmark_tables.recording,
+    "speed": benchmark_tables.speed,
+    "staging": benchmark_tables.staging,
+    "startup": benchmark_tables.startup,
+    "stroke_value": experiment_tables.stroke_value,
+    "styles": experiment_tables.style_figures,
+    "throughput": benchmark_tables.throughput,
+    "throughput_floor": benchmark_tables.throughput_floor,
+    "throughput_sizes": benchmark_tables.throughput_sizes,
+    "time_to_win": experiment_tables.time_to_win,
+    "win_rates": experiment_tables.agents,
+    "win_rates_matrix": experiment_tables.matrix,
+}
+"""Tables of saved results by name, and what makes them."""
+MODEL_CARD: Final = "docs/model_card.md"
+"""The page that is made as a whole."""
+_PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md")
+_MARK: Final = re.compile(r"<!-- begin: (\w+) -->")
+
+
+def replaced(text: str, name: str, table: str) -> str:
+    """A page with one of its tables replaced.
+
+    Raises:
+        TableError: the page has no such place, or more than one.
+    """
+    begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise TableError(f"expected one {begin} with {end} behind it")
+    return f"{text[: text.index(begin)]}{begin}\n{table}\n{text[text.index(end) :]}"
+
+
+def rendered(root: Path, run: Path) -> dict[str, str]:
+    """Every page with tables as it should be, by its path from ``root``.
+
+    Args:
+        root: of the repository.
+        run: folder of the tournament that the rankings show.
+
+    Raises:
+        TableError: a mark names no table, a place has no end, or a table stands on no page.
+    """
+    pages = {MODEL_CARD: as_markdown(read_card(model_folder()))}
+    missing = {*LEAGUE_BLOCKS, *BLOCKS}
+    for path in sorted(path for pattern in _PAGES for path in root.glob(pattern)):
+        text = path.read_text(encoding="utf-8")
+        for name in _MARK.findall(text):
+            if name not in LEAGUE_BLOCKS and name not in BLOCKS:
+                raise TableError(f"{path}: no table is called {name!r}; there are {', '.join(sorted({*LEAGUE_BLOCKS, *BLOCKS}))}")
+            table = LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]()
+            pages[path.relative_to(root).as_posix()] = text = replaced(text, name, table)
+            missing.discard(name)
+    if missing:
+        raise TableError(f"no page shows {', '.join(sorted(missing))}")
+    return pages
+
+
+def main(*, run: Path | None = None, check: bool = False) -> None:
+    """Write all tables, or check them.
+
+    Args:
+        run: Folder of the finished run whose ranking is shown; by default the default tournament is played now.
+        check: Change nothing; fail if a table differs.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = run or run_league(LeagueConfig(out=Path(temporary) / "run", record="none"), Console(stderr=True)).folder
+        pages = rendered(ROOT, folder)
+    for name, after in pages.items():
+        before = (ROOT / name).read_text(encoding="utf-8")
+        if check and after != before:
+            changes = "\n".join(difflib.unified_diff(before.splitlines(), after.splitlines(), name, "results", lineterm=""))
+            raise TableError(f"{name} does not show what the results say; run this without --check\n{changes}")
+        if not check:
+            replace_file(ROOT / name, after.encode())
+    Console().print(f"{len(pages)} pages {'checked' if check else 'written'}")
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main, prog="python -m docs.tools.tables", description="Write or check the tables of the documentation."))

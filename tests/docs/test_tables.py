@@ -1,0 +1,84 @@
+"""The tables of the documentation come from results."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from docs.tools import league_tables, tables
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.run import run_league
+
+PAGE = "before\n<!-- begin: x -->\nold\n<!-- end: x -->\nafter\n"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a small tournament."""
+    out = tmp_path_factory.mktemp("league") / "run"
+    return run_league(LeagueConfig(pool=("random", "minimax", "attacking", "bc"), matches=4, out=out, record="none")).folder
+
+
+@pytest.fixture
+def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of all pages, which the tool takes for those of the repository."""
+    for path in (path for pattern in ("*.md", "docs/*.md", "benchmarks/*.md") for path in tables.ROOT.glob(pattern)):
+        copy = tmp_path / path.relative_to(tables.ROOT)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copy(path, copy)
+    monkeypatch.setattr(tables, "ROOT", tmp_path)
+    return tmp_path
+
+
+def test_a_table_is_replaced_and_nothing_else() -> None:
+    after = tables.replaced(PAGE, "x", "new\nlines")
+    assert after == "before\n<!-- begin: x -->\nnew\nlines\n<!-- end: x -->\nafter\n"
+    assert tables.replaced(after, "x", "new\nlines") == after
+
+
+@pytest.mark.parametrize("page", ["no marks", PAGE + PAGE, "<!-- end: x -->\n<!-- begin: x -->\n"])
+def test_a_page_without_one_place_is_refused(page: str) -> None:
+    with pytest.raises(tables.TableError, match="expected one <!-- begin: x -->"):
+        tables.replaced(page, "x", "new")
+
+
+def test_ranking_of_a_run(run: Path) -> None:
+    lines = league_tables.ranking(run).splitlines()
+    assert lines[2].split(" | ")[1] == "minimax"
+    assert {line.split(" | ")[1] for line in lines[2:6]} == {"minimax", "random", "attacking", "bc"}
+    assert lines[-1].startswith("4 players, 4 matches a pair, seed 0, game `")
+
+
+def test_short_ranking_of_a_run(run: Path) -> None:
+    lines = [line.strip("| ").split(" | ") for line in league_tables.ranking_short(run).splitlines()]
+    shown = {row[0]: row[1:] for row in lines[2:]}
+    assert next(iter(shown)) == "`minimax`"
+    assert set(shown) == {"`minimax`", "`bc`", "`random`"}
+    assert all(len(row) == len(lines[0]) for row in lines)
+    assert (shown["`bc`"][2], shown["`bc`"][4]) == ("50.0 %", "0.000")
+    assert shown["`minimax`"][2:] == ["70.8 %", "0.000", "0.847"]
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(tables.TableError, match="no finished run"):
+        league_tables.ranking(tmp_path)
+
+
+def test_check_finds_a_number_typed_by_hand(pages: Path, run: Path) -> None:
+    tables.main(run=run)
+    tables.main(run=run, check=True)
+    page = pages / "docs" / "league.md"
+    page.write_text(page.read_text(encoding="utf-8").replace("| 1 |", "| 7 |"), encoding="utf-8")
+    with pytest.raises(tables.TableError, match=r"(?s)docs/league\.md does not show.*\+\| 1 \|"):
+        tables.main(run=run, check=True)
+
+
+def test_a_table_that_no_page_shows_and_an_unknown_one_are_found(pages: Path, run: Path) -> None:
+    page = pages / "docs" / "league.md"
+    text = page.read_text(encoding="utf-8")
+    page.write_text(text.replace(": ranking -->", ": rankings -->"), encoding="utf-8")
+    with pytest.raises(tables.TableError, match="no table is called 'rankings'"):
+        tables.main(run=run, check=True)
+    page.write_text("", encoding="utf-8")
+    with pytest.raises(tables.TableError, match=r"no page shows ranking$"):
+        tables.main(run=run, check=True)
