@@ -8,20 +8,23 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.kernel.batch_log import BatchLog
     from shuttle_marl.kernel.core import KernelError, Players, pack
     from shuttle_marl.kernel.matches import play_matches
-    from shuttle_marl.kernel.played import Matches, Played
+    from shuttle_marl.kernel.played import Matches, Played, SingleRallies
     from shuttle_marl.kernel.rally import RallyBatch, Tally
     from shuttle_marl.kernel.rows import IllegalStrokeError
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
+    "BatchLog",
     "IllegalStrokeError",
     "KernelError",
     "Matches",
     "Played",
     "Players",
     "RallyBatch",
+    "SingleRallies",
     "Tally",
     "VersusBatch",
     "pack",
@@ -31,9 +34,10 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "batch_log": ("BatchLog",),
         "core": ("KernelError", "Players", "pack"),
         "matches": ("play_matches",),
-        "played": ("Matches", "Played"),
+        "played": ("Matches", "Played", "SingleRallies"),
         "rally": ("RallyBatch", "Tally"),
         "rows": ("IllegalStrokeError",),
         "versus": ("VersusBatch",),

@@ -55,6 +55,31 @@ class Played:
     stroke: npt.NDArray[np.unsignedinteger]
 
 
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class SingleRallies:
+    """R rallies of N strokes, each of which stands for itself, as those of :class:`~shuttle_marl.kernel.RallyBatch`.
+
+    Attributes:
+        rally: ``[R]`` int64 number of the rally, which with the seed names its draws.
+        opponent: ``[R]`` int32 the learner's opponent; 0 where there is none.
+        server: ``[R]`` uint8 seat that served.
+        winner: ``[R]`` uint8 seat that won.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
+        length: ``[R]`` int32 strokes of each rally.
+        stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally.
+        extra: ``[E, N]`` float32 what was given with the strokes, NaN for those of opponents.
+    """
+
+    rally: npt.NDArray[np.int64]
+    opponent: npt.NDArray[np.int32]
+    server: npt.NDArray[np.uint8]
+    winner: npt.NDArray[np.uint8]
+    reason: npt.NDArray[np.uint8]
+    length: npt.NDArray[np.int32]
+    stroke: npt.NDArray[np.unsignedinteger]
+    extra: npt.NDArray[np.float32]
+
+
 def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:
     """The narrowest type that holds a catalogue index."""
     return np.dtype(np.uint8 if game.n_strokes <= 256 else np.uint16)

@@ -6,10 +6,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.core import Players, Tables, compiled, pack, table_choice, uniform_choice
+from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, pack, table_choice, uniform_choice
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits, strike
 from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
 
@@ -21,6 +20,14 @@ def _reset(rows: Rows, which: npt.NDArray[np.bool_], seed_key: np.uint64, server
     for i in range(rows.state.size):
         if which[i]:
             begin(rows, i, seed_key, server)
+
+
+@compiled
+def _choose(tables: Tables, rows: Rows, players: Players, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
+    for i in range(first, last):
+        s = rows.state[i]
+        k = table_choice(players, rows.striker[i], s, tables.head[s, 0], draw(rows.key[i], rows.stroke[i]))
+        stroke[i] = tables.incoming[tables.head[s, 2] + k]
 
 
 @compiled
@@ -140,9 +147,32 @@ class RallyBatch(Batch):
             rows: ``[B]`` which ones; None: all.
         """
         if seed is not None:
-            self._seed_key = draws.stream(seed)[0]
-            self.rows.rally[:] = np.arange(len(self)) - len(self)
+            self.reseed(seed)
         _reset(self.rows, np.ones(len(self), np.bool_) if rows is None else rows, self._seed_key, self._server)
+
+    def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """Start the next rally in some rows; returns rewards and which rows are over, as :meth:`step` does: none.
+
+        Args:
+            rows: ``[B]`` which ones.
+        """
+        self.reset(rows=rows)
+        return np.zeros(len(self), np.float32), np.zeros(len(self), np.bool_)
+
+    def policy_strokes(self, players: Players) -> npt.NDArray[np.int64]:
+        """``[B]`` the stroke of each row that a tabulated policy plays, by the draw of the stroke that is due.
+
+        Args:
+            players: those at seats 0 and 1, as :func:`~shuttle_marl.kernel.pack` packs them.
+
+        Raises:
+            KernelError: not two policies of this game.
+        """
+        if players.cumulative.shape != (2, self.game.n_pairs):
+            raise KernelError(f"{len(players.cumulative)} policies: expected two that are packed for this game")
+        stroke = np.empty(len(self), np.int64)
+        in_slices(lambda a, b: _choose(self._tables, self.rows, players, stroke, a, b), len(self), self.threads)
+        return stroke
 
     def step(
         self, stroke: npt.NDArray[np.integer], *, reset: bool = True, seen: Seen | None = None

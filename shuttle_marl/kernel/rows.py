@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
 from shuttle_marl.kernel.passes import BLOCK, draw_strokes, new_block
@@ -206,6 +207,11 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.rows.state)
+
+    def reseed(self, seed: int) -> None:
+        """Let every row begin with the first of its rallies of another seed when it begins its next one."""
+        self._seed_key = draws.stream(seed)[0]
+        self.rows.rally[:] = np.arange(len(self)) - len(self)
 
     def new_seen(self) -> Seen:
         """Room for what the strikers see."""

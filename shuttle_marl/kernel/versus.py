@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
@@ -33,22 +32,30 @@ class Duel(NamedTuple):
 
 
 @inlined
+def _begin_rally(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> Any:
+    """Begin the next rally of a row, up to the learner's first stroke; returns the outcome of the stroke before it, which is
+    that of an opponent's serve, or 2 where there is none."""
+    bits = begin(rows, i, seed_key, server)
+    duel.opponent[i] = duel.following[i]
+    if rows.striker[i] == duel.seat[i]:
+        return np.int64(2)
+    start = tables.head[0, 0]
+    k = table_choice(duel.players, duel.opponent[i], 0, start, bits)
+    outcome = outcome_of(tables.limits[start + k], bits)
+    rows.state[i] = next_state(tables.head[0, 2] + k, outcome)
+    rows.stroke[i] = 1
+    rows.striker[i] = duel.seat[i]
+    rows.live[i] = outcome >= 2
+    if outcome < 2:
+        duel.unseen[i, outcome] += 1
+    return outcome
+
+
+@inlined
 def _begin_duel(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> None:
     """Begin rallies until one comes to the learner."""
-    while True:
-        bits = begin(rows, i, seed_key, server)
-        duel.opponent[i] = duel.following[i]
-        if rows.striker[i] == duel.seat[i]:
-            return
-        start = tables.head[0, 0]
-        k = table_choice(duel.players, duel.opponent[i], 0, start, bits)
-        outcome = outcome_of(tables.limits[start + k], bits)
-        if outcome >= 2:
-            rows.state[i] = 2 * (tables.head[0, 2] + k) + outcome - 2
-            rows.stroke[i] = 1
-            rows.striker[i] = duel.seat[i]
-            return
-        duel.unseen[i, outcome] += 1
+    while _begin_rally(tables, rows, duel, i, seed_key, server) < 2:
+        pass
 
 
 @compiled
@@ -56,6 +63,23 @@ def _reset(tables: Tables, rows: Rows, duel: Duel, which: npt.NDArray[np.bool_],
     for i in range(rows.state.size):
         if which[i]:
             _begin_duel(tables, rows, duel, i, seed_key, server)
+
+
+@compiled
+def _serve(
+    tables: Tables,
+    rows: Rows,
+    duel: Duel,
+    which: npt.NDArray[np.bool_],
+    reward: npt.NDArray[np.float32],
+    done: npt.NDArray[np.bool_],
+    seed_key: np.uint64,
+    server: int,
+) -> None:
+    for i in range(rows.state.size):
+        outcome = _begin_rally(tables, rows, duel, i, seed_key, server) if which[i] else 2
+        done[i] = outcome < 2
+        reward[i] = (1 - 2 * outcome) * done[i]
 
 
 @compiled
@@ -193,6 +217,24 @@ class VersusBatch(Batch):
         """
         put(self.duel.players, number, policy, self.game)
 
+    def reseed(self, seed: int) -> None:
+        """Let every row begin with the first of its rallies of another seed when it begins its next one."""
+        super().reseed(seed)
+        self.duel.unseen[:] = 0
+
+    def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        """Start the next rally in some rows, also one that ends on the opponent's serve and that :meth:`reset` passes over.
+
+        Args:
+            rows: ``[B]`` which ones.
+
+        Returns:
+            ``[B]`` float32 reward of the learner and ``[B]`` whether the rally is over, as from :meth:`step`.
+        """
+        reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
+        _serve(self._tables, self.rows, self.duel, rows, reward, done, self._seed_key, self._server)
+        return reward, done
+
     def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
         """Start the next rally in some rows, up to the learner's first stroke.
 
@@ -201,9 +243,7 @@ class VersusBatch(Batch):
             rows: ``[B]`` which ones; None: all.
         """
         if seed is not None:
-            self._seed_key = draws.stream(seed)[0]
-            self.rows.rally[:] = np.arange(len(self)) - len(self)
-            self.duel.unseen[:] = 0
+            self.reseed(seed)
         which = np.ones(len(self), np.bool_) if rows is None else rows
         _reset(self._tables, self.rows, self.duel, which, self._seed_key, self._server)
 

@@ -1,4 +1,4 @@
-"""Whole matches, as the kernel plays them, recorded."""
+"""Rallies as the kernel plays them, whole matches or one by one, for a log."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Game
-from shuttle_marl.kernel.played import Matches, Played
+from shuttle_marl.kernel.played import Matches, Played, SingleRallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -38,6 +38,38 @@ def rallies_of(
         score=played.score,
         length=played.length,
         stroke=played.stroke,
+    )
+
+
+def single_rallies_of(
+    played: SingleRallies, *, pairing: int = 0, seat: int | None = 0, update: int | None = None, columns: Sequence[str] = ()
+) -> Rallies:
+    """Rallies that each stand for themselves, for a log whose rules are ``SINGLE_RALLY``: each is a match of its own number.
+
+    Args:
+        played: the rallies; policy 0 of the log is the learner, policy 1 + k opponent k.
+        pairing: index into the pairings of the log.
+        seat: seat of the learner; None: it plays at both.
+        update: how many updates the learner had made; None: not recorded.
+        columns: what the E figures of a stroke are, ``log_probability`` and ``value``.
+    """
+    count = len(played.length)
+    policy = np.zeros((count, 2), np.uint16)
+    if seat is not None:
+        policy[:, 1 - seat] = 1 + played.opponent
+    return Rallies(
+        pairing=np.full(count, pairing, np.uint32),
+        match=played.rally.astype(np.uint32),
+        rally=np.zeros(count, np.uint16),
+        policy=policy,
+        server=played.server,
+        winner=played.winner,
+        reason=played.reason,
+        score=np.zeros((count, 4), np.uint8),
+        length=played.length,
+        stroke=played.stroke,
+        update=None if update is None else np.full(count, update, np.uint32),
+        **dict(zip(columns, played.extra, strict=True)),
     )
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, States, checked_probabilities
-from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER, Game
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import tabulate
 
 
 class StagingError(ShuttleError):
@@ -91,40 +91,29 @@ class PlayedRally:
 
 
 def play_rallies(game: Game, policies: tuple[Policy, Policy], n: int, *, seed: int) -> list[PlayedRally]:
-    """Play n rallies, to have some to stage.
+    """Play n rallies, to have some to stage: the first n episodes of ``rally_v0`` with the same seed.
 
     Args:
         game: the tables.
         policies: of seats 0 and 1; they read no score.
-        n: how many.
+        n: how many, at least 1.
         seed: names all draws; who serves is drawn too.
+
+    Raises:
+        PolicyError: a policy that reads the score, or returns no distribution over the legal strokes.
+        KernelError: fewer than one rally.
     """
-    key = draws.stream(seed, np.arange(n))
-    server = (draws.draw(key, 0) & np.uint64(1)).astype(np.int64)
-    state, seat = np.full(n, ROOT, dtype=np.int32), server.copy()
-    strokes: list[list[int]] = [[] for _ in range(n)]
-    ending = np.zeros(n, dtype=np.int64)
-    alive, turn = np.arange(n), 0
-    while len(alive):
-        turn += 1
-        stroke = np.zeros(len(alive), dtype=np.int64)
-        bits = draws.draw(key[alive], turn)
-        for player in (0, 1):
-            rows = np.flatnonzero(seat[alive] == player)
-            chances = checked_probabilities(policies[player], States(game=game, state=state[alive[rows]]), f"seat {player}")
-            choice = (bits[rows] >> np.uint64(32)) * 2.0**-32
-            total = np.cumsum(chances, axis=1)
-            stroke[rows] = (total <= (choice * total[:, -1])[:, None]).sum(axis=1)
-        edge = game.edge_incoming[state[alive] >> 1]
-        rank = game.reply_rank[edge, state[alive] & 1, stroke]
-        outcome, following = strike(game, state[alive], rank, draws.outcome_draw(bits))
-        for row, played in zip(alive.tolist(), stroke.tolist(), strict=True):
-            strokes[row].append(played)
-        ending[alive] = outcome
-        state[alive] = following
-        seat[alive] = 1 - seat[alive]
-        alive = alive[outcome >= RETURNED_BELOW]
+    from shuttle_marl.kernel import BatchLog, RallyBatch, pack  # noqa: PLC0415  numba is slow to import
+
+    batch = RallyBatch(game, n)
+    log = BatchLog(batch, seed=seed)
+    players = pack([tabulate(policy, game, f"seat {seat}") for seat, policy in enumerate(policies)], game)
+    while batch.rows.rally.min() < n:
+        log.play(batch.policy_strokes(players)[:, None])
+    played = log.take()
+    strokes = np.split(played.stroke.astype(np.int64), np.cumsum(played.length)[:-1])
+    # Each row begins with the rally of its own number, and the rallies are in the order of the rows.
     return [
-        PlayedRally(catalogue=game.catalogue, server=int(server[k]), stroke=np.array(strokes[k]), ending=int(ending[k]))
-        for k in range(n)
+        PlayedRally(catalogue=game.catalogue, server=int(played.server[k]), stroke=strokes[k], ending=int(played.reason[k]))
+        for k in np.flatnonzero(played.rally < n)
     ]

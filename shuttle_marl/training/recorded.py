@@ -1,9 +1,9 @@
 """The rally log of a training run: every rally that the collectors play, without a share in what is learned.
 
-The learner sees its own strokes alone; :class:`~shuttle_marl.recording.trace.RallyTrace` works out the rest, in the recorder's
-thread. A run names its draws anew with every checkpoint, so a pairing of the log is what one process plays between two
-checkpoints, and its key is the seed of that environment. Rallies that a checkpoint interrupts are played no further, and are
-not recorded.
+The learner sees its own strokes alone; in the recorder's thread :class:`~shuttle_marl.kernel.BatchLog` plays them once more on
+the seed of the environment, and so knows the rest. Every checkpoint begins with draws of its own, so a pairing of the log is
+what one process plays between two checkpoints, and its key is the seed of that environment. Rallies that a checkpoint
+interrupts are not played to their end, and not recorded.
 """
 
 import dataclasses
@@ -18,9 +18,10 @@ from tensordict import TensorDictBase
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
+from shuttle_marl.kernel import BatchLog, IllegalStrokeError, RallyBatch, VersusBatch
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, RecordingError, Sampling
+from shuttle_marl.recording.played import single_rallies_of
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.recording.trace import RallyTrace
 from shuttle_marl.training.config import TrainingConfig
 
 RALLIES: Final = "rallies.mcap"
@@ -122,34 +123,41 @@ def open_log(
         record=config.record,
         columns=_COLUMNS[config.algorithm],
     )
-    traces = [
-        RallyTrace(game, config.rows // config.processes, opponents=opponents, columns=header.columns)
+    rows, figures = config.rows // config.processes, sum(name in _ENTRIES for name in header.columns)
+    logs = [
+        BatchLog(VersusBatch(game, rows, opponents=opponents) if opponents else RallyBatch(game, rows), extra=figures)
         for _ in range(config.processes)
     ]
-    return _Log(RallyRecorder(resume(folder / RALLIES, header, rallies)), traces, seeds, header.columns)
+    recorder = RallyRecorder(resume(folder / RALLIES, header, rallies))
+    return _Log(recorder, logs, seeds, header.columns, seat=0 if opponents else None)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Collected:
-    """``[rows, steps, …]`` arrays of an iteration, and when that was."""
+    """``[rows, steps]`` arrays of an iteration, ``extra`` ``[E, rows, steps]``, and when that was."""
 
     segment: int
     update: int
     stroke: npt.NDArray[np.int64]
     reward: npt.NDArray[np.float32]
-    observation: npt.NDArray[np.int32]
-    extra: dict[str, npt.NDArray[np.float32]]
+    extra: npt.NDArray[np.float32]
 
 
 class _Log:
     def __init__(
-        self, recorder: RallyRecorder, traces: list[RallyTrace], seeds: Sequence[Sequence[int]], columns: tuple[str, ...]
+        self,
+        recorder: RallyRecorder,
+        logs: list[BatchLog],
+        seeds: Sequence[Sequence[int]],
+        columns: tuple[str, ...],
+        *,
+        seat: int | None,
     ) -> None:
-        self._recorder, self._traces, self._seeds = recorder, traces, seeds
-        self._entries = {name: entry for name, entry in _ENTRIES.items() if name in columns}
+        self._recorder, self._logs, self._seeds, self._seat = recorder, logs, seeds, seat
+        self._columns = tuple(name for name in columns if name in _ENTRIES)
         self._segment = 0
-        self._traced = -1
-        """Segment that the traces are in; they live in the recorder's thread."""
+        self._played = -1
+        """Segment that the batches are in; they live in the recorder's thread."""
 
     def begin(self, segment: int) -> None:
         self._segment = segment
@@ -160,8 +168,9 @@ class _Log:
             update=update,
             stroke=_copy(data["action"]),
             reward=_copy(data["next", "reward"])[..., 0],
-            observation=_copy(data["observation"]),
-            extra={name: _copy(data[entry]).reshape(data.shape) for name, entry in self._entries.items()},
+            extra=np.array([_copy(data[_ENTRIES[name]]).reshape(data.shape) for name in self._columns], np.float32).reshape(
+                -1, *data.shape
+            ),
         )
         self._recorder.add_later(functools.partial(self._rallies, collected), _STROKES_A_STEP * data.numel())
 
@@ -175,23 +184,33 @@ class _Log:
         self._recorder.abort()
 
     def _rallies(self, collected: _Collected) -> Rallies:
-        """The rallies that ended in an iteration, process after process."""
-        segment, share = collected.segment, len(collected.stroke) // len(self._traces)
+        """The rallies that ended in an iteration, process after process.
+
+        Raises:
+            RecordingError: the environments played other rallies than their seeds give.
+        """
+        segment, share = collected.segment, len(collected.stroke) // len(self._logs)
         found = []
-        for p, (trace, seed) in enumerate(zip(self._traces, self._seeds[segment], strict=True)):
-            if segment != self._traced:
-                trace.reset(seed)
-            rows = slice(p * share, (p + 1) * share)
-            rallies = trace.add(
-                collected.stroke[rows],
-                collected.reward[rows],
-                collected.observation[rows],
+        for p, (log, seed) in enumerate(zip(self._logs, self._seeds[segment], strict=True)):
+            name = functools.partial(
+                single_rallies_of,
+                pairing=segment * len(self._logs) + p,
+                seat=self._seat,
                 update=collected.update,
-                **{name: column[rows] for name, column in collected.extra.items()},
+                columns=self._columns,
             )
-            pairing = np.full(len(rallies), segment * len(self._traces) + p, dtype=np.uint32)
-            found.append(dataclasses.replace(rallies, pairing=pairing))
-        self._traced = segment
+            if segment != self._played:
+                log.reset(seed)
+                found.append(name(log.take()))
+            rows = slice(p * share, (p + 1) * share)
+            try:
+                same = np.array_equal(log.play(collected.stroke[rows], collected.extra[:, rows]), collected.reward[rows])
+            except IllegalStrokeError:
+                same = False
+            if not same:
+                raise RecordingError(f"process {p}: its strokes and rewards do not follow from its seed")
+            found.append(name(log.take()))
+        self._played = segment
         return Rallies.join(found)
 
 
