@@ -11,6 +11,7 @@ from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
+from tests.kernel.episodes import compare_with_rally_v0
 
 
 def spoilt(motion: Motion, **changes: np.ndarray) -> Motion:
@@ -143,6 +144,19 @@ def test_a_contact_that_is_moved_counts_as_a_miss_of_the_chosen_point(motions: l
     there, _ = moved.flight.at(0, np.array([moved.end_time[0] - moved.time[0]]))
     np.testing.assert_allclose(there[0], moved.end_point[0], atol=1e-3)
     assert np.linalg.norm(there[0] - moved.chosen_point[0]) > 0.19
+
+
+def test_rallies_to_stage_are_those_of_the_environment(played: list[PlayedRally]) -> None:
+    ends = np.array([[rally.ending, rally.server, rally.striker[-1]] for rally in played])
+    compare_with_rally_v0(
+        11,
+        np.arange(len(played)),
+        server=ends[:, 1],
+        winner=np.where(ends[:, 0] == WINNER, ends[:, 2], 1 - ends[:, 2]),
+        reason=ends[:, 0],
+        length=np.array([len(rally) for rally in played]),
+        stroke=np.concatenate([rally.stroke for rally in played]),
+    )
 
 
 def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:

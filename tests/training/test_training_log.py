@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from tensordict import TensorDict
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.table import tabulate
@@ -17,7 +19,8 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.file_writer import NoRoomError, Sink
-from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, recorded, train
+from tests.kernel.episodes import compare_with_rally_v0
 
 GAME = default_game()
 SMALL = {"rows": 64, "steps": 4, "width": 16, "evaluate_every": 100, "checkpoint_every": 3, "strokes": 256 * 8}
@@ -47,8 +50,13 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
         assert replay(log, GAME, opponents).wrong == ()
         assert [player.name for player in log.policies] == [f"{config.algorithm}-0", *names]
         # Three iterations between checkpoints, eight in all.
-        assert len(log.pairings) == 3
+        pairings = log.pairings
+        assert len(pairings) == 3
     found = read(path)
+    # What one process plays between two checkpoints are the first rallies of a seed.
+    part = found.select((found.pairing == 1) & (found.match < 300))
+    columns = {name: getattr(part, name) for name in ("server", "winner", "reason", "length", "stroke")}
+    compare_with_rally_v0(pairings[1], part.match, **columns)
     # Every stroke of the learner is in the log but for those of rallies that a checkpoint broke off.
     row = np.repeat(np.arange(len(found)), found.length)
     seat = (found.server[row] + np.arange(len(row)) - found.first_stroke[row]) & 1
@@ -90,6 +98,19 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     every, some = read(tmp_path / "all" / LOG), read(tmp_path / "sample:3" / LOG)
     assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
+
+
+def test_a_log_refuses_strokes_and_rewards_of_other_rallies(tmp_path: Path) -> None:
+    config = PPOConfig(**SMALL)
+    opponents, shape = [tabulate(resolve("bc", GAME), GAME)], (config.rows, config.steps)
+    zeros = torch.zeros(shape)
+    for stroke in (-1, 0, GAME.n_strokes - 1, GAME.n_strokes):
+        log = recorded.open_log(tmp_path / str(stroke), config, GAME, opponents, [[5]], rallies=0)
+        data = {"action": torch.full(shape, stroke), "action_log_prob": zeros, "state_value": zeros[..., None]}
+        log.add(TensorDict({**data, "next": {"reward": zeros[..., None]}}, shape), 0)
+        with pytest.raises(RecordingError, match="process 0: its strokes and rewards do not follow from its seed"):
+            log.flush()
+        log.abort()
 
 
 def test_what_the_checkpoint_counts_must_be_there(tmp_path: Path) -> None:
