@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.rally import Game, layout, thresholds
+from shuttle_marl.game.layout import layout, thresholds
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 _SERVES: Final = 4

@@ -10,7 +10,8 @@ from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.features import STATE, codes_of_edges, codes_of_pairs
 from shuttle_marl.dynamics.support import Support, is_serve_pair
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game, layout, thresholds
+from shuttle_marl.game.layout import layout, thresholds
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 
 Floats = npt.NDArray[np.float64]

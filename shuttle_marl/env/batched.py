@@ -13,9 +13,9 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from shuttle_marl.env.base import resolve_game
 from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Seen, Server
 

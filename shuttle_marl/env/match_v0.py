@@ -5,10 +5,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.env.base import AGENTS, RENDER_MODES, OptionError, RenderMode, ShuttleEnv
-from shuttle_marl.env.episode_draws import EpisodeDraws
-from shuttle_marl.env.observation import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
+from shuttle_marl.env.strokes import RALLY_WIDTH, SCORE_WIDTH, EpisodeDraws
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
+from shuttle_marl.errors import OptionError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
 

@@ -12,20 +12,14 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from shuttle_marl.env import match_v0, rally_v0
-from shuttle_marl.env.base import (
-    AGENTS,
-    RENDER_MODES,
-    IllegalStrokeError,
-    Observation,
-    OptionError,
-    RenderMode,
-    ShuttleEnv,
-    resolve_game,
-)
 from shuttle_marl.env.opponents import Opponent
+from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
+from shuttle_marl.env.strokes import Observation
+from shuttle_marl.errors import IllegalStrokeError, OptionError
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.shipped import resolve_game
 
 Seat = Literal[0, 1]
 

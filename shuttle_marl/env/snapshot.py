@@ -1,9 +1,28 @@
-"""A moment of an environment, as text and pictures show it."""
+"""A moment of an environment: in words, and as the plan of a picture, positions in metres seen from above.
+
+The environment knows areas, not positions, so contact points are placed in the area by a fixed rule: the same rally
+always gives the same picture. Plan frame: X along the court from player 0 (X < 0) to player 1, Y to player 0's right,
+which is down in the picture; the origin is under the middle of the net.
+"""
 
 import dataclasses
+from typing import Final
 
-from shuttle_marl.env.tables import Stroke
-from shuttle_marl.game.rally import Game
+import numpy as np
+
+from shuttle_marl.env.strokes import Stroke
+from shuttle_marl.game.court import (
+    AREAS,
+    BACK_CUT,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    MIDDLE_CUT,
+    SHORT_SERVICE,
+    SIDE_CUT,
+    area_centre,
+)
+from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,3 +52,169 @@ class Snapshot:
     reason: str | None
     by_game: tuple[tuple[int, int], ...] = ()
     match_winner: int | None = None
+
+
+def as_text(snapshot: Snapshot) -> str:
+    """Score, the strokes in words with their chances and outcomes, and how the rally stands."""
+    names = snapshot.names
+    lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
+    lines += score_lines(snapshot)
+    for number, stroke in enumerate(snapshot.strokes, start=1):
+        words = in_words(snapshot.game.catalogue, stroke.stroke)
+        chances = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
+        lines.append(f"{number:3}  {names[stroke.player]}  {words:62} {chances}  {OUTCOMES[stroke.outcome]}")
+    lines.append(standing(snapshot))
+    return "\n".join(lines) + "\n"
+
+
+def shot_in_words(catalogue: Catalogue, stroke: int) -> str:
+    """The shot type in words: ``cross-court net shot``."""
+    return SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
+
+
+def in_words(catalogue: Catalogue, stroke: int) -> str:
+    """A stroke in words: ``smash to the middle left, forehand above the net``."""
+    area = AREAS[catalogue.area[stroke]].replace("-", " ")
+    technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
+    return f"{shot_in_words(catalogue, stroke)} to the {area}, {technique} {HEIGHTS[catalogue.height[stroke]]} the net"
+
+
+def score_lines(snapshot: Snapshot) -> list[str]:
+    """One line a player with the points of every game; none where there is no match around the rally."""
+    if not snapshot.by_game:
+        return []
+    width = max(map(len, snapshot.names))
+    points = ["".join(f"{game[player]:4}" for game in snapshot.by_game) for player in (0, 1)]
+    return [f"{name:{width}}{points[player]}" for player, name in enumerate(snapshot.names)]
+
+
+def standing(snapshot: Snapshot) -> str:
+    """Who is to hit, or who won and why."""
+    names = snapshot.names
+    if snapshot.striker is not None and snapshot.reason is None:
+        return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}"
+    if snapshot.reason is None:
+        return "no rally has begun"
+    if snapshot.winner is None:
+        return f"no result: {snapshot.reason}"
+    text = f"{names[snapshot.winner]} wins the rally ({snapshot.reason})"
+    return text if snapshot.match_winner is None else f"{text} and the match"
+
+
+Point = tuple[float, float]
+
+_PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.7)
+"""How far a flight rises above the straight line, by shot type [m]."""
+_SPREAD: Final = (0.45, 0.55)
+"""Half the width and depth over which contact points vary inside an area [m]."""
+_BASE: Final = (0.0, -3.4)
+"""Where players return to between strokes, in their own frame [m]."""
+_RETURNED: Final = 0.55
+"""Share of the way to the base covered while the shuttle flies."""
+_FAULT_REACH: Final = 0.62
+"""Share of the way to its target after which a faulty stroke is drawn as ended."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Flight:
+    """The shuttle from one contact to the next.
+
+    Attributes:
+        stroke: the stroke that was played.
+        start: where it was struck [m].
+        end: where it is taken, lands, or is drawn as lost [m].
+        peak: height above the straight line half-way [m].
+    """
+
+    stroke: Stroke
+    start: Point
+    end: Point
+    peak: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is drawn on the court.
+
+    Attributes:
+        flights: all strokes of the rally, in order.
+        shuttle: where the shuttle is [m].
+        bodies: where players 0 and 1 stand [m].
+        came_from: where they stood at their last contact, None for a player who is about to hit [m].
+        target: two corners of the area aimed at by the last stroke; None before the first.
+    """
+
+    flights: tuple[Flight, ...]
+    shuttle: Point
+    bodies: tuple[Point, Point]
+    came_from: tuple[Point | None, Point | None]
+    target: tuple[Point, Point] | None
+
+
+def to_plan(player: int, x: float, y: float) -> Point:
+    """A point in a player's frame (x to the right, y to the net and beyond) in the plan."""
+    return (y, x) if player == 0 else (-y, -x)
+
+
+def area_corners(player: int, area: int) -> tuple[Point, Point]:
+    """Two opposite corners, in the plan, of an area that a player aims at."""
+    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
+    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
+    side, depth = area % 3, area // 3
+    return to_plan(player, xs[side], ys[depth]), to_plan(player, xs[side + 1], ys[depth + 1])
+
+
+def plan_of(snapshot: Snapshot) -> Plan:
+    """Place the strokes of a rally on the court."""
+    points = snapshot.by_game[-1] if snapshot.by_game else (0, 0)
+    side = 1.0 if points[snapshot.server] % 2 == 0 else -1.0  # even: served from the right
+    contact = to_plan(snapshot.server, 0.4 * side, -SHORT_SERVICE - 0.25)
+    stands = [to_plan(p, 0.5 * side, -SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
+    came_from: list[Point | None] = [None, None]
+    flights = []
+    catalogue = snapshot.game.catalogue
+    for number, played in enumerate(snapshot.strokes):
+        player = played.player
+        if number:
+            stands[player] = _stance(player, contact, int(catalogue.technique[played.stroke]))
+        end = _landing(player, int(catalogue.area[played.stroke]), number, played.stroke)
+        if played.outcome == FAULT:
+            end = _between(contact, end, _FAULT_REACH)
+        peak = _PEAK[catalogue.shot[played.stroke]]
+        flights.append(Flight(stroke=played, start=contact, end=end, peak=peak))
+        # The striker is on the way back; the receiver has come to the shuttle, or nearly, if it was a winner.
+        came_from[player], came_from[1 - player] = stands[player], stands[1 - player]
+        stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
+        if played.outcome != FAULT:
+            reach = 0.5 if played.outcome == WINNER else 1.0
+            stands[1 - player] = _between(stands[1 - player], _stance(1 - player, end, 0), reach)
+        contact = end
+    target = None
+    if snapshot.strokes:
+        last = snapshot.strokes[-1]
+        target = area_corners(last.player, int(catalogue.area[last.stroke]))
+    return Plan(
+        flights=tuple(flights),
+        shuttle=contact,
+        bodies=(stands[0], stands[1]),
+        came_from=(came_from[0], came_from[1]),
+        target=target,
+    )
+
+
+def _landing(player: int, area: int, number: int, stroke: int) -> Point:
+    """A point of the area that varies with the number of the stroke, so that paths do not cover each other."""
+    x, y = area_centre(np.array(area))
+    dx, dy = np.random.default_rng([number, stroke]).uniform(-1, 1, 2)
+    return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
+
+
+def _stance(player: int, contact: Point, technique: int) -> Point:
+    """Where a player stands to take a shuttle: behind it, to its left for a forehand, to its right for a backhand."""
+    sideways = 0.45 if technique == 1 else -0.45
+    back = to_plan(player, sideways, -0.35)
+    return contact[0] + back[0], contact[1] + back[1]
+
+
+def _between(a: Point, b: Point, share: float) -> Point:
+    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])

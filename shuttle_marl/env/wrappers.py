@@ -1,6 +1,6 @@
 """What ``env()`` adds to ``raw_env()``: PettingZoo's checks, and the choice between two views of the action."""
 
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -8,8 +8,11 @@ from gymnasium import spaces
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.env.base import ActionError, IllegalStrokeError, Observation, OptionError, ShuttleEnv
-from shuttle_marl.env.observation import PARTS, STROKE_WIDTH
+from shuttle_marl.env.strokes import PARTS, STROKE_WIDTH, Observation
+from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError
+
+if TYPE_CHECKING:
+    from shuttle_marl.env.rally_v0 import ShuttleEnv
 
 ActionView = Literal["flat", "components"]
 
@@ -24,7 +27,7 @@ class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
     the game would not be zero-sum; and a chain of three wrappers takes three times as long as the environment itself.
     """
 
-    def __init__(self, env: ShuttleEnv) -> None:
+    def __init__(self, env: "ShuttleEnv") -> None:
         super().__init__(env)
         self._raw = env
 
@@ -70,7 +73,7 @@ class ComponentEnv(CheckedEnv):
     ``MultiDiscrete.sample`` takes.
     """
 
-    def __init__(self, env: ShuttleEnv) -> None:
+    def __init__(self, env: "ShuttleEnv") -> None:
         super().__init__(env)
         catalogue = env.game.catalogue
         columns = np.stack([catalogue.shot, catalogue.area, catalogue.height, catalogue.technique], axis=1)
@@ -122,7 +125,7 @@ def component_masks(mask: npt.NDArray[np.int8]) -> tuple[npt.NDArray[np.int8], .
     return tuple(np.split(mask, _CUTS))
 
 
-def wrapped(raw: ShuttleEnv, action: ActionView) -> CheckedEnv:
+def wrapped(raw: "ShuttleEnv", action: ActionView) -> CheckedEnv:
     """A raw environment with PettingZoo's checks.
 
     Raises:

@@ -1,1 +1,73 @@
-"""The game: court, strokes, the rules of a rally and of a match, draws, and the contract of a policy."""
+"""The game: court, strokes, the rules of a rally and of a match, draws, and the contract of a policy.
+
+The names that users need, imported when first used::
+
+    from shuttle_marl.game import Policy, States, default_game
+
+    class Smasher:  # a Policy
+        def probabilities(self, states: States): ...
+"""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+if TYPE_CHECKING:
+    from shuttle_marl.game.policy import (
+        Policy,
+        PolicyError,
+        States,
+        TemperedPolicy,
+        UniformPolicy,
+        checked_probabilities,
+        reads_score,
+    )
+    from shuttle_marl.game.rally import Game, GameError, strike
+    from shuttle_marl.game.scoring import BWF, Rules, Score
+    from shuttle_marl.game.shipped import default_game, load_game
+    from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+    from shuttle_marl.game.table import TabulatedPolicy, tabulate
+
+__all__ = [
+    "BWF",
+    "HEIGHTS",
+    "SHOTS",
+    "TECHNIQUES",
+    "Catalogue",
+    "Game",
+    "GameError",
+    "Policy",
+    "PolicyError",
+    "Rules",
+    "Score",
+    "States",
+    "TabulatedPolicy",
+    "TemperedPolicy",
+    "UniformPolicy",
+    "checked_probabilities",
+    "default_game",
+    "load_game",
+    "reads_score",
+    "strike",
+    "tabulate",
+]
+
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "policy": (
+            "Policy",
+            "PolicyError",
+            "States",
+            "TemperedPolicy",
+            "UniformPolicy",
+            "checked_probabilities",
+            "reads_score",
+        ),
+        "rally": ("Game", "GameError", "strike"),
+        "scoring": ("BWF", "Rules", "Score"),
+        "shipped": ("default_game", "load_game"),
+        "stroke": ("HEIGHTS", "SHOTS", "TECHNIQUES", "Catalogue"),
+        "table": ("TabulatedPolicy", "tabulate"),
+    },
+)

@@ -1,7 +1,8 @@
-"""The contract of a policy: probabilities over the catalogue for a batch of states, nothing illegal."""
+"""Policies: probabilities over the catalogue for a batch of states, nothing illegal. The contract, and two simple ones."""
 
 import dataclasses
 import functools
+import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -132,3 +133,55 @@ def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> 
     total = np.cumsum(p, axis=1)
     cumulative = np.rint(total / total[:, -1:] * CHOICE_ONE)
     return (cumulative > draw[:, None]).argmax(axis=1)
+
+
+class UniformPolicy:
+    """Uniform random policy: every legal stroke is as likely as any other. The baseline of all others."""
+
+    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+        """``[B, n]`` one over the number of legal strokes."""
+        mask = states.mask
+        p: npt.NDArray[np.float64] = mask / mask.sum(axis=1, keepdims=True)
+        return p
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TemperedPolicy:
+    """Chances of ``base`` raised to 1 / temperature and normalised; temperature 0 plays the likeliest stroke.
+
+    Of several likeliest strokes, temperature 0 plays the one that comes first in the catalogue. A stroke that the base
+    never plays is never played.
+
+    Attributes:
+        base: the policy that is sharpened (temperature below 1) or flattened (above 1).
+        temperature: finite and not negative.
+    """
+
+    base: Policy
+    temperature: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.temperature) and self.temperature >= 0):
+            raise PolicyError(f"temperature {self.temperature!r}: expected a finite number, 0 (greedy) or above")
+
+    @property
+    def reads_score(self) -> bool:
+        """Whether the base reads the score."""
+        return reads_score(self.base)
+
+    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+        """``[B, n]`` tempered chances.
+
+        Raises:
+            PolicyError: the base returned no distribution over the legal strokes.
+        """
+        p = checked_probabilities(self.base, states, type(self.base).__name__)
+        best = p.max(axis=1, keepdims=True)
+        if self.temperature == 0:
+            greedy = np.zeros_like(p)
+            greedy[np.arange(len(p)), p.argmax(axis=1)] = 1.0
+            return greedy
+        with np.errstate(under="ignore"):
+            weight = (p / best) ** (1 / self.temperature)  # the best stroke keeps weight 1, so nothing overflows
+        tempered: npt.NDArray[np.float64] = weight / weight.sum(axis=1, keepdims=True)
+        return tempered

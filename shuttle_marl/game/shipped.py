@@ -53,3 +53,14 @@ def folder_of(game: Game) -> Path | None:
     if game.hash not in _FOLDERS and (_MODELS / "default" / GAME).is_file():
         load_game()
     return _FOLDERS.get(game.hash)
+
+
+def resolve_game(game: Game | str | None) -> Game:
+    """A game, or that of a model by name or folder; None: the benchmark's.
+
+    Raises:
+        GameError: there is no such model, or its tables are damaged.
+    """
+    if game is None:
+        return default_game()
+    return game if isinstance(game, Game) else load_game(game)

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
 
 SHOTS: Final = (
@@ -45,7 +46,7 @@ ABOVE: Final = 1
 Int8s = npt.NDArray[np.int8]
 
 
-class UnknownStrokeError(ValueError):
+class UnknownStrokeError(ShuttleError):
     """A name or a combination that is not in the catalogue."""
 
 

@@ -23,11 +23,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.game.tempered import TemperedPolicy
-from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.modules import ModuleMissingError, from_module
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy

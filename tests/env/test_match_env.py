@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
-from shuttle_marl.env.base import OptionError
+from shuttle_marl.errors import OptionError
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import OUTCOMES, ROOT, strike
 from shuttle_marl.game.scoring import Rules, new, step

@@ -15,8 +15,8 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
 
-from shuttle_marl.env.court_picture import LINE, MAT, PX, px  # noqa: E402
 from shuttle_marl.env.painting import PLAYERS, YELLOW  # noqa: E402
+from shuttle_marl.env.picture import LINE, MAT, PX, px  # noqa: E402
 
 
 def share_of(picture, colour, tolerance=30):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.scene import area_corners, scene_of, to_plan
-from shuttle_marl.env.text import as_text, in_words
+from shuttle_marl.env.snapshot import area_corners, as_text, in_words, plan_of, to_plan
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rally import OUTCOMES
 from shuttle_marl.game.scoring import Rules
@@ -42,7 +41,7 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
     areas = set()
     for seed in range(30):
         for snapshot in moments(play, rally_v0.env(), seed):
-            scene = scene_of(snapshot)
+            scene = plan_of(snapshot)
             assert len(scene.flights) == len(snapshot.strokes)
             assert all(abs(x) <= HALF_LENGTH + 1 and abs(y) <= HALF_WIDTH + 1 for x, y in scene.bodies)
             assert scene.bodies[0][0] < 0 < scene.bodies[1][0]
@@ -61,7 +60,7 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
 def test_the_player_about_to_hit_is_at_the_shuttle(play):
     for snapshot in moments(play, rally_v0.env(), 3):
         if snapshot.strokes and snapshot.striker is not None:
-            scene = scene_of(snapshot)
+            scene = plan_of(snapshot)
             assert np.hypot(*np.subtract(scene.bodies[snapshot.striker], scene.shuttle)) < 0.7
 
 

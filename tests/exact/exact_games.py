@@ -4,7 +4,8 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.game.rally import ONE, Game, layout, thresholds
+from shuttle_marl.game.layout import layout, thresholds
+from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, strike
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.kernel import IllegalStrokeError, KernelError, RallyBatch, Tally
 from shuttle_marl.kernel.rows import Rows, Seen, _show
 from shuttle_marl.policy.bc import load

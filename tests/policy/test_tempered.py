@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
-from shuttle_marl.game.tempered import TemperedPolicy
+from shuttle_marl.game.policy import PolicyError, States, TemperedPolicy, checked_probabilities
 from shuttle_marl.policy.modules import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 

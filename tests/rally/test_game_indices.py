@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from test_rally_layout import Bools, games
 
+from shuttle_marl import game as game_package
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, strike
 
@@ -92,3 +93,9 @@ def test_values_of_strokes_are_means_over_all_draws() -> None:
     some = np.array([5, 900, 3])
     assert (GAME.stroke_values(following, some) == every[some]).all()
     assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities()[2:9]).all()
+
+
+def test_the_package_names_what_users_need() -> None:
+    for name in game_package.__all__:
+        assert getattr(game_package, name) is not None
+    assert game_package.Game is Game

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
-from shuttle_marl.game.rally import ROOT, Game, GameError, layout, thresholds
+from shuttle_marl.game.layout import layout, thresholds
+from shuttle_marl.game.rally import ROOT, Game, GameError
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 
 Bools = npt.NDArray[np.bool_]

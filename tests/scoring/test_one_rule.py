@@ -16,9 +16,9 @@ from shuttle_marl import match_v0
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import scoring
+from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.table import tabulate
-from shuttle_marl.game.uniform import UniformPolicy
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.kernel.core import compiled, inlined
 from shuttle_marl.kernel.lockstep import ask, play

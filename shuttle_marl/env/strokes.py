@@ -1,0 +1,199 @@
+"""One stroke at a time, in plain Python numbers: its observation, its draw, and the table read that decides it.
+
+The rule is that of :func:`shuttle_marl.game.rally.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
+the cost of numpy calls on single numbers; tests hold both equal.
+"""
+
+import functools
+from array import array
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
+
+Observation = dict[str, npt.NDArray[Any]]
+"""What an agent is given: ``observation`` and ``action_mask``."""
+
+PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
+"""Number of shot types, areas, heights and techniques: the four components of a stroke."""
+STROKE_WIDTH: Final = sum(PARTS)
+"""Numbers that describe one stroke: the one-hots of its four components; all zero for "none yet"."""
+CONTACT: Final = 2 * STROKE_WIDTH
+"""Position of the contact offered to the striker (1: above the net)."""
+SERVE: Final = CONTACT + 1
+"""Position of the flag that a serve is due."""
+RALLY_WIDTH: Final = SERVE + 1
+"""Length of an observation of a rally."""
+SCORE_WIDTH: Final = 6
+"""Points, games and serving flag of both players; only in a match."""
+
+SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE]
+"""Permutation that turns the striker's observation into the receiver's."""
+
+
+def stroke_features(game: Game) -> npt.NDArray[np.float32]:
+    """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""
+    catalogue = game.catalogue
+    table = np.zeros((len(catalogue) + 1, STROKE_WIDTH), dtype=np.float32)
+    rows = np.arange(len(catalogue))
+    columns = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
+    for offset, column in zip(np.r_[0, np.cumsum(PARTS)[:-1]], columns, strict=True):
+        table[rows, offset + column] = 1
+    return table
+
+
+def features(game: Game) -> npt.NDArray[np.float32]:
+    """``[S, 56]`` observation of the striker in every state.
+
+    0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
+    is due.
+    """
+    strokes = stroke_features(game)
+    edge, contact = np.divmod(np.arange(game.n_states), 2)
+    own, incoming = game.edge_own[edge], game.edge_incoming[edge]
+    serve = incoming == game.n_strokes
+    return np.concatenate([strokes[own], strokes[incoming], np.stack([contact, serve], axis=1)], axis=1, dtype=np.float32)
+
+
+class Stroke(NamedTuple):
+    """A stroke that was played.
+
+    Attributes:
+        player: who played it, 0 or 1.
+        stroke: catalogue index.
+        outcome: index into :data:`shuttle_marl.game.rally.OUTCOMES`.
+        p_succ: chance that the stroke was good.
+        p_ret: chance that a good one was returned.
+    """
+
+    player: int
+    stroke: int
+    outcome: int
+    p_succ: float
+    p_ret: float
+
+
+class StrokeTables:
+    """A game prepared for playing strokes one at a time; read-only and shared by all environments of the game.
+
+    Attributes:
+        game: the tables.
+        rows: ``[S, 56]`` float32 observation of the striker in each state.
+        masks: ``[2 (n + 1), n]`` int8 legal strokes by ``reply(state)``.
+    """
+
+    def __init__(self, game: Game) -> None:
+        self.game = game
+        self.rows = features(game)
+        self.masks = np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes).astype(np.int8))
+        self._n = game.n_strokes
+        # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
+        self._rank = _view(game.reply_rank)
+        self._threshold = _view(game.threshold)
+        self._pair_start = _view(game.pair_start)
+        self._reply_start = _view(game.reply_start)
+        self._incoming = _view(game.edge_incoming)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "StrokeTables":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tables_of, (self.game,)
+
+    def reply(self, state: int) -> int:
+        """Row of :attr:`masks`: twice the incoming stroke plus the contact."""
+        return 2 * self._incoming[state >> 1] + (state & 1)
+
+    def is_legal(self, state: int, stroke: int) -> bool:
+        """Whether a stroke is in the catalogue and legal in a state."""
+        return 0 <= stroke < self._n and self._rank[self.reply(state) * self._n + stroke] >= 0
+
+    def strike(self, state: int, stroke: int, draw: int) -> tuple[int, int, float, float]:
+        """Play a legal stroke.
+
+        Args:
+            state: state of the striker.
+            stroke: catalogue index, legal in this state; not checked.
+            draw: uniform integer in [0, 65536).
+
+        Returns:
+            Outcome, the edge that follows (own last and incoming stroke of the receiver, also where the rally is over),
+            the chance that the stroke is good, and the chance that a good one is returned.
+        """
+        reply = 2 * self._incoming[state >> 1] + (state & 1)
+        k = self._rank[reply * self._n + stroke]
+        entry = 3 * (self._pair_start[state] + k)
+        threshold = self._threshold
+        fault, winner = threshold[entry], threshold[entry + 1]
+        outcome = (draw >= fault) + (draw >= winner) + (draw >= threshold[entry + 2])
+        return outcome, self._reply_start[reply] + k, (ONE - fault) / ONE, (ONE - winner) / (ONE - fault)
+
+
+def _view(table: npt.NDArray[Any]) -> memoryview:
+    return np.ascontiguousarray(table).ravel().data
+
+
+@functools.lru_cache(maxsize=8)
+def tables_of(game: Game) -> StrokeTables:
+    """The prepared tables of a game, made once."""
+    return StrokeTables(game)
+
+
+_RALLIES: Final = 32
+_STROKES: Final = 32
+
+
+class EpisodeDraws:
+    """Draws of rallies 0, 1, 2, … of one stream, made many at a time.
+
+    Stroke k of rally r is decided by ``outcome_draw(draw(stream(seed, *numbers, r), k))``, and chosen by the ``choice_draw`` of
+    the same number where a policy plays; bit 16 at k = 0 says who serves where that is drawn by lot.
+    """
+
+    def __init__(self, seed: int, *numbers: int) -> None:
+        self._name = (seed, *numbers)
+        self._block = -1
+        self._bits: UInt64s = np.empty(0, np.uint64)
+        self._outcomes = array("H")
+        self._choices = array("H")
+        self._lots = b""
+
+    def first_server(self, rally: int) -> int:
+        """Who serves first in a rally, by lot: 0 or 1."""
+        self._prepare(rally)
+        return self._lots[rally % _RALLIES]
+
+    def rally(self, rally: int) -> "array[int]":
+        """The first draws of a rally, uniform in [0, 65536); :meth:`more` has the next ones."""
+        self._prepare(rally)
+        start = rally % _RALLIES * _STROKES
+        return self._outcomes[start : start + _STROKES]
+
+    def more(self, rally: int, known: int) -> "array[int]":
+        """Draws ``known`` and following of a rally."""
+        bits = draw(stream(*self._name, rally), np.arange(known, known + _STROKES))
+        return array("H", outcome_draw(bits).astype(np.uint16).tobytes())
+
+    def choice(self, rally: int, stroke: int) -> int:
+        """The number in [0, 65535) by which a policy chooses a stroke."""
+        if stroke >= _STROKES:
+            return int(choice_draw(draw(stream(*self._name, rally), stroke))[0])
+        self._prepare(rally)
+        if not self._choices:
+            self._choices = array("H", choice_draw(self._bits).astype(np.uint16).tobytes())
+        return self._choices[rally % _RALLIES * _STROKES + stroke]
+
+    def _prepare(self, rally: int) -> None:
+        block = rally // _RALLIES
+        if block != self._block:
+            rallies = np.arange(block * _RALLIES, (block + 1) * _RALLIES)
+            bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
+            self._outcomes = array("H", outcome_draw(bits).astype(np.uint16).tobytes())
+            self._bits, self._choices = bits, array("H")
+            self._lots = ((bits[:, 0] >> np.uint64(16)) & np.uint64(1)).astype(np.uint8).tobytes()
+            self._block = block
