@@ -7,6 +7,7 @@ import json
 import os
 import secrets
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -29,21 +30,41 @@ def replace_file(path: Path, content: bytes) -> None:
     Raises:
         FileWriteError: no space, no permission, an impossible name, or the like; an older file at ``path`` is left as it was.
     """
-    temporary: Path | None = None
-    try:
+    with replacing(path) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """A file to write and read that becomes ``path`` at the end, or is deleted after an error; creates the folder.
+
+    Raises:
+        FileWriteError: as :func:`replace_file`. Other errors than an OSError of the block pass through.
+    """
+    # Not the whole name: with it, the longest names that a file system takes would become too long.
+    temporary = path.parent / f".{path.name[:32]}.{secrets.token_hex(6)}.part"
+    with _unwritable(path, OSError, ValueError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Not the whole name: with it, the longest names that a file system takes would become too long.
-        temporary = path.with_name(f".{path.name[:32]}.{secrets.token_hex(6)}.part")
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
+        handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
+    try:
+        with _unwritable(path, OSError), os.fdopen(handle, "w+b") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except (OSError, ValueError) as error:  # ValueError: a name that cannot be encoded, or one with a null character
-        if temporary is not None:
-            with contextlib.suppress(OSError, ValueError):
-                temporary.unlink()
+        with _unwritable(path, OSError, ValueError):
+            os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
+
+
+@contextlib.contextmanager
+def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
+    """Say which file cannot be written. A ValueError is raised for names that no file can have."""
+    try:
+        yield
+    except errors as error:
         raise FileWriteError(f"{path}: cannot be written ({problem(error)}); nothing there was changed") from error
 
 
@@ -60,8 +81,8 @@ def open_file(path: Path) -> BinaryIO:
     return os.fdopen(handle, "rb")
 
 
-def problem(error: OSError | ValueError) -> str:
-    """Why a file cannot be used, without its name: the words of the operating system."""
+def problem(error: BaseException) -> str:
+    """Why a file cannot be used, without its name: the words of the operating system, where it has some."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

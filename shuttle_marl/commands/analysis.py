@@ -77,10 +77,12 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     import numpy as np  # noqa: PLC0415
     from rich.box import SIMPLE_HEAD  # noqa: PLC0415
     from rich.console import Console  # noqa: PLC0415
+    from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
+    from shuttle_marl.text import printable  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
@@ -107,7 +109,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     for name, s in found.items():
         most = ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2])
         table.add_row(
-            name,
+            escape(printable(name)),
             f"{s.strokes:,}",
             cell(s.wins, 100, 1),
             cell(s.length, 1, 1),

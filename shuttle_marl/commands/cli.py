@@ -37,8 +37,9 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         argv: arguments; default ``sys.argv[1:]``.
 
     Returns:
-        0, or 1 after a :class:`ShuttleError` (its message goes to standard error) or when the extra that a command needs is
-        not installed or the output cannot be written, or 130 after an interrupt, or 141 when nobody reads the output any more.
+        0, or 1 after a :class:`ShuttleError` (its message goes to standard error), when the extra that a command needs is not
+        installed, or when a file or the output cannot be used; 130 after an interrupt; 141 when no one reads the output any
+        more.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -49,36 +50,38 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
             tyro.cli(commands, prog=prog, description=description, args=args)
         sys.stdout.flush()
     except ShuttleError as error:
-        console.print(f"[bold red]error:[/] {prog}: ", end="")
-        console.print(printable(str(error), keep="\n"), markup=False)
-        return 1
+        return _fail(console, prog, str(error))
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]
         if library not in _EXTRAS:
             raise
         advice = f"`make install` installs it, or `pip install 'shuttle-marl[{_EXTRAS[library]}]'`"
-        console.print(f"[bold red]error:[/] {prog}: ", end="")
-        console.print(f"this needs {library}, which is not installed; {advice}", markup=False)
-        return 1
+        return _fail(console, prog, f"this needs {library}, which is not installed; {advice}")
     except OSError as error:
-        if isinstance(error, BrokenPipeError) and _nobody_reads():
+        if isinstance(error, BrokenPipeError) and _reader_is_gone():
             _drop_output()
             return 141
-        if error.errno not in NO_ROOM:
+        if error.errno in NO_ROOM:
+            _drop_output()
+            what = error.filename or "the output"
+            return _fail(console, prog, f"{what} cannot be written ({error.strerror}); make room")
+        if error.filename is None:
             raise
-        _drop_output()
-        console.print(f"[bold red]error:[/] {prog}: ", end="")
-        console.print(
-            f"{printable(str(error.filename or 'the output'))} cannot be written ({error.strerror}); make room", markup=False
-        )
-        return 1
+        return _fail(console, prog, f"{error.filename} cannot be used ({error.strerror}); name another file or folder")
     except KeyboardInterrupt:
         console.print("interrupted; what was written is whole")
         return 130
     return 0
 
 
-def _nobody_reads() -> bool:
+def _fail(console: Console, prog: str, message: str) -> int:
+    """Print an error; returns the exit status."""
+    console.print(f"[bold red]error:[/] {prog}: ", end="")
+    console.print(printable(message, keep="\n"), markup=False)
+    return 1
+
+
+def _reader_is_gone() -> bool:
     """Whether standard output is a pipe of which the other end is closed."""
     if not hasattr(select, "poll"):
         return True

@@ -20,9 +20,10 @@ from shuttle_marl.recording.check import check as check_log
 from shuttle_marl.recording.export import export as export_log
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recover import recover as recover_log
-from shuttle_marl.recording.recover import recover_folder, unfinished_files
+from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.tables import outcomes
+from shuttle_marl.text import printable
 
 File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -59,7 +60,8 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
         _say(json.dumps(facts))
         return
     for name, fact in facts.items():
-        _say(f"{name.replace('_', ' '):18}{', '.join(map(str, fact)) or 'none' if isinstance(fact, list) else fact}")
+        words = [printable(str(each)) for each in (fact if isinstance(fact, list) else [fact])]
+        _say(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
 
 
 def check(path: Log, *, game: str = "default", replay: bool = True) -> None:
@@ -86,9 +88,17 @@ def recover(path: Log, *, out: Path | None = None) -> None:
     """
     if path.is_dir() and out is not None:
         raise RecordingError(f"--out {out}: names one log; recover the files of {path} one by one")
-    for found in recover_folder(path) if path.is_dir() else [recover_log(path, out)]:
+    problems: list[str] = []
+    for source in recoverable_files(path) if path.is_dir() else [path]:
+        try:
+            found = recover_log(source, out)
+        except RecordingError as error:
+            problems.append(str(error))
+            continue
         lost = f", {found.lost:,} rallies in between are lost" if found.lost else ""
         _say(f"{found.path}: {found.rallies:,} rallies, {found.strokes:,} strokes saved{lost}")
+    if problems:
+        raise RecordingError("\n".join(problems))
 
 
 def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "rallies", game: str | None = None) -> None:
@@ -151,7 +161,7 @@ def _describe(log: RallyLog, number: int) -> str:
         RecordingError: the log has no such rally, or is damaged.
     """
     rally = log.rally(number)
-    names = [log.policies[i].name for i in rally.policy[0]]
+    names = [printable(log.policies[i].name) for i in rally.policy[0]]
     server, winner = int(rally.server[0]), int(rally.winner[0])
     points, games = rally.score[0, :2], rally.score[0, 2:]
     width = max(map(len, names))
@@ -187,4 +197,4 @@ def _score_line(log: RallyLog, numbers: npt.NDArray[np.integer]) -> str:
 
 
 def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(printable(text, keep="\n") + "\n")

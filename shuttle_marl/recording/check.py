@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
+from shuttle_marl.files import open_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
@@ -71,7 +72,7 @@ def check(path: Path, game: Game | None = None) -> Checked:
 def _check_data(path: Path) -> None:
     """Compare the checksum of everything before the summary."""
     tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
-    with damage(path), path.open("rb") as file:
+    with damage(path), open_file(path) as file:
         size = path.stat().st_size
         if size < tail:
             raise DamagedLogError("too short for a rally log")
@@ -81,11 +82,12 @@ def _check_data(path: Path) -> None:
         if not 0 <= end <= size - tail:
             raise DamagedLogError("it was not closed")
         file.seek(0)
-        crc, left = 0, end
-        while left and (block := file.read(min(_BLOCK, left))):
-            crc, left = zlib.crc32(block, crc), left - len(block)
-        opcode, _ = FRAME.unpack(file.read(FRAME.size))
-        if opcode != Opcode.DATA_END or DataEnd.read(stream(file.read(4))).data_section_crc != crc:
+        crc, remaining = 0, end
+        while remaining and (block := file.read(min(_BLOCK, remaining))):
+            crc, remaining = zlib.crc32(block, crc), remaining - len(block)
+        if FRAME.unpack(file.read(FRAME.size)) != (Opcode.DATA_END, 4):
+            raise DamagedLogError("its data does not end where the summary says")
+        if DataEnd.read(stream(file.read(4))).data_section_crc != crc:
             raise DamagedLogError("the checksum of its data does not fit")
 
 

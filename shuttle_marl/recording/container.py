@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Header, Message, Metadata
 
+from shuttle_marl.files import problem
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.schema import VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError, arrow_schema
 
@@ -55,6 +56,7 @@ UNDECODABLE: Final = (
     LookupError,
     OverflowError,
     MemoryError,
+    RecursionError,
 )
 """What the decoders raise when they are given anything but what they expect."""
 
@@ -71,7 +73,7 @@ def damage(path: Path) -> Iterator[None]:
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
     except UNDECODABLE as error:
         raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
 

@@ -1,22 +1,23 @@
 """Rally logs as Parquet, CSV or Arrow files, a batch at a time."""
 
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, BinaryIO, Final, Literal
 
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from shuttle_marl.files import replacing
 from shuttle_marl.game.rally import Game
 from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.tables import rally_rows, stroke_rows
+from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
 
-_WRITERS: Final[dict[str, Callable[[str, pa.Schema], Any]]] = {
-    ".parquet": lambda path, schema: pyarrow.parquet.ParquetWriter(path, schema, compression="zstd"),
+_WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
+    ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,
     ".arrow": pa.ipc.new_file,
 }
@@ -27,7 +28,9 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
 
     Args:
         source: the log, a file or a folder.
-        target: ends in .parquet, .csv (lists of strokes as names with spaces between them) or .arrow; replaced if it exists.
+        target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.table_files`), ``.csv``
+            (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
+            apostrophe) or ``.arrow``.
         rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.tables`.
         game: adds to strokes what follows from the game that was played on, see :mod:`shuttle_marl.recording.derived`.
 
@@ -35,14 +38,14 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
         The number of rows.
 
     Raises:
-        RecordingError: an unknown suffix, a log that cannot be read or was played on another game, or a table that cannot be
-            written.
+        RecordingError: an unknown suffix, or a log that cannot be read or was played on another game.
+        FileWriteError: the table cannot be written.
     """
     open_writer = _WRITERS.get(target.suffix)
     if open_writer is None:
         raise RecordingError(f"{target}: expected a name that ends in {', '.join(_WRITERS)}")
     flat = target.suffix == ".csv"
-    making = target.with_name(f".{target.name}.part")
+    count = 0
     with RallyLog(source) as log:
         derive = None if game is None else Derived(log, game)
 
@@ -50,21 +53,14 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
             table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies, derive)
             return _columns(table, log, flat)
 
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            schema = rows_of(0, log.no_rallies()).schema
-            count = 0
-            with open_writer(str(making), schema) as writer:
+        with replacing(target) as file:
+            with open_writer(file, rows_of(0, log.no_rallies()).schema) as writer:
                 for batch in log.batches():
                     table = rows_of(*batch)
                     writer.write_table(table)
                     count += table.num_rows
-            making.replace(target)
-        except OSError as error:
-            raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from error
-        finally:
-            with contextlib.suppress(OSError):
-                making.unlink(missing_ok=True)
+            if target.suffix == ".parquet":
+                seal_parquet(file)
     return count
 
 
@@ -72,11 +68,10 @@ def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
     """For CSV: dictionaries as words, and a list as one text."""
     if not flat:
         return table
+    table = without_formulas(table)
     for at, field in enumerate(table.schema):
         column = table.column(at)
-        if pa.types.is_dictionary(field.type):
-            table = table.set_column(at, field.name, column.cast(pa.string()))
-        elif pa.types.is_list(field.type):
+        if pa.types.is_list(field.type):
             names = pa.array(log.catalogue.names) if field.name == "strokes" else None
             words = [chunk.values.cast(pa.string()) if names is None else names.take(chunk.values) for chunk in column.chunks]
             texts = [

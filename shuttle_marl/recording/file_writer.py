@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from mcap.writer import CompressionType, Writer
 
-from shuttle_marl.files import NO_ROOM
+from shuttle_marl.files import NO_ROOM, problem
 from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, RALLY_TIME, TOPIC, advice
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import unfinished
@@ -49,7 +49,7 @@ class Sink:
         Raises:
             OSError: it exists, or cannot be made.
         """
-        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
+        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
         self._waiting: list[bytes] = []
         self._n_waiting = 0
         self._room = 0
@@ -158,15 +158,15 @@ class LogFileWriter:
         self._fsync_seconds = fsync_seconds
         self._index: list[tuple[int, ...]] = []
         part = unfinished(path)
-        if path.exists():
-            raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
-        if part.exists():
-            raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
         try:
+            if path.exists():
+                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
+            if part.exists():
+                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(part)
-        except OSError as error:
-            raise RecordingError(f"{part}: cannot be written ({error.strerror})") from error
+        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
         try:
             self._start()
         except OSError as error:

@@ -189,13 +189,15 @@ class LogHeader:
             header = cls(**fields)
             _check_types(header)
             return header
-        except (TypeError, ValueError, KeyError, AttributeError) as error:
+        except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise RecordingError(f"its header is none of version {VERSION} ({error})") from error
 
 
 def _check_types(header: LogHeader) -> None:
     """Raise TypeError for what JSON can hold and a header cannot."""
     names = (header.game, header.record, header.software, *header.strokes, *(p.name for p in header.policies))
+    for name in names:
+        str(name).encode()  # ValueError: half of a surrogate pair, which JSON can hold and no file
     numbers = (header.seed, header.matches_per_draw, header.part, header.first_rally, *header.pairings)
     numbers += dataclasses.astuple(header.rules)
     if not all(isinstance(name, str) for name in names) or not all(type(number) is int for number in numbers):

@@ -15,6 +15,7 @@ import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex
 
+from shuttle_marl.files import open_file
 from shuttle_marl.recording.container import (
     INDEX_NAME,
     INDEX_SCHEMA,
@@ -92,7 +93,7 @@ class LogFile:
         """
         self.path = path
         with damage(path):
-            self._file = path.open("rb")
+            self._file = open_file(path)
         try:
             with damage(path):
                 self.size = os.fstat(self._file.fileno()).st_size

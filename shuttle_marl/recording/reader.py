@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.files import problem
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path
@@ -47,7 +48,10 @@ class RallyLog:
             DamagedLogError: a file was cut off or changed; says how to save what is whole.
         """
         self.path = path
-        logs = _open_folder(path) if path.is_dir() else [_open_parts(path)]
+        try:
+            logs = _open_folder(path) if path.is_dir() else [_open_parts(path)]
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
         # Parts of one log count on; logs follow each other.
         ends = [max(file.end for file in log) for log in logs]
         self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))

@@ -5,6 +5,7 @@ A chunk is found by how it begins and believed if its checksum fits, so batches 
 
 import contextlib
 import dataclasses
+import errno
 import mmap
 import os
 import struct
@@ -15,6 +16,7 @@ from typing import Any, Final
 from mcap.opcode import Opcode
 from mcap.records import Message
 
+from shuttle_marl.files import open_file, problem
 from shuttle_marl.recording.container import FRAME, UNDECODABLE, damage, decode, message_of_chunk, read_header
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader
@@ -25,6 +27,48 @@ from shuttle_marl.recording.writer import RallyLogWriter
 _COMPRESSION: Final = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4
 """Bytes of a chunk record before the name of its compression: the frame, two times, a size and a checksum."""
+
+
+def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]]:
+    """The header of a log file in any condition, and the number, message and rallies of every whole batch, in order.
+
+    Raises:
+        RecordingError: the file cannot be read or is no rally log; its header must be whole.
+    """
+    with damage(path), open_file(path) as file:
+        header, start = read_header(file, path.stat().st_size)
+    return header, _whole_batches(path, header, start)
+
+
+def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[int, bytes, Rallies]]:
+    done = header.first_rally
+    with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = start
+        while (found := data.find(_COMPRESSION, at)) >= 0:
+            at = found + 1
+            chunk = found - _BEFORE_COMPRESSION
+            message = _message(data, chunk) if chunk >= start else None
+            if message is None:
+                continue
+            try:
+                first, rallies = decode(message, header)
+            except (DamagedLogError, *UNDECODABLE):
+                continue
+            if first >= done:
+                yield first, message.data, rallies
+                done = first + len(rallies)
+            at = chunk + FRAME.size + FRAME.unpack_from(data, chunk)[1]
+
+
+def _message(data: mmap.mmap, chunk: int) -> Message | None:
+    opcode, length = FRAME.unpack_from(data, chunk)
+    begin = chunk + FRAME.size
+    if opcode != Opcode.CHUNK or length > len(data) - begin:
+        return None
+    try:
+        return message_of_chunk(data[begin : begin + length])
+    except (DamagedLogError, *UNDECODABLE):
+        return None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,42 +96,73 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
         target: the new file; must not exist. Default: ``FILE`` for ``FILE.part``, else ``NAME.recovered.mcap`` beside it.
 
     Raises:
-        RecordingError: the source is no rally log or its header is damaged, or the target exists or cannot be written.
+        RecordingError: the source is no rally log, its header is damaged or none of its batches is whole; or the target exists
+            or cannot be written. Nothing is left behind then.
     """
     if target is None:
         target = source.with_suffix("") if source.suffix == ".part" else source.with_name(f"{source.stem}.recovered.mcap")
     header, batches = salvage(source)
     # Written under a name of its own, because ``target.part`` may be the source.
     making = target.with_name(target.name + ".recovering")
-    if target.exists():
-        raise RecordingError(f"{target}: exists already; name another file for the recovered log")
-    for left_by_a_kill in (making, unfinished(making)):
-        left_by_a_kill.unlink(missing_ok=True)
-    saved = strokes = lost = 0
-    writer = LogFileWriter(making, header, fsync_seconds=60)
+    with _writing(source, target):
+        if target.exists():
+            raise FileExistsError(errno.EEXIST, "exists already")
+        _delete_files(making, unfinished(making))  # left by a recovery that was killed
     try:
-        for first, data, rallies in batches:
+        with _writing(source, target):
+            found = _copy(header, batches, making)
+        if not found.rallies:
+            raise RecordingError(f"{source}: nothing could be saved: no batch of rallies in it is whole")
+        with _writing(source, target):
+            making.replace(target)
+    finally:
+        with contextlib.suppress(OSError):
+            _delete_files(making, unfinished(making))
+    return dataclasses.replace(found, path=target)
+
+
+def _copy(header: LogHeader, batches: Iterator[tuple[int, bytes, Rallies]], target: Path) -> Recovery:
+    """Write a new file of batches."""
+    rallies = strokes = lost = 0
+    writer = LogFileWriter(target, header, fsync_seconds=60)
+    try:
+        for first, data, batch in batches:
             lost += first - writer.rallies
-            writer.write(first, data, rallies)
-            saved, strokes = saved + len(rallies), strokes + len(rallies.stroke)
+            writer.write(first, data, batch)
+            rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
         writer.close()
     finally:
         writer.abort()
-    with damage(target):
-        making.replace(target)
-    return Recovery(path=target, rallies=saved, strokes=strokes, lost=lost)
+    return Recovery(path=target, rallies=rallies, strokes=strokes, lost=lost)
 
 
-def recover_folder(folder: Path) -> list[Recovery]:
-    """Recover every unfinished log of a folder that is not there in whole; the unfinished files stay as they are.
+@contextlib.contextmanager
+def _writing(source: Path, target: Path) -> Iterator[None]:
+    """Say why the recovered file cannot be written."""
+    try:
+        yield
+    except (OSError, ValueError, RecordingError) as error:
+        why = problem(error.__cause__ or error)
+        raise RecordingError(
+            f"{target}: cannot be written ({why}); {source} is as it was: make room, or name another file for the recovered log"
+        ) from error
+
+
+def _delete_files(*paths: Path) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
+
+
+def recoverable_files(folder: Path) -> list[Path]:
+    """The unfinished files of a folder of which there is no finished one.
 
     Raises:
-        RecordingError: there is none, or one cannot be recovered.
+        RecordingError: there is none.
     """
-    left = [path for path in unfinished_files(folder) if not path.with_suffix("").exists()]
-    if not left:
+    found = [path for path in unfinished_files(folder) if not path.with_suffix("").exists()]
+    if not found:
         raise RecordingError(f"{folder}: holds no unfinished rally log; name a damaged file to recover that")
-    return [recover(path) for path in left]
+    return found
 
 
 def unfinished_files(path: Path) -> list[Path]:
@@ -121,7 +196,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         source = _source(part_path(path, last))
     before, batches = salvage(source)
     if before != header:
-        raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start anew")
+        raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start again")
     writer = RallyLogWriter(path, before, leave_later=True, **options)
     for first, data, batch in batches:
         if writer.rallies == rallies or first != writer.rallies:
@@ -129,7 +204,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         writer.write_message(first, data, batch)
     if writer.rallies != rallies:
         writer.abort()
-        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are whole; start anew")
+        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are whole; start again")
     writer.flush()
     with damage(path):
         _delete(path, last + 1, header)
@@ -178,11 +253,11 @@ def _last_part(path: Path, rallies: int) -> int | None:
     for number in existing_parts(path):
         for file in _files(part_path(path, number)):
             # A process that was killed as it began a file leaves one without a header, hence without rallies.
-            with contextlib.suppress(RecordingError), file.open("rb") as opened:
+            with contextlib.suppress(RecordingError), open_file(file) as opened:
                 if read_header(opened, file.stat().st_size)[0].first_rally < rallies:
                     last = number
     if last is None:
-        raise RecordingError(f"{unfinished(path).name}: is gone, with the {rallies} rallies that were played; start anew")
+        raise RecordingError(f"{unfinished(path).name}: is gone, with the {rallies} rallies that were played; start again")
     return last
 
 
@@ -205,50 +280,8 @@ def _delete(path: Path, first: int, header: LogHeader) -> None:
     for number in reversed([number for number in existing_parts(path) if number >= first]):
         part = part_path(path, number)
         if part.exists():
-            with part.open("rb") as opened:
+            with open_file(part) as opened:
                 if read_header(opened, part.stat().st_size)[0] != header:
                     raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
         for file in (unfinished(part), part, set_aside(part)):
             file.unlink(missing_ok=True)
-
-
-def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]]:
-    """The header of a log file in any condition, and the number, message and rallies of every whole batch, in order.
-
-    Raises:
-        RecordingError: the file cannot be read or is no rally log; its header must be whole.
-    """
-    with damage(path), path.open("rb") as file:
-        header, start = read_header(file, path.stat().st_size)
-    return header, _whole_batches(path, header, start)
-
-
-def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[int, bytes, Rallies]]:
-    done = header.first_rally
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        at = start
-        while (found := data.find(_COMPRESSION, at)) >= 0:
-            at = found + 1
-            chunk = found - _BEFORE_COMPRESSION
-            message = _message(data, chunk) if chunk >= start else None
-            if message is None:
-                continue
-            try:
-                first, rallies = decode(message, header)
-            except (DamagedLogError, *UNDECODABLE):
-                continue
-            if first >= done:
-                yield first, message.data, rallies
-                done = first + len(rallies)
-            at = chunk + FRAME.size + FRAME.unpack_from(data, chunk)[1]
-
-
-def _message(data: mmap.mmap, chunk: int) -> Message | None:
-    opcode, length = FRAME.unpack_from(data, chunk)
-    begin = chunk + FRAME.size
-    if opcode != Opcode.CHUNK or length > len(data) - begin:
-        return None
-    try:
-        return message_of_chunk(data[begin : begin + length])
-    except (DamagedLogError, *UNDECODABLE):
-        return None

@@ -1,0 +1,334 @@
+"""Files from others: what they name is neither run nor opened nor printed as it stands, and each is refused in words."""
+
+import contextlib
+import dataclasses
+import errno
+import hashlib
+import json
+import os
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from shuttle_marl.commands import analysis, recording
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.table_files import read_parquet
+
+FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
+FORGED = (
+    "evil_module:attribute",
+    "best-response:evil_module:attribute",
+    "evil_module:attribute@0.5",
+    "best-response:evil_module:attribute@0.5",
+    "table:/etc/passwd",
+    "agent:../../secret",
+    "agent:/etc/passwd",
+)
+
+
+@pytest.fixture
+def forged(tmp_path: Path, played: Path) -> Path:
+    """A log, right in all else, whose policies are named for code and for files."""
+    with RallyLog(played) as log:
+        header = dataclasses.replace(log.header, policies=tuple(Player(name=name) for name in FORGED))
+        rallies = Rallies.join([batch for _, batch in log.batches()]).part(0, 200)
+    policy = np.stack([np.arange(200) % len(FORGED), np.arange(1, 201) % len(FORGED)], axis=1).astype(np.uint16)
+    with RallyLogWriter(tmp_path / "forged.mcap", header) as writer:
+        writer.append(dataclasses.replace(rallies, policy=policy))
+    return tmp_path / "forged.mcap"
+
+
+class Watch:
+    """Notes imports and files that are opened; an audit hook cannot be taken away, so it is switched off."""
+
+    def __init__(self) -> None:
+        self.on = False
+        self.seen: list[tuple[str, object]] = []
+        sys.addaudithook(self._note)
+
+    def _note(self, event: str, arguments: tuple[object, ...]) -> None:
+        if self.on and event in ("import", "open", "os.listdir", "os.scandir") and arguments:
+            self.seen.append((event, arguments[0]))
+
+
+@pytest.fixture(scope="module")
+def watch() -> Watch:
+    return Watch()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        (recording, ["info", "LOG"]),
+        (recording, ["info", "LOG", "--json"]),
+        (recording, ["check", "LOG", "--no-replay"]),
+        (recording, ["check", "LOG"]),
+        (recording, ["recover", "LOG", "--out", "recovered.mcap"]),
+        (recording, ["export", "LOG", "rallies.csv"]),
+        (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes", "--game", "default"]),
+        (recording, ["show", "LOG", "--rally", "1"]),
+        (recording, ["show", "LOG", "--match", "0"]),
+        (analysis, ["LOG", "--rallies", "50"]),
+        (analysis, ["LOG", "--rallies", "50", "--out", "pictures"]),
+    ],
+    ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
+)
+def test_a_forged_log_runs_no_code_and_opens_no_other_file(
+    command: tuple[object, list[str]], forged: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, arguments = command
+    folder = forged.parent
+    (folder / "evil_module.py").write_text("from pathlib import Path\nPath('marker').write_text('ran')\n\ndef attribute(): ...\n")
+    sys.modules.pop("evil_module", None)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    watch.seen, watch.on = [], True
+    try:
+        status = module.main([str(forged) if each == "LOG" else each for each in arguments])
+    finally:
+        watch.on = False
+    assert status in (0, 1)
+    assert watch.seen
+    assert not (folder / "marker").exists()
+    assert "evil_module" not in sys.modules
+    assert not any("evil" in str(what) for event, what in watch.seen if event == "import")
+    # Pictures that are named for a player stay in the folder that was asked for.
+    opened = [folder / what for event, what in watch.seen if event != "import" and isinstance(what, str)]
+    named = [path for path in opened if any(word in path.name for word in ("evil", "passwd", "secret"))]
+    assert all(path.resolve().parent == folder / "pictures" for path in named)
+
+
+ESCAPES = "\x1b[31mred\x1b]0;title\x07\u202e\n[/bold]"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        (recording, ["info", "LOG"]),
+        (recording, ["show", "LOG", "--rally", "1"]),
+        (recording, ["show", "LOG", "--match", "0"]),
+        (analysis, ["LOG", "--rallies", "20"]),
+    ],
+    ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
+)
+def test_names_reach_the_terminal_without_control_characters(
+    command: tuple[object, list[str]], played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with RallyLog(played) as log:
+        header = dataclasses.replace(log.header, policies=(Player(name=ESCAPES),) * 3, software=ESCAPES)
+        rallies = log.batch(0)[1].part(0, 50)
+    with RallyLogWriter(tmp_path / "a.mcap", header) as writer:
+        writer.append(rallies)
+    module, arguments = command
+    assert module.main([str(tmp_path / "a.mcap") if each == "LOG" else each for each in arguments]) == 0
+    printed = capsys.readouterr()
+    assert "\\x1b[31mred" in printed.out
+    for text in (printed.out, printed.err):
+        assert [c for c in text if not c.isprintable() and c != "\n"] == []
+
+
+def test_a_file_that_does_not_exist_is_named_without_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
+    assert recording.main(["info", f"/nowhere/{ESCAPES}\udcff"]) == 1
+    error = capsys.readouterr().err
+    assert "\\x1b[31mred" in error
+    assert "\\udcff" in error
+    assert [c for c in error if not c.isprintable() and c != "\n"] == []
+
+
+def test_names_in_csv_are_no_formulas(tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
+    evil = ("=cmd|' /C calc'!A0", "@SUM(1)")
+    with RallyLogWriter(tmp_path / "a.mcap", header(policies=tuple(Player(name=name) for name in evil))) as writer:
+        writer.append(rallies(20))
+    assert recording.main(["export", str(tmp_path / "a.mcap"), str(tmp_path / "a.csv")]) == 0
+    text = (tmp_path / "a.csv").read_text()
+    assert all(f'"\'{name}"' in text for name in evil)
+    assert not any(f'"{name}' in text for name in evil)
+    assert recording.main(["export", str(tmp_path / "a.mcap"), str(tmp_path / "a.parquet")]) == 0
+    assert set(read_parquet(tmp_path / "a.parquet")["policy_0"].to_pylist()) <= set(evil)
+
+
+def write_with_header(path: Path, text: str, header: LogHeader) -> None:
+    """A log whose header is this text, with the right checksum."""
+    metadata = {"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest(), "version": "2"}
+
+    class Forged(LogHeader):
+        def to_metadata(self) -> dict[str, str]:
+            return metadata
+
+    RallyLogWriter(path, Forged(**{f.name: getattr(header, f.name) for f in dataclasses.fields(header)})).close()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "null",
+        '"header"',
+        "[" * 100_000,
+        '{"policies":' + "[" * 100_000 + "]" * 100_000 + "}",
+        '{"seed":' + "9" * 10_000 + "}",
+        "{}",
+    ],
+    ids=["list", "null", "text", "open", "deep", "digits", "empty"],
+)
+def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHeader], text: str) -> None:
+    path = tmp_path / "a.mcap"
+    write_with_header(path, text, header())
+    for read in (RallyLog, check, recover):
+        with pytest.raises(RecordingError, match="its header is none of version 2"):
+            read(path)
+    for command in ("info", "check", "recover"):
+        assert recording.main([command, str(path)]) == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("policies", [{"name": "\ud800", "hash": ""}] * 2),
+        ("policies", []),
+        ("policies", {"name": "x"}),
+        ("policies", [[]]),
+        ("rules", []),
+        ("rules", {"points": 10**30, "clear": 1, "cap": 10**30, "games": 1}),
+        ("rules", {"points": 0, "clear": 0, "cap": 0, "games": 0}),
+        ("strokes", [[]]),
+        ("pairings", [[]]),
+        ("record", "sample:" + "9" * 18),
+    ],
+)
+def test_strange_fields_are_refused_or_harmless(
+    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies], field: str, value: object
+) -> None:
+    path, made = tmp_path / "a.mcap", header()
+    text = json.dumps({**json.loads(made.to_metadata()["header"]), field: value})
+    write_with_header(path, text, made)
+    for arguments in (
+        ["info", str(path)],
+        ["check", str(path), "--no-replay"],
+        ["export", str(path), str(tmp_path / "a.csv")],
+        ["show", str(path), "--rally", "0"],
+        ["recover", str(path)],
+    ):
+        assert recording.main(arguments) in (0, 1)
+
+
+def test_what_is_no_file_is_refused_quickly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / "a.mcap")
+    os.mkfifo(tmp_path / "b.mcap.part")
+    for path in (tmp_path / "a.mcap", tmp_path / "b.mcap.part", Path("/dev/zero"), tmp_path):
+        for command in (["info"], ["check"], ["recover"], ["show", "--rally", "0"], ["export", str(tmp_path / "x.csv")]):
+            assert recording.main([command[0], str(path), *command[1:]]) == 1
+            assert "no regular file" in capsys.readouterr().err
+
+
+def test_recovering_nothing_is_an_error(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with RallyLog(log_file) as log:
+        first = int(log.files[0]._offset[0])
+    part = unfinished(log_file)
+    part.write_bytes(log_file.read_bytes()[: first + 50])
+    log_file.unlink()
+    with pytest.raises(RecordingError, match="nothing could be saved"):
+        recover(part)
+    assert recording.main(["recover", str(part)]) == 1
+    assert "nothing could be saved" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [part]
+
+
+def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = log_file.read_bytes()
+    with RallyLog(log_file) as log:
+        first = int(log.files[0]._offset[0])
+    log_file.unlink()
+    (tmp_path / "a.mcap.part").write_bytes(content[: first + 50])
+    (tmp_path / "b.mcap.part").write_bytes(content[:-100])
+    assert recording.main(["recover", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert "a.mcap.part: nothing could be saved" in printed.err
+    assert "b.mcap: 100 rallies" in printed.out
+
+
+@pytest.mark.parametrize("fails", ["posix_fallocate", "write", "fsync"])
+def test_recovering_on_a_full_disk_leaves_nothing_behind(
+    log_file: Path, tmp_path: Path, fails: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = unfinished(log_file)
+    log_file.rename(part)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, fails, full)
+    with pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\); .* is as it was: make room"):
+        recover(part)
+    assert list(tmp_path.iterdir()) == [part]
+
+
+@pytest.mark.parametrize("name", ["x" * 256 + ".csv", "\udcff.csv", "folder.csv"], ids=["long", "undecodable", "folder"])
+def test_an_impossible_target_is_refused_in_words(
+    log_file: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    before = sorted(tmp_path.iterdir())
+    for arguments in (["export", str(log_file), str(tmp_path / name)], ["recover", str(log_file), "--out", str(tmp_path / name)]):
+        status = recording.main(arguments)
+        if name == "\udcff.csv":  # a name that this system takes
+            assert status == 0
+            (tmp_path / name).unlink()
+        else:
+            assert status == 1
+            assert "cannot be written" in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_path_that_is_too_long_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("info", "check", "recover"):
+        assert recording.main([command, "x" * 300]) == 1
+        assert "File name too long" in capsys.readouterr().err
+
+
+def test_a_new_log_has_the_permissions_that_the_umask_leaves(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    before = os.umask(0o002)
+    try:
+        RallyLogWriter(tmp_path / "a.mcap", header()).close()
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.mcap").stat().st_mode) == 0o664
+
+
+def test_a_flipped_bit_in_a_log_is_found_by_the_check_or_changes_nothing(log_file: Path, tmp_path: Path) -> None:
+    content, changed = log_file.read_bytes(), tmp_path / "changed.mcap"
+    with RallyLog(log_file) as log:
+        expected = log.rally_table().drop_columns(["file"])
+    rng = np.random.default_rng(0)
+    for at in rng.integers(0, 8 * len(content), FLIPS):
+        flipped = bytearray(content)
+        flipped[at >> 3] ^= 1 << (at & 7)
+        changed.write_bytes(flipped)
+        with pytest.raises(RecordingError):
+            check(changed)
+        with contextlib.suppress(RecordingError), RallyLog(changed) as log:
+            assert log.rally_table().drop_columns(["file"]).equals(expected), f"bit {at}"
+
+
+def test_a_flipped_bit_in_an_exported_table_is_found_or_changes_nothing(log_file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    assert recording.main(["export", str(log_file), str(path)]) == 0
+    content, expected = path.read_bytes(), pyarrow.parquet.read_table(path)
+    rng, found = np.random.default_rng(0), 0
+    for at in rng.integers(0, 8 * len(content), FLIPS):
+        flipped = bytearray(content)
+        flipped[at >> 3] ^= 1 << (at & 7)
+        path.write_bytes(flipped)
+        try:
+            assert read_parquet(path).equals(expected), f"bit {at}"
+        except (OSError, pa.ArrowException):
+            found += 1
+    assert found > 0.95 * FLIPS
