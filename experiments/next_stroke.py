@@ -21,9 +21,9 @@ from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics import model_folder
-from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.evaluate import next_stroke_scores
 from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.make import rows_of
 
 PAPER: Final = {
@@ -47,17 +47,17 @@ def next_stroke(data: Path, split: Split = "validation", model: str = "default",
         json: print JSON instead.
     """
     rows = rows_of(rows_from_strokes(load_strokes(data)), split)
-    bundle = Bundle.load(model_folder(model))
+    models = FittedModels.load(model_folder(model))
     names, counts = np.unique(rows.striker, return_counts=True)
     ranked = [str(names[i]) for i in np.lexsort((names, -counts))]
     listed = [name for i, name in enumerate(ranked) if i < LEAST_PLAYERS or (rows.striker == name).sum() >= LEAST_ROWS]
     result: dict[str, Any] = {
-        "all": next_stroke_scores(bundle, rows),
-        "all, average player's model": next_stroke_scores(bundle, rows, own=False),
+        "all": next_stroke_scores(models, rows),
+        "all, average player's model": next_stroke_scores(models, rows, own=False),
     }
     for name in listed:
-        scores = next_stroke_scores(bundle, rows.take(rows.striker == name))
-        result[name] = {**scores, "own_model": name in bundle.choices.players}
+        scores = next_stroke_scores(models, rows.take(rows.striker == name))
+        result[name] = {**scores, "own_model": name in models.choices.players}
     if json:
         sys.stdout.write(json_format.dumps({"split": split, "rows": result, "paper": PAPER}) + "\n")
         return

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.analysis import PlayerValue, add_values, pictures, rally_table, rank_players, strokes_of, summarise
-from shuttle_marl.analysis.ranking import LEAST_MATCHES, LEAST_STROKES
+from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import run
 from shuttle_marl.dynamics import load_game
 from shuttle_marl.files import replace_file

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis.errors import AnalysisError
     from shuttle_marl.analysis.logs import strokes_of, strokes_of_log
-    from shuttle_marl.analysis.ranking import PlayerValue, rank_players
-    from shuttle_marl.analysis.summary import Summary, rally_table, summarise
-    from shuttle_marl.analysis.values import add_values
+    from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, summarise
+    from shuttle_marl.analysis.values import PlayerValue, add_values, rank_players
 
 __all__ = [
     "AnalysisError",
@@ -30,10 +28,8 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "errors": ("AnalysisError",),
         "logs": ("strokes_of", "strokes_of_log"),
-        "ranking": ("PlayerValue", "rank_players"),
-        "summary": ("Summary", "rally_table", "summarise"),
-        "values": ("add_values",),
+        "summary": ("AnalysisError", "Summary", "rally_table", "summarise"),
+        "values": ("PlayerValue", "add_values", "rank_players"),
     },
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.errors import AnalysisError
+from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.recording import Rallies, RallyLog

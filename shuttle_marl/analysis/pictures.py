@@ -9,16 +9,27 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.analysis.errors import AnalysisError
-from shuttle_marl.analysis.ranking import PlayerValue
-from shuttle_marl.analysis.replies import area_box, draw_court
-from shuttle_marl.analysis.summary import LONGEST, Summary
+from shuttle_marl.analysis.summary import LONGEST, AnalysisError, Summary
+from shuttle_marl.analysis.values import PlayerValue
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, area_centre
+from shuttle_marl.game.court import (
+    AREAS,
+    BACK_CUT,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    MIDDLE_CUT,
+    N_AREAS,
+    SHORT_SERVICE,
+    SIDE_CUT,
+    WIDTH,
+    area_centre,
+)
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_INK: Final = "#0b0f17"
+INK: Final = "#0b0f17"
+LINE: Final = "#dcebe6"
+_MAT: Final = "#127257"
 _COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
 _CELLS: Final = (26, 34)
 """Cells of the heat map across and along a half of the court."""
@@ -54,6 +65,37 @@ def save(drawn: Any, path: Path) -> None:
         replace_file(path, buffer.getvalue())
 
 
+def colour_map(name: str) -> Any:
+    """A colour map of matplotlib, from numbers between 0 and 1 to colours."""
+    import matplotlib as mpl  # noqa: PLC0415  an extra
+
+    return mpl.colormaps[name]
+
+
+def draw_court(axes: Any) -> None:
+    """Draw the lines of a whole court in metres, the striker's half below, into matplotlib's axes."""
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
+    axes.fill([-WIDTH / 2, WIDTH / 2, WIDTH / 2, -WIDTH / 2], np.repeat([-HALF_LENGTH, HALF_LENGTH], 2), color=_MAT, zorder=0)
+    line = {"color": LINE, "linewidth": 1.2, "zorder": 3}
+    for x in (-WIDTH / 2, -HALF_WIDTH, HALF_WIDTH, WIDTH / 2):
+        axes.plot([x, x], [-HALF_LENGTH, HALF_LENGTH], **line)
+    for y in (-HALF_LENGTH, -SHORT_SERVICE, SHORT_SERVICE, HALF_LENGTH):
+        axes.plot([-WIDTH / 2, WIDTH / 2], [y, y], **line)
+    for side in (-1, 1):
+        axes.plot([0, 0], [side * SHORT_SERVICE, side * HALF_LENGTH], **line)
+    axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=INK, linewidth=3, zorder=4)
+
+
+def area_box(area: int) -> tuple[float, float, float, float]:
+    """Left, bottom, width and height of an area of the opponent's half [m]; its right is the opponent's."""
+    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
+    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
+    depth, side = divmod(area, 3)
+    return xs[side], ys[depth], xs[side + 1] - xs[side], ys[depth + 1] - ys[depth]
+
+
 def landings(summaries: Mapping[str, Summary]) -> Any:
     """Where the good strokes of each came down, on the court, with the share of every area."""
     drawn = figure(3.4 * len(summaries), 6.2)
@@ -72,7 +114,7 @@ def landings(summaries: Mapping[str, Summary]) -> Any:
             axes.plot(*box, color="white", linewidth=0.5, alpha=0.6, zorder=4)
             x, y = area_centre(np.array(area))
             share = f"{100 * summary.areas[area]:.0f} %"
-            outline = {"boxstyle": "round,pad=0.15", "facecolor": _INK, "alpha": 0.55, "edgecolor": "none"}
+            outline = {"boxstyle": "round,pad=0.15", "facecolor": INK, "alpha": 0.55, "edgecolor": "none"}
             axes.text(x, y, share, ha="center", va="center", color="white", fontsize=9, bbox=outline, zorder=5)
         axes.text(
             0, -HALF_LENGTH / 2, f"{name}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
@@ -167,7 +209,7 @@ def ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
             mean, low, high = (100 * np.array([getattr(p, name) for p in players]) for name in columns)
             axes.hlines(y + offset, low, high, color=colour, alpha=0.5, linewidth=2)
             axes.plot(mean, y + offset, "o", color=colour, markersize=4, label=label)
-        axes.axvline(0, color=_INK, linewidth=0.8)
+        axes.axvline(0, color=INK, linewidth=0.8)
         axes.set(xlim=(-3 * extreme, 3 * extreme), ylim=(y[-1] - 0.7, 0.7))
         axes.set_yticks(y, [f"{p.player}  ({p.matches} matches)" for p in players], fontsize=8)
         axes.set_ylabel(group)
@@ -196,8 +238,8 @@ def rally(valued: pa.Table, first: int, length: int) -> Any:
         raise AnalysisError(f"the rally from row {first} on has strokes whose value is not known; choose another one")
     drawn = figure(10.5, 4.6)
     axes = drawn.subplots()
-    axes.axhline(50, color=_INK, linewidth=0.6, linestyle=":")
-    axes.plot(range(len(chances)), 100 * np.array(chances), color=_INK, linewidth=1, zorder=2)
+    axes.axhline(50, color=INK, linewidth=0.6, linestyle=":")
+    axes.plot(range(len(chances)), 100 * np.array(chances), color=INK, linewidth=1, zorder=2)
     for i, row in enumerate(rows, start=1):
         seat = int(row["player"] != rows[0]["player"])
         axes.plot(i, 100 * chances[i], "o", color=_COLOURS[seat], zorder=3)

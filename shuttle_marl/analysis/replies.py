@@ -2,38 +2,21 @@
 
 import dataclasses
 import difflib
-import io
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.analysis import pictures
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.minimax import Solution
-from shuttle_marl.exact.sweeps import stroke_values
-from shuttle_marl.files import replace_file
-from shuttle_marl.game.court import (
-    AREAS,
-    BACK_CUT,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    MIDDLE_CUT,
-    N_AREAS,
-    SHORT_SERVICE,
-    SIDE_CUT,
-    WIDTH,
-    area_centre,
-)
+from shuttle_marl.game.court import AREAS, N_AREAS, area_centre
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
 
 Floats = npt.NDArray[np.float64]
 
-_FORMATS: Final = (".png", ".svg", ".pdf")
-_MAT: Final = "#127257"
-_LINE: Final = "#dcebe6"
-_INK: Final = "#0b0f17"
 _SPREAD: Final = 0.35
 """Chances to win within this of one half are told apart by colour; what lies beyond has the last one."""
 
@@ -71,7 +54,7 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     if not len(edges):
         after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
         raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
-    value = stroke_values(game, solution.value[1])
+    value = game.stroke_values(solution.value[1])
     below, above = (_aim(game, value, 2 * edges + contact) for contact in (0, 1))
     return below, above
 
@@ -79,7 +62,7 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
 def _aim(game: Game, value: Floats, states: npt.NDArray[np.intp]) -> Aim:
     # The replies to a stroke from a contact are the same whatever the striker's own last stroke was, in the same order.
     strokes = game.legal_strokes(int(states[0]))
-    mean = np.mean([value[game.pair_start[s] : game.pair_start[s + 1]] for s in states], axis=0)
+    mean = np.mean([value[game.pairs_of(s)] for s in states], axis=0)
     by_area = np.full(N_AREAS, np.nan)
     chosen = np.full(N_AREAS, -1, dtype=np.intp)
     for stroke, worth in zip(strokes, mean, strict=True):
@@ -107,21 +90,16 @@ def plot(solution: Solution, path: Path, incoming: int, own: int | None = None) 
     """Draw :func:`aims` on the court, the striker's half below, into a PNG, SVG or PDF file.
 
     Raises:
-        ExactError: the strokes never follow each other, or the file's suffix is of no known format.
+        ExactError: the strokes never follow each other.
+        AnalysisError: the file's suffix is of no known format.
         FileWriteError: the file cannot be written.
         ModuleNotFoundError: matplotlib is not installed.
     """
-    import matplotlib as mpl  # noqa: PLC0415  an extra
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    if path.suffix not in _FORMATS:
-        raise ExactError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
-    mpl.use("Agg")
+    drawn = pictures.figure(9.6, 8.2)
     game = solution.games[0]
-    colours = mpl.colormaps["RdYlGn"]
-    figure = Figure(figsize=(9.6, 8.2), layout="constrained")
-    for axes, contact, aim in zip(figure.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
-        draw_court(axes)
+    colours = pictures.colour_map("RdYlGn")
+    for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
+        pictures.draw_court(axes)
         _draw_incoming(axes, int(game.catalogue.area[incoming]))
         for area in range(N_AREAS):
             _draw_area(axes, game, aim, area, colours)
@@ -131,66 +109,40 @@ def plot(solution: Solution, path: Path, incoming: int, own: int | None = None) 
         before = f" after one's own {names[own]}"
     else:
         before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
-    figure.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
-    with io.BytesIO() as buffer:
-        figure.savefig(buffer, format=path.suffix[1:], dpi=110)
-        replace_file(path, buffer.getvalue())
+    drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
+    pictures.save(drawn, path)
 
 
 def _percent(value: float) -> str:
     return f"{100 * (1 + value) / 2:.1f} %"
 
 
-def draw_court(axes: Any) -> None:
-    """Draw the lines of a whole court in metres, the striker's half below, into matplotlib's axes."""
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
-    axes.fill([-WIDTH / 2, WIDTH / 2, WIDTH / 2, -WIDTH / 2], np.repeat([-HALF_LENGTH, HALF_LENGTH], 2), color=_MAT, zorder=0)
-    line = {"color": _LINE, "linewidth": 1.2, "zorder": 3}
-    for x in (-WIDTH / 2, -HALF_WIDTH, HALF_WIDTH, WIDTH / 2):
-        axes.plot([x, x], [-HALF_LENGTH, HALF_LENGTH], **line)
-    for y in (-HALF_LENGTH, -SHORT_SERVICE, SHORT_SERVICE, HALF_LENGTH):
-        axes.plot([-WIDTH / 2, WIDTH / 2], [y, y], **line)
-    for side in (-1, 1):
-        axes.plot([0, 0], [side * SHORT_SERVICE, side * HALF_LENGTH], **line)
-    axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=_INK, linewidth=3, zorder=4)
-
-
-def area_box(area: int) -> tuple[float, float, float, float]:
-    """Left, bottom, width and height of an area of the opponent's half [m]; its right is the opponent's."""
-    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
-    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
-    depth, side = divmod(area, 3)
-    return xs[side], ys[depth], xs[side + 1] - xs[side], ys[depth + 1] - ys[depth]
-
-
 def _draw_incoming(axes: Any, area: int) -> None:
     # The striker receives it: the opponent's half turned by half a turn.
-    left, bottom, width, height = area_box(area)
+    left, bottom, width, height = pictures.area_box(area)
     x, y, text = -left - width / 2, -bottom - height / 2, AREAS[area].replace("-", "\n")
     box = [(-left, -bottom), (-left - width, -bottom), (-left - width, -bottom - height), (-left, -bottom - height)]
-    axes.fill(*zip(*box, strict=True), facecolor=_LINE, alpha=0.9, zorder=3.5)
-    axes.text(x, y, f"incoming\n{text}", ha="center", va="center", fontsize=7.5, color=_INK, zorder=5)
+    axes.fill(*zip(*box, strict=True), facecolor=pictures.LINE, alpha=0.9, zorder=3.5)
+    axes.text(x, y, f"incoming\n{text}", ha="center", va="center", fontsize=7.5, color=pictures.INK, zorder=5)
 
 
 def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:
-    left, bottom, width, height = area_box(area)
+    left, bottom, width, height = pictures.area_box(area)
     box = [(left, bottom), (left + width, bottom), (left + width, bottom + height), (left, bottom + height)]
     x, y = area_centre(np.array(area))
     if aim.stroke[area] < 0:
-        axes.fill(*zip(*box, strict=True), facecolor="none", edgecolor=_LINE, hatch="//", alpha=0.5, zorder=3.5)
+        axes.fill(*zip(*box, strict=True), facecolor="none", edgecolor=pictures.LINE, hatch="//", alpha=0.5, zorder=3.5)
         return
     value = float(aim.value[area])
     best = value >= aim.state_value
     axes.fill(
         *zip(*box, strict=True),
         facecolor=colours(np.clip(0.5 + value / 2 / _SPREAD / 2, 0, 1)),
-        edgecolor=_INK if best else _LINE,
+        edgecolor=pictures.INK if best else pictures.LINE,
         linewidth=3 if best else 0.8,
         zorder=3.6 if best else 3.5,
     )
     stroke = aim.stroke[area]
     shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
     text = f"{_percent(value)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
-    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=_INK, weight="bold" if best else None, zorder=5)
+    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=pictures.INK, weight="bold" if best else None, zorder=5)

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.analysis.errors import AnalysisError
 from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 
@@ -19,6 +19,10 @@ ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
 """How rallies end: one more is a winner, all others are faults of the last striker."""
 LONGEST: Final = 60
 """Rallies of more strokes are counted with those of so many."""
+
+
+class AnalysisError(ShuttleError):
+    """Nothing to analyse, or a picture that cannot be drawn."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -54,7 +54,7 @@ def as_markdown(card: dict[str, Any]) -> str:
         f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['weights_hash'][:16]}`, "
         f"data `{card['data']['hash'][:16]}`.",
         "",
-        f"Fitted on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
+        f"Fit on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
         f"chosen was chosen on {card['data']['validation_strokes']:,} strokes of {card['data']['validation_matches']} others. "
         f"Seed {card['seed']}.",
         "",

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.dynamics.bundle import Bundle
-from shuttle_marl.dynamics.features import STATE, codes_of_edges, codes_of_pairs
+from shuttle_marl.dynamics.features import STATE, codes_of_pairs, codes_of_states
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.support import Support, is_serve_pair
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import layout, thresholds
@@ -21,7 +21,7 @@ LEAST_END: Final = 0.003
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Chances:
+class PairProbabilities:
     """What the models say of every legal pair, ``[P]`` each, before rounding to the tables.
 
     Attributes:
@@ -43,25 +43,25 @@ def empty_game(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> Game:
     return Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), dtype=np.uint16), **tables)
 
 
-def pair_chances(
-    bundle: Bundle, game: Game, support: Support, *, pessimism: float = 0.0, striker: str | None = None,
+def pair_probabilities(
+    models: FittedModels, game: Game, support: Support, *, pessimism: float = 0.0, striker: str | None = None,
     receiver: str | None = None,
-) -> Chances:  # fmt: skip
+) -> PairProbabilities:  # fmt: skip
     """Evaluate the models on every legal pair, in double precision, within what the data supports.
 
     Args:
-        bundle: the models.
+        models: the models.
         game: the layout; its thresholds are not read.
         support: ranges of the chances of its edges.
         pessimism: lower bound of the ensemble for the striker, in standard deviations of its logits.
         striker, receiver: profiles of players; default the average.
     """
     codes = codes_of_pairs(game)
-    striker_shift = bundle.striker.get(striker, 0.0) if striker else 0.0
-    receiver_shift = bundle.receiver.get(receiver, 0.0) if receiver else 0.0
-    fault = bundle.averaged(bundle.fault, codes, pessimism=pessimism, shift=striker_shift)
-    returned = bundle.averaged(bundle.returned, codes, pessimism=pessimism, shift=receiver_shift)
-    above = bundle.averaged(bundle.above, codes)
+    striker_shift = models.striker.get(striker, 0.0) if striker else 0.0
+    receiver_shift = models.receiver.get(receiver, 0.0) if receiver else 0.0
+    fault = models.averaged(models.fault, codes, pessimism=pessimism, shift=striker_shift)
+    returned = models.averaged(models.returned, codes, pessimism=pessimism, shift=receiver_shift)
+    above = models.averaged(models.above, codes)
     edge = game.pair_edge
     winner = (1 - fault) * (1 - returned)
     supported_fault = np.clip(fault, support.fault_range[edge, 0], support.fault_range[edge, 1])
@@ -70,19 +70,19 @@ def pair_chances(
     least = np.where(is_serve_pair(game), 0.0, LEAST_END)
     fault = np.maximum(supported_fault, least - supported_winner)
     winner = np.minimum(supported_winner, 1 - fault)
-    return Chances(fault=fault, returned=1 - winner / (1 - fault), above=above, clipped=clipped)
+    return PairProbabilities(fault=fault, returned=1 - winner / (1 - fault), above=above, clipped=clipped)
 
 
-def compile_game(game: Game, chances: Chances) -> Game:
+def compile_game(game: Game, chances: PairProbabilities) -> Game:
     """The game with its thresholds."""
     table = thresholds(1 - chances.fault, chances.returned, chances.above)
     return dataclasses.replace(game, threshold=table)
 
 
-def pair_log_choices(bundle: Bundle, game: Game) -> npt.NDArray[np.float32]:
+def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32]:
     """``[P]`` log of the chance that the average player chooses a legal stroke, before dividing by the legal total."""
-    state = np.flatnonzero(game.legal_count(np.arange(game.n_states)) > 0)
-    codes = codes_of_edges(game, game.edge_own[state >> 1], game.edge_incoming[state >> 1], state & 1)
+    state = np.flatnonzero(game.playable)
+    codes = codes_of_states(game, state)
     choice = np.full((game.n_states, N_SHOTS * N_TECHNIQUES), np.nan)
     pair_style = game.catalogue.shot[game.pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[game.pair_stroke]
     # Targets are asked for once for every state and style that occurs.
@@ -93,11 +93,11 @@ def pair_log_choices(bundle: Bundle, game: Game) -> npt.NDArray[np.float32]:
     target_codes["shot"] = (styles % (N_SHOTS * N_TECHNIQUES) // N_TECHNIQUES).astype(np.int16)
     target_codes["technique"] = (styles % N_TECHNIQUES).astype(np.int16)
     total = np.zeros(game.n_pairs)
-    for discipline, share in enumerate(bundle.share):
+    for discipline, share in enumerate(models.share):
         of_all = {**codes, "discipline": np.full(len(state), discipline, dtype=np.int16)}
-        choice[state] = bundle.choice({name: of_all[name] for name in STATE})
+        choice[state] = models.choice({name: of_all[name] for name in STATE})
         of_targets = {**target_codes, "discipline": np.full(len(styles), discipline, dtype=np.int16)}
-        target = bundle.targets(of_targets)
+        target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
         total += share * choice[game.pair_state, pair_style] * target[position, game.catalogue.area[game.pair_stroke]]
     return np.log(np.maximum(total, 1e-12)).astype(np.float32)

@@ -1,4 +1,7 @@
-"""Scores the models on matches that they were not fitted to, beside gradient-boosted trees on the same rows."""
+"""Scores of the models on matches that they were not fitted to.
+
+The baseline is gradient-boosted trees on the same rows and the same features (LightGBM, Ke et al., NIPS 2017).
+"""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -8,10 +11,11 @@ import numpy.typing as npt
 from scipy.stats import rankdata
 
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.bundle import Bundle
-from shuttle_marl.dynamics.features import STATE, Rows
+from shuttle_marl.dynamics.features import STATE, Codes, Rows
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
-from shuttle_marl.dynamics.trees import tree_predictions
+from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
@@ -22,6 +26,21 @@ BINS: Final = 15
 RESAMPLES: Final = 2000
 _CONTEXT: Final = (*STATE, "shot", "technique")
 _STROKE: Final = (*_CONTEXT, "area")
+_FOLDS: Final = 5
+_PARAMETERS: Final[dict[str, Any]] = {
+    "objective": "binary",
+    "learning_rate": 0.05,
+    "min_data_in_leaf": 100,
+    "lambda_l2": 10,
+    "cat_smooth": 20,
+    "max_cat_to_onehot": 4,
+    "deterministic": True,
+    "force_row_wise": True,
+    "num_threads": 2,
+    "seed": 0,
+    "verbose": -10,
+}
+_LEAVES: Final = (8, 15)
 
 
 def log_losses(label: Bools, p: Floats) -> Floats:
@@ -76,11 +95,11 @@ def difference_by_match(ours: Floats, theirs: Floats, match: npt.NDArray[np.inte
     return {"mean": float((ours - theirs).mean()), "low": float(low), "high": float(high)}
 
 
-def evaluate(bundle: Bundle, train: Rows, test: Rows, *, report: Callable[[str], None]) -> dict[str, Any]:
+def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[[str], None]) -> dict[str, Any]:
     """All scores.
 
     Args:
-        bundle: the models.
+        models: the models.
         train: rows that the trees are fitted to.
         test: rows to score on.
         report: called with a line before each stage.
@@ -91,16 +110,16 @@ def evaluate(bundle: Bundle, train: Rows, test: Rows, *, report: Callable[[str],
     """
 
     def success(rows: Rows) -> Floats:
-        return 1 - bundle.fault_without_target(rows, bundle.shift_of(rows.striker, bundle.striker))
+        return 1 - models.fault_without_target(rows, models.shift_of(rows.striker, models.striker))
 
     def returned(rows: Rows) -> Floats:
-        return bundle.returned(rows.codes, shift=bundle.shift_of(rows.receiver, bundle.receiver))
+        return models.returned(rows.codes, shift=models.shift_of(rows.receiver, models.receiver))
 
     tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], Floats], tuple[str, ...]]] = {
         # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
         "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, _CONTEXT),
         "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
-        "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: bundle.above(rows.codes), _STROKE),
+        "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
     }
     out: dict[str, Any] = {}
     for name, (chosen, label_of, predict, features) in tasks.items():
@@ -115,23 +134,23 @@ def evaluate(bundle: Bundle, train: Rows, test: Rows, *, report: Callable[[str],
             "reliability": reliability(label, p),
         }
     report("next stroke")
-    out["next_stroke"] = next_stroke_scores(bundle, test)
+    out["next_stroke"] = next_stroke_scores(models, test)
     return out
 
 
-def next_stroke_chances(bundle: Bundle, rows: Rows, *, own: bool = True) -> tuple[Floats, Floats, Floats]:
+def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[Floats, Floats, Floats]:
     """What the behaviour-cloned players expect of each row.
 
     Args:
-        bundle: the models.
+        models: the models.
         rows: strokes in context.
         own: use the striker's own model where there is one.
 
     Returns:
         ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played.
     """
-    player = bundle.choices.index(rows.striker) if own else np.full(len(rows), -1)
-    choice = bundle.choices.shifted_choice(bundle.choice(rows.codes), rows.codes, player)
+    player = models.choices.index(rows.striker) if own else np.full(len(rows), -1)
+    choice = models.choices.shifted_choice(models.choice(rows.codes), rows.codes, player)
     styles = choice.reshape(len(rows), N_SHOTS, N_TECHNIQUES)
     area = np.zeros((len(rows), N_AREAS))
     given = np.zeros((len(rows), N_AREAS))
@@ -141,7 +160,7 @@ def next_stroke_chances(bundle: Bundle, rows: Rows, *, own: bool = True) -> tupl
             asked = np.flatnonzero((weight > 1e-4) | (rows.codes["shot"] == shot))
             codes = {name: code[asked] for name, code in rows.codes.items()}
             codes |= {"shot": np.full(len(asked), shot, np.int16), "technique": np.full(len(asked), technique, np.int16)}
-            target = bundle.choices.shifted_targets(bundle.targets(codes), codes, player[asked])
+            target = models.choices.shifted_targets(models.targets(codes), codes, player[asked])
             area[asked] += weight[asked, None] * target
             played = rows.codes["shot"][asked] == shot
             share = weight[asked] / np.maximum(styles[asked, shot].sum(axis=1), 1e-12)
@@ -156,13 +175,13 @@ def top_k(chances: Floats, label: npt.NDArray[np.integer], most: int = 4) -> lis
     return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
 
 
-def next_stroke_scores(bundle: Bundle, rows: Rows, *, own: bool = True) -> dict[str, Any]:
+def next_stroke_scores(models: FittedModels, rows: Rows, *, own: bool = True) -> dict[str, Any]:
     """Top-1 to top-4 of shot type, area, and area given the shot type; cross-entropies in nats.
 
     The area is scored on strokes that were no fault, because a fault does not say where it was aimed. ``cross_entropy`` is
     that of shot type and area together, on the same strokes; ``shot_type_cross_entropy`` that of the shot type on all.
     """
-    shot, area, given = next_stroke_chances(bundle, rows, own=own)
+    shot, area, given = next_stroke_probabilities(models, rows, own=own)
     good = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
     of_shot = shot[np.arange(len(rows)), rows.codes["shot"]]
     of_area = given[np.flatnonzero(good), rows.codes["area"][good]]
@@ -174,3 +193,52 @@ def next_stroke_scores(bundle: Bundle, rows: Rows, *, own: bool = True) -> dict[
         "cross_entropy": float(-(np.log(of_shot[good]) + np.log(of_area)).mean()),
         "shot_type_cross_entropy": float(-np.log(of_shot).mean()),
     }
+
+
+def tree_predictions(
+    names: tuple[str, ...],
+    train: dict[str, Codes],
+    label: npt.NDArray[np.bool_],
+    match: npt.NDArray[np.integer],
+    test: dict[str, Codes],
+) -> npt.NDArray[np.float64]:
+    """Fit on train, predict on test. Number of leaves and of rounds are chosen by cross-validation over matches.
+
+    Args:
+        names: slots that the trees read, all categorical.
+        train, test: their codes.
+        label: ``[N]`` what to predict, on the rows of train.
+        match: ``[N]`` match of each row of train.
+
+    Returns:
+        ``[M]`` chances on the rows of test.
+
+    Raises:
+        ShuttleError: LightGBM is not installed.
+    """
+    try:
+        import lightgbm as lgb  # noqa: PLC0415  an oracle of the evaluation, not needed to play
+    except ImportError as error:
+        raise ShuttleError("the comparison with trees needs LightGBM: pip install 'shuttle-marl[test]'") from error
+    x = np.stack([train[name] for name in names], axis=1).astype(np.int32)
+    categorical = list(range(len(names)))
+    fold = fold_of_match(match, _FOLDS)
+    folds = [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(_FOLDS)]
+    best: tuple[float, int, int] | None = None
+    for leaves in _LEAVES:
+        data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
+        history: Any = lgb.cv(
+            {**_PARAMETERS, "num_leaves": leaves},
+            data,
+            num_boost_round=1500,
+            folds=folds,
+            callbacks=[lgb.early_stopping(40, verbose=False)],
+        )
+        losses = history["valid binary_logloss-mean"]
+        candidate = (losses[-1], leaves, len(losses))
+        best = candidate if best is None else min(best, candidate)
+    assert best is not None
+    data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
+    booster = lgb.train({**_PARAMETERS, "num_leaves": best[1]}, data, num_boost_round=best[2])
+    rows = np.stack([test[name] for name in names], axis=1).astype(np.int32)
+    return np.asarray(booster.predict(rows), dtype=np.float64)

@@ -129,24 +129,21 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     )
 
 
-def codes_of_edges(
-    game: Game, own: npt.NDArray[np.integer], incoming: npt.NDArray[np.integer], contact: npt.NDArray[np.integer]
-) -> dict[str, Codes]:
-    """Codes of the context of states, given by catalogue indices (n for none); without discipline."""
+def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Codes]:
+    """Codes of the context of states, ``[N]`` each; without discipline."""
     catalogue = game.catalogue
     codes: dict[str, Codes] = {}
-    for name, stroke in (("own", own), ("incoming", incoming)):
+    for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
         for attribute, size in _BEFORE.items():
             values = np.append(getattr(catalogue, attribute), size - 2)
             codes[f"{name}_{attribute}"] = values[stroke].astype(np.int16)
-    codes["contact"] = np.asarray(contact).astype(np.int16)
+    codes["contact"] = game.contact(state).astype(np.int16)
     return codes
 
 
 def codes_of_pairs(game: Game) -> dict[str, Codes]:
     """Codes of every legal pair of a game, ``[P]`` each; without discipline."""
-    edge = game.pair_state >> 1
-    codes = codes_of_edges(game, game.edge_own[edge], game.edge_incoming[edge], game.pair_state & 1)
+    codes = codes_of_states(game, game.pair_state)
     for attribute in ("shot", "technique", "area"):
         codes[attribute] = getattr(game.catalogue, attribute)[game.pair_stroke].astype(np.int16)
     return codes

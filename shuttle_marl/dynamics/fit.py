@@ -11,28 +11,29 @@ from scipy.optimize import minimize
 
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
-from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.compile import empty_game
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import (
     GOOD,
     all_targets,
     fault_class,
     fit_binary,
     fit_choice,
+    fit_ridge,
     fit_success,
     fit_target,
     known_outcome,
     latent_target,
+    log_odds,
+    ridge_logits,
     sigmoid,
     softmax,
     was_good,
     was_met,
 )
-from shuttle_marl.dynamics.network import Ensemble, encode
-from shuttle_marl.dynamics.ridge import fit_ridge, ridge_logits
+from shuttle_marl.dynamics.network import Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
 from shuttle_marl.dynamics.support import Support, catalogue_of, replies_of, support_of
-from shuttle_marl.dynamics.training import TrainingConfig, fold_of_match, predict, unseen
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
@@ -49,23 +50,23 @@ _CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Fitted:
+class Fit:
     """What a fit gives.
 
     Attributes:
-        bundle: the models.
+        models: the models.
         game: the layout of the game; thresholds not filled in.
         support: what the data carries, for every edge of the game.
         chosen: what was chosen on the validation matches, and how it scored.
     """
 
-    bundle: Bundle
+    models: FittedModels
     game: Game
     support: Support
     chosen: dict[str, Any]
 
 
-def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig | None = None, report: Report) -> Fitted:
+def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig | None = None, report: Report) -> Fit:
     """Fit on train; the strength of pooling is chosen on validation.
 
     Args:
@@ -106,7 +107,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     report("calibration on matches that a network did not see")
     blind_fault, share = _blind_faults(success, target, known, config)
     blind_return = _blind_returns(return_network, good, returned, config)
-    blind_above = _logit(unseen(_chances(contact, met), met.match, config.folds))
+    blind_above = log_odds(unseen(_chances(contact, met), met.match, config.folds))
     calibration = np.stack([
         _calibrate(blind_fault, share, known.outcome == Outcome.FAULT),
         _calibrate(blind_return[:, None], np.ones((len(good), 1)), returned),
@@ -114,7 +115,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     ])  # fmt: skip
     networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
-    average = Bundle(
+    average = FittedModels(
         networks=networks,
         ridge=ridge,
         calibration=calibration,
@@ -126,19 +127,19 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     report("players")
     marginal = sigmoid(calibration[0, 0] * blind_fault + calibration[0, 1])
     blind = {
-        "striker": (known, _logit((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
+        "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
         "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
     }
     profiles, chosen = _player_shifts(average, blind, validation)
     choices, chosen["choices"] = _player_choices(networks, train, validation, config)
-    bundle = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
+    models = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
 
     report("catalogue, legality, support")
     catalogue = catalogue_of(train)
     game = empty_game(catalogue, replies_of(train, catalogue))
     final = intended_targets(target, success, known)
     support = support_of(known, final, game)
-    return Fitted(bundle=bundle, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist()})
+    return Fit(models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist()})
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
@@ -173,7 +174,7 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     chance = all_targets(success, rows)
     fault = unseen(1 - chance[..., GOOD], rows.match, config.folds)
     share = unseen(softmax(predict(target, encode(target.spec, rows.codes))), rows.match, config.folds)
-    return _logit(fault), share
+    return log_odds(fault), share
 
 
 def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig) -> Floats:
@@ -183,7 +184,7 @@ def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], 
         inside = fold == k
         weights = fit_ridge(rows.take(~inside).codes, label[~inside])
         convex[inside] = ridge_logits(weights, rows.take(inside).codes)
-    return 0.5 * (_logit(unseen(_chances(network, rows), rows.match, config.folds)) + convex)
+    return 0.5 * (log_odds(unseen(_chances(network, rows), rows.match, config.folds)) + convex)
 
 
 def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:
@@ -197,13 +198,13 @@ def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Fl
 
 
 def _player_shifts(
-    bundle: Bundle, blind: dict[str, tuple[Rows, Floats, npt.NDArray[np.bool_]]], validation: Rows
+    models: FittedModels, blind: dict[str, tuple[Rows, Floats, npt.NDArray[np.bool_]]], validation: Rows
 ) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
     """Logit shifts of strikers and receivers; the precision of the prior is the best one on validation."""
     judges = {"striker": validation.take(known_outcome(validation)), "receiver": validation.take(was_good(validation))}
     base = {
-        "striker": _logit(bundle.fault_without_target(judges["striker"])),
-        "receiver": _logit(bundle.returned(judges["receiver"].codes)),
+        "striker": log_odds(models.fault_without_target(judges["striker"])),
+        "receiver": log_odds(models.returned(judges["receiver"].codes)),
     }
     label = {"striker": judges["striker"].outcome == Outcome.FAULT, "receiver": judges["receiver"].outcome == Outcome.RETURNED}
     shifts: dict[str, dict[str, float]] = {}
@@ -217,7 +218,7 @@ def _player_shifts(
             if np.isfinite(precision):
                 values = pooling.fit_logit_shifts(logit, happened, index, precision)
             shift = dict(zip(names.tolist(), values.tolist(), strict=True))
-            moved = sigmoid(base[role] + bundle.shift_of(judged, shift))
+            moved = sigmoid(base[role] + models.shift_of(judged, shift))
             candidates.append((_log_loss(label[role], moved), precision, shift))
         best = min(candidates, key=lambda candidate: candidate[0])
         shifts[role] = best[2] if np.isfinite(best[1]) else {}
@@ -283,8 +284,3 @@ def _label(rows: Rows, kind: str) -> npt.NDArray[np.int64]:
 def _log_loss(label: npt.NDArray[np.bool_], p: Floats) -> float:
     p = np.clip(p, 1e-9, 1 - 1e-9)
     return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
-
-
-def _logit(p: Floats) -> Floats:
-    p = np.clip(p, 1e-9, 1 - 1e-9)
-    return np.asarray(np.log(p) - np.log1p(-p))

@@ -13,12 +13,12 @@ from safetensors.numpy import load_file, save
 from shuttle_marl import __version__
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
-from shuttle_marl.dynamics.bundle import Bundle
 from shuttle_marl.dynamics.card import strokes_hash, write_card
-from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_chances, pair_log_choices
+from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_log_choices, pair_probabilities
 from shuttle_marl.dynamics.evaluate import evaluate
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.health import extremes, health
 from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
 from shuttle_marl.errors import ShuttleError
@@ -70,24 +70,22 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
     train, validation = rows_of(rows, "train"), rows_of(rows, "validation")
     fitted = fit(train, validation, seed=seed, report=report)
     report("compiling the game")
-    chances = pair_chances(fitted.bundle, fitted.game, fitted.support)
+    chances = pair_probabilities(fitted.models, fitted.game, fitted.support)
     game = compile_game(fitted.game, chances)
-    log_choice = pair_log_choices(fitted.bundle, game)
+    log_choice = pair_log_choices(fitted.models, game)
     report("solving the game")
-    chance = np.exp(log_choice.astype(np.float64))
-    chance /= np.bincount(game.pair_state, chance, game.n_states)[game.pair_state]
-    solved = health(PairPolicy(game=game, probability=chance))
-    weights_hash = fitted.bundle.save(out)
+    solved = health(PairPolicy(game=game, probability=game.normalized(np.exp(log_choice.astype(np.float64)))))
+    weights_hash = fitted.models.save(out)
     save_support(out, fitted.support)
     game.save(out / GAME)
-    choices = fitted.bundle.choices
+    choices = fitted.models.choices
     clones: dict[str, npt.NDArray[Any]] = {
         "log_choice": log_choice,
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
     }
     replace_file(out / BC, save(clones, metadata={"players": json.dumps(choices.players)}))
-    scores = evaluate(fitted.bundle, train, validation, report=report)
+    scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
         "version": __version__,
@@ -125,7 +123,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     report("reading strokes")
     rows = rows_from_strokes(load_strokes(data))
     train, test = rows_of(rows, "train"), rows_of(rows, split)
-    return evaluate(Bundle.load(folder), train, test, report=report)
+    return evaluate(FittedModels.load(folder), train, test, report=report)
 
 
 def save_support(folder: Path, support: Support) -> None:
@@ -141,5 +139,5 @@ def load_support(folder: Path) -> Support:
 
 def reference_game(folder: Path, game: Game, *, pessimism: float = 0.0) -> Game:
     """Compile the tables anew from the torch models: the reference for the tables in the folder."""
-    bundle = Bundle.load(folder)
-    return compile_game(game, pair_chances(bundle, game, load_support(folder), pessimism=pessimism))
+    models = FittedModels.load(folder)
+    return compile_game(game, pair_probabilities(models, game, load_support(folder), pessimism=pessimism))

@@ -1,4 +1,4 @@
-"""The five networks of the game: what each reads, and what it is fitted to.
+"""The five networks of the game and the ridge regression: what each reads, and what it is fitted to.
 
 ========  =======================================  ==================================================
 network   reads                                    says
@@ -14,20 +14,26 @@ contact   the same                                 whether the opponent reaches 
 meant for the area next to where it landed; of a stroke that did not cross the net nothing is known, so its likelihood is
 the sum over the nine areas of (chance of this target) x (chance of falling short at this target), and target and success
 networks are fitted in turn (expectation maximisation).
+
+**The return model is half convex.** Beside its network stands a logistic regression on products of attributes, with a ridge.
+Adaptive optimisers move rare products as fast as common ones and so overfit them; a ridge shrinks them in proportion to
+how little data they have. Products of two and three attributes are scaled down, which makes their ridge stronger.
 """
 
+import itertools
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.optimize import minimize
+from scipy.sparse import csr_matrix
 from torch import Tensor
 from torch.nn import functional
 
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import STATE, Codes, Rows
-from shuttle_marl.dynamics.network import Ensemble, Spec, encode
-from shuttle_marl.dynamics.training import TrainingConfig, fit_ensemble, predict
+from shuttle_marl.dynamics.features import SLOTS, STATE, Codes, Rows
+from shuttle_marl.dynamics.network import Ensemble, Spec, TrainingConfig, encode, fit_ensemble, predict
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
@@ -74,6 +80,21 @@ SPECS: Final = {
     "return": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
     "contact": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
 }
+_PAIRS: Final = tuple(itertools.combinations(SLOTS, 2))
+_TRIPLES: Final = (
+    ("incoming_shot", "shot", "area"),
+    ("contact", "shot", "area"),
+    ("own_area", "incoming_area", "area"),
+    ("shot", "area", "technique"),
+    ("own_area", "shot", "area"),
+    ("incoming_area", "shot", "area"),
+    ("own_shot", "incoming_shot", "shot"),
+    ("discipline", "shot", "area"),
+    ("incoming_shot", "incoming_area", "shot"),
+)
+_CROSSES: Final = (*((name,) for name in SLOTS), *_PAIRS, *_TRIPLES)
+_SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
+_PENALTY: Final = 2.0
 
 
 def fault_class(rows: Rows) -> npt.NDArray[np.int64]:
@@ -91,6 +112,12 @@ def softmax(logits: Floats) -> Floats:
     """Softmax over the last axis."""
     z = np.exp(logits - logits.max(axis=-1, keepdims=True))
     return np.asarray(z / z.sum(axis=-1, keepdims=True))
+
+
+def log_odds(p: Floats) -> Floats:
+    """Logit of probabilities, those of 0 and 1 moved by 1e-9 towards the middle."""
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return np.asarray(np.log(p) - np.log1p(-p))
 
 
 def sigmoid(logits: Floats) -> Floats:
@@ -200,11 +227,59 @@ def was_met(rows: Rows) -> npt.NDArray[np.bool_]:
     return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
 
 
-def outcome_chances(success: Ensemble, codes: dict[str, Codes]) -> Floats:
+def outcome_probabilities(success: Ensemble, codes: dict[str, Codes]) -> Floats:
     """``[K, N, 3]`` chances of good, out, short for given targets."""
     return softmax(predict(success, encode(success.spec, codes)))
 
 
 def all_targets(success: Ensemble, rows: Rows) -> Floats:
     """``[K, N, 9, 3]`` chances of good, out, short for each of the nine targets."""
-    return np.stack([outcome_chances(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
+    return np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
+
+
+def _ridge_columns(codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
+    """``[N, crosses]`` active columns."""
+    columns, offset = [], 0
+    for cross in _CROSSES:
+        index = np.zeros(len(codes["shot"]), dtype=np.int32)
+        size = 1
+        for name in cross:
+            index = index * SLOTS[name] + codes[name]
+            size *= SLOTS[name]
+        columns.append(index + offset)
+        offset += size
+    return np.stack(columns, axis=1)
+
+
+def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_]) -> Floats:
+    """Coefficients ``[1 + columns]``, the intercept first, scales folded in."""
+    active = _ridge_columns(codes)
+    n, width = len(active), sum(int(np.prod([SLOTS[name] for name in cross])) for cross in _CROSSES)
+    indptr = np.arange(0, active.size + 1, active.shape[1])
+    x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
+    y = label.astype(np.float64)
+
+    def objective(w: Floats) -> tuple[float, Floats]:
+        z = w[0] + x @ w[1:]
+        error = 1 / (1 + np.exp(-z)) - y
+        value = float(np.logaddexp(0, z).sum() - y @ z + 0.5 * _PENALTY * (w[1:] @ w[1:]))
+        return value, np.r_[error.sum(), x.T @ error + _PENALTY * w[1:]]
+
+    rate = y.mean()
+    start = np.zeros(1 + width)
+    start[0] = np.log(rate / (1 - rate))
+    solution = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-10})
+    sizes = [int(np.prod([SLOTS[name] for name in cross])) for cross in _CROSSES]
+    weights: Floats = solution.x
+    weights[1:] *= np.repeat(_SCALE, sizes)
+    return weights
+
+
+def ridge_logits(weights: Floats, codes: dict[str, Codes], chunk: int = 65536) -> Floats:
+    """``[N]`` logits."""
+    n = len(codes["shot"])
+    out = np.empty(n)
+    for start in range(0, n, chunk):
+        part = _ridge_columns({name: code[start : start + chunk] for name, code in codes.items()})
+        out[start : start + chunk] = weights[0] + weights[1:][part].sum(axis=1)
+    return out

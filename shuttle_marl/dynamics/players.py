@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.dynamics.features import SLOTS, Codes
-from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.dynamics.features import Codes
 
 Floats = npt.NDArray[np.float64]
 
@@ -109,7 +108,3 @@ def with_enough_strokes(players: npt.NDArray[np.str_]) -> Sequence[str]:
     names, counts = np.unique(players, return_counts=True)
     order = np.lexsort((names, -counts))
     return [str(names[i]) for i in order if counts[i] >= LEAST_STROKES]
-
-
-STYLE_CELLS: Final = SLOTS["incoming_shot"] * SLOTS["contact"]
-AREA_CELLS: Final = N_SHOTS * N_TECHNIQUES

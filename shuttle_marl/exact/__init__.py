@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
     from shuttle_marl.exact.regret import Regret, policy_regret
     from shuttle_marl.exact.response import Exploitability, Response, best_response, nash_conv
-    from shuttle_marl.exact.sweeps import stroke_values
 
 __all__ = [
     "TOLERANCE",
@@ -37,7 +36,6 @@ __all__ = [
     "nash_conv",
     "policy_regret",
     "solve",
-    "stroke_values",
     "visits",
 ]
 
@@ -51,6 +49,5 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
         "regret": ("Regret", "policy_regret"),
         "response": ("Exploitability", "Response", "best_response", "nash_conv"),
-        "sweeps": ("stroke_values",),
     },
 )

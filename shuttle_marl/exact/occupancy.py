@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
-from shuttle_marl.game.rally import ONE, ROOT
+from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.stroke import N_SHOTS
 
 Floats = npt.NDArray[np.float64]
@@ -46,8 +46,8 @@ class Visits:
         shares = dict.fromkeys(ENDINGS, 0.0)
         for player, policy in enumerate(self.policies):
             played = self.pairs(player)
-            fault, winner = policy.game.threshold[:, :2].T.astype(np.float64) / ONE
-            shares[f"winner of player {player}"] = float(played @ (winner - fault))
+            fault, winner, _, _ = policy.game.outcome_probabilities().T
+            shares[f"winner of player {player}"] = float(played @ winner)
             shares[f"fault of player {player}"] = float(played @ fault)
         return shares
 

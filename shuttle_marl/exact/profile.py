@@ -13,7 +13,7 @@ import numpy.typing as npt
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError, error_bound, solve_linear
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.sweeps import mean_following, propagate
-from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 
 Floats = npt.NDArray[np.float64]
@@ -86,14 +86,17 @@ def induced(policy: StatePolicy) -> InducedChain:
     """
     game = policy.game
     probability = policy.pair_probabilities()
-    fault, winner, below = game.threshold.astype(np.float64).T / ONE
-    reward = np.asarray(np.bincount(game.pair_state, probability * (winner - 2 * fault), game.n_states), dtype=np.float64)
-    continuation = np.bincount(game.pair_state, probability * (1 - winner), game.n_states)[FIRST_RALLY_STATE:]
+    fault, winner, below, above = game.outcome_probabilities().T
+    continuation = game.sum_by_state(probability * (below + above))[FIRST_RALLY_STATE:]
     if continuation.max(initial=0.0) >= 1:
         state = FIRST_RALLY_STATE + int(continuation.argmax())
         raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
-    weight = np.stack([probability * (below - winner), probability * (1 - below)], axis=1).ravel()
-    return InducedChain(game=game, reward=reward, weight=weight, contraction=float(continuation.max(initial=0.0)))
+    return InducedChain(
+        game=game,
+        reward=game.sum_by_state(probability * (winner - fault)),
+        weight=np.stack([probability * below, probability * above], axis=1).ravel(),
+        contraction=float(continuation.max(initial=0.0)),
+    )
 
 
 def check_same_layout(first: Game, second: Game) -> None:

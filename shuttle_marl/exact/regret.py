@@ -16,7 +16,6 @@ from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.exact.sweeps import stroke_values
 
 Floats = npt.NDArray[np.float64]
 
@@ -68,8 +67,7 @@ def policy_regret(
     solution = solution or solve(policy.game, tolerance=tolerance)
     value, following = solution.value
     game = policy.game
-    played = policy.pair_probabilities() * stroke_values(game, following)
-    state = value - np.bincount(game.pair_state, played, game.n_states)
+    state = value - game.sum_by_state(policy.pair_probabilities() * game.stroke_values(following))
     counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
     weight = counted.states[0]
     # A state's regret is at most 2 and off by two values at most.

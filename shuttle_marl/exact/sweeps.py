@@ -122,16 +122,9 @@ def propagate(game: Game, weights: Floats, visits: Floats) -> Floats:
     return out
 
 
-def stroke_values(game: Game, following: Floats) -> Floats:
-    """``[P]`` value of every legal stroke to the striker, given ``following`` as in :func:`best_values`."""
-    reward, continuation = _probabilities(game)
-    after = 2 * game.pair_edge
-    return np.asarray((reward - continuation[::2] * following[after] - continuation[1::2] * following[after + 1]) / ONE)
-
-
 def greedy_strokes(game: Game, following: Floats) -> npt.NDArray[np.bool_]:
     """``[P]`` marks the one stroke of each state whose value is highest, the first one of a tie."""
-    values = stroke_values(game, following)
+    values = game.stroke_values(following)
     best = best_values(game, following)
     candidates = np.flatnonzero(values >= best[game.pair_state] - TIE)
     states = game.pair_state[candidates]

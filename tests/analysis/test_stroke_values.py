@@ -13,7 +13,6 @@ from shuttle_marl.analysis import add_values, rally_table, rank_players, strokes
 from shuttle_marl.analysis.values import COLUMNS, _nearest
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
-from shuttle_marl.exact.sweeps import stroke_values
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -41,7 +40,7 @@ def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Tab
     after = (1 - np.r_[value[state[1:]], 0]) / 2
     after[last] = rallies.reason
     assert np.allclose(column(valued, "win_after"), after, atol=1e-12)
-    quality = stroke_values(game, value)[game.pair_start[state] + k]
+    quality = game.stroke_values(value)[game.pair_start[state] + k]
     good = column(valued, "outcome") != Outcome.FAULT
     assert np.allclose(column(valued, "decision")[good], ((quality - value[state]) / 2)[good], atol=1e-12)
     assert np.allclose(column(valued, "decision") + column(valued, "execution"), column(valued, "value_added"))
@@ -54,7 +53,7 @@ def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: 
         rallies = Rallies.join([batch for _, batch in log.batches()])
     state, _ = states(game, rallies)
     value = evaluate(bc, bc).striking[0]
-    quality, chance = stroke_values(game, value), bc.pair_probabilities()
+    quality, chance = game.stroke_values(value), bc.pair_probabilities()
     fault = 1 - game.chances()[0]
     for row in np.flatnonzero(column(valued, "outcome") == Outcome.FAULT)[:20]:
         pairs = np.arange(game.pair_start[state[row]], game.pair_start[state[row] + 1])

@@ -12,9 +12,9 @@ from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
+from shuttle_marl.dynamics.network import TrainingConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts, fit_logit_shifts
-from shuttle_marl.dynamics.ridge import fit_ridge, ridge_logits
-from shuttle_marl.dynamics.training import TrainingConfig, fold_of_match, unseen
 from shuttle_marl.errors import ShuttleError
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -32,7 +32,7 @@ def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     hashes = []
     for seed in (7, 7, 8):
         fitted = fit(rows.take(~part), rows.take(part), seed=seed, config=config, report=lambda line: None)
-        hashes.append((fitted.bundle.save(tmp_path), fitted.support.fault_range.tobytes()))
+        hashes.append((fitted.models.save(tmp_path), fitted.support.fault_range.tobytes()))
     assert hashes[0] == hashes[1]
     assert hashes[0] != hashes[2]
 

@@ -6,9 +6,8 @@ import pytest
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.fit import intended_targets
-from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, outcome_chances, softmax
-from shuttle_marl.dynamics.network import Spec, encode
-from shuttle_marl.dynamics.training import TrainingConfig, predict
+from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, outcome_probabilities, softmax
+from shuttle_marl.dynamics.network import Spec, TrainingConfig, encode, predict
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import SHOTS
 
@@ -79,8 +78,9 @@ def test_fault_rates_per_intended_target_are_recovered(monkeypatch: pytest.Monke
         soft = intended_targets(aims, success, rows)
         aims = fit_target(rows, soft, config, seed=3)
         success = fit_success(rows, shares(), config, seed=4)
-    chance = 1 - np.stack([outcome_chances(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)[..., GOOD].mean(axis=0)
-    recovered = np.array([chance[target == a, a].mean() for a in range(N_AREAS)])
+    found = np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
+    missed = 1 - found[..., GOOD].mean(axis=0)
+    recovered = np.array([missed[target == a, a].mean() for a in range(N_AREAS)])
 
     assert np.abs(naive - truth).mean() > 0.03, "the naive fit must be wrong for this test to mean anything"
     assert np.abs(recovered - truth).mean() < 0.012

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game, model_folder
-from shuttle_marl.dynamics.bundle import NETWORKS, Bundle, ModelError
 from shuttle_marl.dynamics.card import as_markdown, read_card
 from shuttle_marl.dynamics.compile import LEAST_END
+from shuttle_marl.dynamics.fitted import NETWORKS, FittedModels, ModelError
 from shuttle_marl.dynamics.health import health
 from shuttle_marl.dynamics.make import load_support, reference_game
 from shuttle_marl.dynamics.support import is_serve_pair
@@ -94,12 +94,12 @@ def test_pessimism_makes_every_stroke_riskier() -> None:
 
     from shuttle_marl.dynamics.features import codes_of_pairs
 
-    bundle, game = Bundle.load(model_folder()), default_game()
+    models, game = FittedModels.load(model_folder()), default_game()
     some = np.random.default_rng(0).choice(game.n_pairs, 500, replace=False)
     codes = {name: code[some] for name, code in codes_of_pairs(game).items()}
     with torch.no_grad():
-        plain, careful = (bundle.averaged(bundle.fault, codes, pessimism=z) for z in (0.0, 1.0))
-        kept, feared = (bundle.averaged(bundle.returned, codes, pessimism=z) for z in (0.0, 1.0))
+        plain, careful = (models.averaged(models.fault, codes, pessimism=z) for z in (0.0, 1.0))
+        kept, feared = (models.averaged(models.returned, codes, pessimism=z) for z in (0.0, 1.0))
     assert (careful > plain).all()
     assert (feared > kept).all()
 
@@ -110,13 +110,13 @@ def test_damaged_weights_are_refused(tmp_path, damage: str) -> None:
     if damage == "truncated":
         (tmp_path / NETWORKS).write_bytes(source.read_bytes()[:5000])
     elif damage == "nan":
-        bundle = Bundle.load(model_folder())
-        bundle.networks["return"].second.data[0, 0, 0] = float("nan")
-        bundle.save(tmp_path)
+        models = FittedModels.load(model_folder())
+        models.networks["return"].second.data[0, 0, 0] = float("nan")
+        models.save(tmp_path)
     with pytest.raises(ModelError, match=NETWORKS):
-        Bundle.load(tmp_path)
+        FittedModels.load(tmp_path)
 
 
-def test_bundle_round_trip(tmp_path) -> None:
-    bundle = Bundle.load(model_folder())
-    assert bundle.save(tmp_path) == read_card(model_folder())["weights_hash"]
+def test_fitted_models_round_trip(tmp_path) -> None:
+    models = FittedModels.load(model_folder())
+    assert models.save(tmp_path) == read_card(model_folder())["weights_hash"]

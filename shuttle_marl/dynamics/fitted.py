@@ -13,11 +13,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from shuttle_marl.dynamics.features import DISCIPLINES, Codes, Rows
-from shuttle_marl.dynamics.models import GOOD, SPECS, sigmoid, softmax
-from shuttle_marl.dynamics.network import Ensemble, Spec, encode
+from shuttle_marl.dynamics.models import GOOD, SPECS, log_odds, ridge_logits, sigmoid, softmax
+from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
 from shuttle_marl.dynamics.players import PlayerChoices
-from shuttle_marl.dynamics.ridge import ridge_logits
-from shuttle_marl.dynamics.training import predict
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
@@ -32,7 +30,7 @@ class ModelError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Bundle:
+class FittedModels:
     """The fitted models.
 
     Attributes:
@@ -79,7 +77,7 @@ class Bundle:
         network = self.networks["return"]
         chance = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
         convex = ridge_logits(self.ridge, codes)
-        blended = sigmoid(0.5 * (_logit(chance) + convex))
+        blended = sigmoid(0.5 * (log_odds(chance) + convex))
         return _calibrated(blended, self.calibration[1], pessimism, shift)
 
     def above(self, codes: dict[str, Codes]) -> Floats:
@@ -134,7 +132,7 @@ class Bundle:
         return hashlib.sha256(content).hexdigest()
 
     @classmethod
-    def load(cls, folder: Path) -> "Bundle":
+    def load(cls, folder: Path) -> "FittedModels":
         """Read a folder written by :meth:`save`.
 
         Raises:
@@ -155,7 +153,7 @@ class Bundle:
             missing = set(SPECS) - set(networks)
             if missing:
                 raise KeyError(f"network {', '.join(sorted(missing))}")
-            bundle = cls(
+            models = cls(
                 networks=networks,
                 ridge=tensors["ridge"].numpy(),
                 calibration=tensors["calibration"].numpy(),
@@ -173,17 +171,12 @@ class Bundle:
         for name, tensor in tensors.items():
             if not torch.isfinite(tensor).all():
                 raise ModelError(f"{path}: {name} holds a weight that is no number; fit or install the model again")
-        return bundle
-
-
-def _logit(p: Floats) -> Floats:
-    p = np.clip(p, 1e-9, 1 - 1e-9)
-    return np.asarray(np.log(p) - np.log1p(-p))
+        return models
 
 
 def _calibrated(members: Floats, line: Floats, pessimism: float, shift: Floats | float) -> Floats:
     """Mean of the members' chances ``[K, N]``, its logit moved along the calibration line."""
-    z = _logit(members.mean(axis=0))
+    z = log_odds(members.mean(axis=0))
     if pessimism:
-        z = z + pessimism * _logit(members).std(axis=0)
+        z = z + pessimism * log_odds(members).std(axis=0)
     return sigmoid(line[0] * z + line[1] + shift)
