@@ -68,7 +68,7 @@ def main() -> None:
     played = play_rallies(game, (policy, policy), 120, seed=args.seed) + play_rallies(game, (random, policy), 120, seed=args.seed)
     for i, rally in enumerate(played):
         motion = stage(rally, seed=i, handedness=(args.hand, args.hand), athletes=("male", "female"))
-        for k, stance in enumerate(motion.plan.stance):
+        for k, stance in enumerate(motion.trajectory.stance):
             at, seat = int(motion.contact_frame[k]), int(rally.striker[k])
             frames = [at + round(seconds * motion.fps) for seconds in INSTANTS]
             if stance.motion in rows or frames[0] < 0:

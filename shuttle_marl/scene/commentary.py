@@ -34,18 +34,18 @@ def calls(take: Take) -> Iterator[Timed]:
 
 
 def _strokes(take: Take) -> Iterator[Timed]:
-    story, plan = take.story, take.motion.plan
+    story, trajectory = take.story, take.motion.trajectory
     yield take.at(0), scene(topics.STROKE_MARKS, lambda _: [])
     for i, telling in enumerate(story.tellings):
-        time = take.at(float(plan.time[i]))
-        seat = int(plan.rally.striker[i])
+        time = take.at(float(trajectory.time[i]))
+        seat = int(trajectory.rally.striker[i])
         content = stroke_message(take, i)
         yield time, scene(topics.STROKE_MARKS, _Marks(take, i))
         yield time, numbers(topics.STROKE, content)
         yield time, scene(topics.BOARD, _Board(score_line(story, after=False), _action(story, i)))
         yield time, line(_sentence(content), story.names[seat])
         yield from ((time, send) for send in _chances(story, seat, telling))
-    over = take.at(float(plan.end_time[-1]))
+    over = take.at(float(trajectory.end_time[-1]))
     words = f"{story.names[story.winner]} wins the rally: {_ending(take)}"
     yield over, line(words, "umpire")
     yield over, scene(topics.BOARD, _Board(score_line(story, after=True), words))
@@ -71,9 +71,9 @@ def _chances(story: Story, seat: int, telling: Telling) -> Iterator[Send]:
 
 def stroke_message(take: Take, i: int) -> dict[str, Any]:
     """What ``/rally/stroke`` says about the i-th stroke."""
-    plan, telling = take.motion.plan, take.story.tellings[i]
-    catalogue, stroke = plan.rally.catalogue, plan.rally.stroke[i]
-    seat = int(plan.rally.striker[i])
+    trajectory, telling = take.motion.trajectory, take.story.tellings[i]
+    catalogue, stroke = trajectory.rally.catalogue, trajectory.rally.stroke[i]
+    seat = int(trajectory.rally.striker[i])
     content = {
         "number": i + 1,
         "seat": seat,
@@ -87,17 +87,17 @@ def stroke_message(take: Take, i: int) -> dict[str, Any]:
         "p_ret": telling.p_ret,
         "probability": telling.probability,
         "win_probability": telling.chosen,
-        "contact_height": round(float(plan.contact[i, 2]), 3),
-        "speed_kmh": round(3.6 * float(plan.flight.launch_speed[i]), 1),
-        "flight_time": round(float(plan.end_time[i] - plan.time[i]), 3),
-        "end": ENDS[plan.end[i]],
+        "contact_height": round(float(trajectory.contact[i, 2]), 3),
+        "speed_kmh": round(3.6 * float(trajectory.flight.launch_speed[i]), 1),
+        "flight_time": round(float(trajectory.end_time[i] - trajectory.time[i]), 3),
+        "end": ENDS[trajectory.end[i]],
     }
     return {name: value for name, value in content.items() if value is not None}
 
 
 def _score(take: Take) -> Iterator[Timed]:
-    story, plan = take.story, take.motion.plan
-    start, over = take.at(0), take.at(float(plan.end_time[-1]))
+    story, trajectory = take.story, take.motion.trajectory
+    start, over = take.at(0), take.at(float(trajectory.end_time[-1]))
     before = {
         "rally": story.number,
         "match": story.match,
@@ -160,9 +160,11 @@ def percent(chance: float) -> str:
 
 
 def _ending(take: Take) -> str:
-    plan = take.motion.plan
-    shot = SHOTS[plan.rally.catalogue.shot[plan.rally.stroke[-1]]].replace("-", " ")
-    return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[ENDS[plan.end[-1]]]
+    trajectory = take.motion.trajectory
+    shot = SHOTS[trajectory.rally.catalogue.shot[trajectory.rally.stroke[-1]]].replace("-", " ")
+    return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[
+        ENDS[trajectory.end[-1]]
+    ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,8 +186,8 @@ class _Marks:
     stroke: int
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        plan, i = self.take.motion.plan, self.stroke
-        path, _ = plan.flight.at(i, np.linspace(0, plan.end_time[i] - plan.time[i], _PATH_POINTS))
+        trajectory, i = self.take.motion.trajectory, self.stroke
+        path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
         way = LinePrimitive(
             type=LinePrimitiveLineType.LineStrip,
             pose=at((0, 0, 0)),
@@ -195,9 +197,10 @@ class _Marks:
             color=_PATH,
         )
         area = _area_box(
-            plan.rally.catalogue.area[plan.rally.stroke[i]], bool(plan.rally.catalogue.shot[plan.rally.stroke[i]] < N_SERVES)
+            trajectory.rally.catalogue.area[trajectory.rally.stroke[i]],
+            bool(trajectory.rally.catalogue.shot[trajectory.rally.stroke[i]] < N_SERVES),
         )
-        sign = facing(int(plan.rally.striker[i]))
+        sign = facing(int(trajectory.rally.striker[i]))
         (x0, x1), (y0, y1) = area
         centre = (sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006)
         target = box(centre, (x1 - x0, y1 - y0, 0.004), _TARGET)
@@ -214,9 +217,9 @@ class _Landing:
     take: Take
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        plan = self.take.motion.plan
-        x, y, _ = plan.end_point[-1]
-        shade: Color = _LANDED[int(ENDS[plan.end[-1]] == "winner")]
+        trajectory = self.take.motion.trajectory
+        x, y, _ = trajectory.end_point[-1]
+        shade: Color = _LANDED[int(ENDS[trajectory.end[-1]] == "winner")]
         disc = CylinderPrimitive(
             pose=at((x, y, 0.008)),
             size=Vector3(x=0.30, y=0.30, z=0.006),

@@ -100,7 +100,7 @@ class _Trail:
 
 
 def _states(take: Take) -> Iterator[Timed]:
-    motion, plan = take.motion, take.motion.plan
+    motion, trajectory = take.motion, take.motion.trajectory
     side = -1.0 if take.story.ends_changed else 1.0
     hips = side * motion.position[:, :, 0, :2].astype(np.float64)
     shuttle = motion.shuttle * np.array([side, side, 1.0])
@@ -109,8 +109,14 @@ def _states(take: Take) -> Iterator[Timed]:
     flying = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
     for frame in range(0, len(motion.time), _EVERY):
         seconds, stroke = float(motion.time[frame]), int(flying[frame])
-        over = seconds > float(plan.end_time[-1])
-        phase = "before the serve" if stroke < 0 else "over" if over else f"{take.story.names[plan.rally.striker[stroke]]} struck"
+        over = seconds > float(trajectory.end_time[-1])
+        phase = (
+            "before the serve"
+            if stroke < 0
+            else "over"
+            if over
+            else f"{take.story.names[trajectory.rally.striker[stroke]]} struck"
+        )
         x, y, z = (round(float(v), 3) for v in shuttle[frame])
         content: dict[str, Any] = {"phase": phase, "shuttle": {"x": x, "y": y, "z": z, "speed": round(float(fast[frame]), 2)}}
         for seat in (0, 1):
