@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 Meant = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
-Origins = Annotated[tuple[str, ...], tyro.conf.arg(metavar="ORIGIN")]
 
 
 def scene(
@@ -41,7 +40,6 @@ def scene(
     trust_policies: bool = False,
     live: bool = False,
     port: int = 8765,
-    origin: Origins = (),
 ) -> None:
     """Stage rallies in 3D for Foxglove or Lichtblick: write a file, or serve them.
 
@@ -60,7 +58,6 @@ def scene(
         trust_policies: take policies from the modules and files that the log names, which runs code that they hold.
         live: serve the scene to Foxglove on this machine until interrupted.
         port: to serve it on.
-        origin: further web pages that may connect, such as https://viewer.example.org, beside those of Foxglove and Lichtblick.
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
@@ -85,13 +82,13 @@ def scene(
     for name, reason in unknown.items():
         console.print(f"without probabilities of {name}: {reason}")
     if unknown and not (trust_policies or policy):
-        console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies takes all names at their word")
+        console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names")
     if out is not None:
         replace_file(out, content)
         sys.stdout.write(f"{printable(str(out))}: {len(numbers):,} rallies, {len(content) / 1e6:.1f} MB; ")
         sys.stdout.write("open it in Foxglove or Lichtblick\n")
         return
-    serve(content, port, console, origins=origin)
+    serve(content, port, console)
 
 
 def _resolver(meant: Sequence[str], names: Sequence[str], trusted: bool) -> "Resolve":

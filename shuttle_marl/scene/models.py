@@ -1,7 +1,8 @@
 """Models of a scene: athletes, racket and shuttle, as meshes.
 
-Athletes come in rigid parts, one a bone, because viewers of scenes cannot bend a skin. A triangle belongs to the bone that moves it
-most, and to every other one that moves it noticeably, so that parts overlap around a joint and no gap opens when it bends.
+Athletes come in rigid parts, one a bone, because viewers of scenes cannot bend a skin. A triangle belongs to the bone that
+moves it most, and to every other one that moves it noticeably, so that parts overlap around a joint and no gap opens when it
+bends.
 """
 
 import dataclasses

@@ -291,9 +291,7 @@ class Annotator:
 def _check_same(player: Player, table: TabulatedPolicy) -> None:
     """Raise PolicyError for a policy that has the name of the one that played, and is another."""
     if not player.hash:
-        raise PolicyError(
-            "the log holds no hash of its table; nothing says that this policy is the one that played"
-        )
+        raise PolicyError("the log holds no hash of its table; nothing says that this policy is the one that played")
     if table.hash != player.hash:
         raise PolicyError(
             f"the policy of this name is not the one that played: its table is {table.hash[:12]}, in the log {player.hash[:12]}"
