@@ -34,6 +34,7 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.run import run_league
+from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
 
@@ -168,7 +169,7 @@ def _row(agent: str, found: list[dict[str, float]], training: list[TrainingConfi
     row: dict[str, Any] = {"agent": agent, **spread, "seeds": found}
     if training:
         row["normalised_score"]["iqm"] = IQM.of([[seed["normalised_score"] for seed in found]]).as_json()
-        cards = [json_format.loads((_out(run) / "agent" / "card.json").read_text(encoding="utf-8")) for run in training]
+        cards = [read_card(_out(run) / "agent") for run in training]
         row["strokes"] = cards[0]["strokes"]
         row["seconds"] = mean_and_deviation([card["seconds"] for card in cards])
         row["config"] = {name: value for name, value in training[0].fixed().items() if name != "seed"}

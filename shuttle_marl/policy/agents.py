@@ -1,15 +1,14 @@
 """Trained agents as folders: the network, its table on every state, and a card. Played from the table, without torch.
 
 ``table.safetensors`` is the policy on one game (its hash is inside), ``network.safetensors`` the weights behind it, and
-``card.json`` says how it was trained, how good it is, and the hashes of both files.
+``card.json`` says how it was trained, how good it is, and the hashes of all three files.
 """
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import folder_of, model_folder
@@ -19,7 +18,7 @@ TABLE: Final = "table.safetensors"
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
-"""What the names of shipped agents begin with."""
+"""First parts of the names of shipped agents."""
 AGENTS: Final = "agents"
 """Folder of the agents in the folder of a model."""
 
@@ -37,7 +36,7 @@ def save_agent(folder: Path, table: TabulatedPolicy, network: bytes, card: dict[
     replace_file(folder / NETWORK, network)
     hashes = {name: _hash(folder / name) for name in (TABLE, NETWORK)}
     content = {"game": table.game.hash, "catalogue": table.game.catalogue.version, "sha256": hashes, **card}
-    replace_file(folder / CARD, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode())
+    replace_file(folder / CARD, seal(content))
 
 
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
@@ -53,8 +52,10 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
             f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {game.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
-    if card.get("sha256", {}).get(TABLE) != _hash(folder / TABLE):
-        raise PolicyError(f"{folder / TABLE}: does not fit its hash in {CARD}; the file is damaged or was replaced")
+    hashes = card.get("sha256")
+    for name in (TABLE, NETWORK):  # never a name that the card gives
+        if not isinstance(hashes, dict) or hashes.get(name) != _hash(folder / name):
+            raise PolicyError(f"{folder / name}: does not fit its hash in {CARD}; the file is damaged or was replaced")
     return TabulatedPolicy.load(folder / TABLE, game)
 
 
@@ -65,24 +66,22 @@ def read_card(folder: Path) -> dict[str, Any]:
         PolicyError: it is missing or damaged.
     """
     try:
-        card = json.loads((folder / CARD).read_text(encoding="utf-8"))
-        if isinstance(card, dict):
-            return card
-        problem = "no object"
-    except (OSError, ValueError) as error:
-        problem = str(error)
-    raise PolicyError(f"{folder}: no trained agent ({problem}); `python -m shuttle_marl.training` writes one")
+        return read_sealed(folder / CARD)
+    except FileReadError as error:
+        reason = f"{CARD}: {error}"
+        raise PolicyError(f"{folder}: no trained agent ({reason}); `python -m shuttle_marl.training` writes one") from error
 
 
 def _hash(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise PolicyError(f"{path}: cannot be read ({error.strerror}); the agent is not whole") from error
+        with open_file(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError) as error:
+        raise PolicyError(f"{path}: cannot be read ({problem(error)}); the agent is not whole") from error
 
 
 def shipped_folder(name: str, model: Path) -> Path:
-    """Where the agent of a name such as ``ppo`` or ``ppo:attacking`` lies in the folder of a model."""
+    """The folder of the agent of a name such as ``ppo`` or ``ppo:attacking`` in the folder of a model."""
     return model / AGENTS / name.replace(":", "-")
 
 
