@@ -75,7 +75,7 @@ def read_card(folder: Path) -> dict[str, Any]:
 def _hash(path: Path) -> str:
     try:
         with open_file(path) as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+            return hashlib.sha256(file.read()).hexdigest()
     except (OSError, ValueError) as error:
         raise PolicyError(f"{path}: cannot be read ({problem(error)}); the agent is not whole") from error
 

@@ -304,7 +304,8 @@ class _Run:
             )
         try:
             self.iteration, self.seconds, self.stopped = int(about["iteration"]), float(about["seconds"]), bool(about["stopped"])
-            self.saved, self.rallies, mark = self.iteration, int(about["rallies"]), dict(about["metrics"])
+            self.saved, self.rallies = self.iteration, int(about["rallies"])
+            mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
             self.learner.restore(state)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             found = f"{self.folder / CHECKPOINTS}: the last checkpoint is of another kind of run"

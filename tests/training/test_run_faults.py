@@ -1,0 +1,297 @@
+"""What a training run refuses: damaged files, machines that are too small, networks that diverged, and files from others."""
+
+import dataclasses
+import json
+import math
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load, save
+
+from shuttle_marl import runs
+from shuttle_marl.commands import training as command
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.files import read_sealed, seal
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.policy.agents import load_agent, read_card
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.runs import RunError
+from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, evaluation, train
+from shuttle_marl.training.learner import DivergedError, last_checkpoint
+from shuttle_marl.training.run import _Metrics
+
+GAME = default_game()
+TINY: dict[str, Any] = {"rows": 16, "steps": 4, "width": 4, "evaluate_every": 1, "checkpoint_every": 1, "record": "none"}
+CONFIG = PPOConfig(**TINY, strokes=64 * 2)
+FLIPS = 1000
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of CONFIG; not to be changed."""
+    return train(dataclasses.replace(CONFIG, out=tmp_path_factory.mktemp("training") / "run")).folder
+
+
+@pytest.fixture
+def run(finished: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    shutil.copytree(finished, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def resume(folder: Path, **changes: Any) -> Any:
+    return train(dataclasses.replace(CONFIG, out=folder, resume=True, **changes))
+
+
+def checkpoint(folder: Path) -> Path:
+    return max((folder / "checkpoints").iterdir())
+
+
+# Damage.
+
+
+def readers(folder: Path) -> dict[Path, Callable[[], Any]]:
+    """What a resumed run and a league read of each file."""
+
+    def config() -> None:
+        with runs.open_run(folder, "ppo-0", CONFIG.fixed(), resume=True, overwrite=False):
+            pass
+
+    def state() -> Any:
+        saved = last_checkpoint(folder)
+        assert saved is not None
+        return saved[0], save(saved[1])
+
+    mark = read_sealed(checkpoint(folder) / "about.json")["metrics"]
+
+    def metrics() -> bytes:
+        _Metrics(folder / "metrics.jsonl").cut(mark)
+        return (folder / "metrics.jsonl").read_bytes()
+
+    def agent() -> Any:
+        return load_agent(folder / "agent", GAME).cumulative.tobytes(), read_card(folder / "agent")
+
+    return {
+        folder / "config.json": config,
+        folder / "metrics.jsonl": metrics,
+        checkpoint(folder) / "about.json": state,
+        checkpoint(folder) / "state.safetensors": state,
+        folder / "agent" / "card.json": agent,
+        folder / "agent" / "table.safetensors": agent,
+        folder / "agent" / "network.safetensors": agent,
+    }
+
+
+def test_a_flipped_bit_is_noticed_or_harmless(run: Path) -> None:
+    rng = np.random.default_rng(0)
+    noticed = 0
+    for path, read in readers(run).items():
+        before, expected = path.read_bytes(), read()
+        for _ in range(FLIPS // 7 + 1):
+            content = bytearray(before)
+            content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+            path.write_bytes(content)
+            try:
+                assert read() == expected, path
+            except ShuttleError:
+                noticed += 1
+        path.write_bytes(before)
+    assert noticed > 0.9 * FLIPS
+
+
+@pytest.mark.parametrize("content", [b"[]", b"[" * 200_000, b"", b"\xff", b'{"iteration": 2}'], ids=range(5))
+def test_a_damaged_description_of_a_checkpoint_is_named(content: bytes, run: Path) -> None:
+    (checkpoint(run) / "about.json").write_bytes(content)
+    with pytest.raises(TrainingError, match=r"00000002: cannot be read \(.+\); delete it to continue from the one before"):
+        resume(run)
+
+
+def test_a_checkpoint_that_is_deleted_leaves_the_one_before(finished: Path, run: Path) -> None:
+    (checkpoint(run) / "state.safetensors").write_bytes(b"junk")
+    with pytest.raises(TrainingError, match="delete it to continue from the one before"):
+        resume(run)
+    shutil.rmtree(checkpoint(run))
+    resume(run)
+    for name in ("agent/network.safetensors", "agent/table.safetensors"):
+        assert (run / name).read_bytes() == (finished / name).read_bytes()
+
+
+def test_junk_among_the_evaluations_is_named_and_behind_them_taken_away(run: Path) -> None:
+    path = run / "metrics.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole + b'junk\n{"iteration": 9}\n[')
+    resume(run)
+    assert path.read_bytes() == whole
+    path.write_bytes(b"junk" + whole[4:])
+    with pytest.raises(TrainingError, match=r"metrics.jsonl: was changed after it was written; train again with --overwrite"):
+        resume(run)
+    path.unlink()
+    with pytest.raises(TrainingError, match=r"metrics.jsonl: cannot be read"):
+        resume(run)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"iteration": "two"},
+        {"iteration": None},
+        {"seconds": []},
+        {"rallies": {}},
+        {"metrics": 3},
+        {"metrics": {"bytes": "x"}},
+        {"metrics": {"bytes": -1, "sha256": ""}},
+    ],
+)
+def test_a_checkpoint_of_another_kind_is_named(change: dict[str, Any], run: Path) -> None:
+    """Its checksums fit, so somebody wrote it."""
+    about = checkpoint(run) / "about.json"
+    about.write_bytes(seal({**read_sealed(about), **change}))
+    with pytest.raises(TrainingError, match=r"another kind of run|metrics.jsonl: was changed"):
+        resume(run)
+
+
+def test_a_checkpoint_of_another_network_is_named(run: Path) -> None:
+    import hashlib
+
+    state = checkpoint(run) / "state.safetensors"
+    tensors = load(state.read_bytes())
+    state.write_bytes(save({name: torch.zeros(3) for name in tensors}))
+    about = checkpoint(run) / "about.json"
+    hashes = {"state.safetensors": hashlib.sha256(state.read_bytes()).hexdigest()}
+    about.write_bytes(seal({**read_sealed(about), "sha256": hashes}))
+    with pytest.raises(TrainingError, match="another kind of run"):
+        resume(run)
+
+
+# Files from others.
+
+
+def test_a_run_folder_runs_no_code(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder that names a module as opponent: the flags say who is met, and the two must agree."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evil_opponent.py").write_text("raise SystemExit('it ran')\n")
+    named = "evil_opponent:Policy"
+    config = json.loads((run / "config.json").read_text())
+    card = read_card(run / "agent")
+    about = read_sealed(checkpoint(run) / "about.json")
+    for key in ("opponent", "warm_start", "game"):
+        changed = {**config, key: [named] if key == "opponent" else named}
+        (run / "config.json").write_text(json.dumps(changed))
+        with pytest.raises(RunError, match="was started with other flags"):
+            resume(run)
+    (run / "config.json").write_text(json.dumps(config))
+    (run / "agent" / "card.json").write_bytes(seal({**card, "config": {"opponent": [named]}, "policy": named}))
+    (checkpoint(run) / "about.json").write_bytes(seal({**about, "opponent": [named], "policy": named, "learner": named}))
+    load_agent(run / "agent", GAME)
+    resume(run)
+    assert "evil_opponent" not in sys.modules
+
+
+# The machine.
+
+
+@pytest.mark.parametrize("device", ["cuda", "cuda:7", "mps", "meta", "nonsense", ""])
+def test_a_device_that_is_not_there_is_refused(device: str, tmp_path: Path) -> None:
+    if device.startswith("cuda") and torch.cuda.is_available():
+        pytest.skip("there is one")
+    with pytest.raises(TrainingError, match=rf"^--device {device}: cannot be used here \(.+\); --device cpu can"):
+        train(dataclasses.replace(CONFIG, device=device, out=tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (PPOConfig(rows=10**12), "--rows times --steps"),
+        (PPOConfig(rows=10**15, steps=10**15), "--rows times --steps"),
+        (PPOConfig(steps=10**10), "--rows times --steps"),
+        (PPOConfig(strokes=10**15, rows=16, steps=1, checkpoint_every=1), "--strokes with so small"),
+        (PPOConfig(width=10**7), "--width and --hidden"),
+        (PPOConfig(hidden=10**12), "--width and --hidden"),
+        (SACConfig(buffer=10**13), "--buffer"),
+        (SACConfig(minibatch=10**12), "--minibatch"),
+    ],
+)
+def test_a_run_that_does_not_fit_into_the_memory_is_refused(config: TrainingConfig, message: str, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match=rf"{message}.*: such a run needs [\d,]+ GB of memory or more, and this machine has"):
+        train(dataclasses.replace(config, out=tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("strokes", 10**400), ("rows", 10**16), ("rows", 2.5), ("seed", 1.5), ("threads", 10**9)]
+)
+def test_numbers_that_no_machine_can_hold(name: str, value: Any) -> None:
+    with pytest.raises(TrainingError, match=f"--{name} .*: expected a whole number"):
+        PPOConfig(**{name: value})
+
+
+def test_the_defaults_fit() -> None:
+    for config in (PPOConfig(), A2CConfig(), SACConfig()):
+        assert sum(config.memory(GAME.n_strokes).values()) < 1e9
+
+
+# Learning that diverges.
+
+
+@pytest.mark.parametrize("config", [PPOConfig, A2CConfig, SACConfig])
+def test_a_network_that_diverged_is_named(config: type[TrainingConfig], tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"warm_up": 0, "minibatch": 64} if config is SACConfig else {}
+    with pytest.raises(DivergedError, match=r"learning diverged in iteration [1-4]: .+ with a lower --learning-rate"):
+        train(config(**TINY, **changes, strokes=64 * 8, learning_rate=1e30, out=tmp_path / "run"))
+
+
+@pytest.mark.slow
+def test_a_network_that_diverged_is_named_by_several_processes(tmp_path: Path) -> None:
+    with pytest.raises(DivergedError, match=r"learning diverged in iteration [1-4]: .+ with a lower --learning-rate"):
+        train(PPOConfig(**TINY, strokes=64 * 8, learning_rate=1e30, processes=2, out=tmp_path / "run"))
+
+
+# The normalised score.
+
+
+def test_where_nothing_beats_the_reference_there_is_no_score() -> None:
+    assert normalised_score(0.6, 0.5, 0.75) == pytest.approx(0.4)
+    assert normalised_score(0.5, 0.5, 0.5) is None
+    assert normalised_score(0.5, 0.5, 0.4) is None
+    assert normalised_score(0.5, 0.5, 0.5 + 1e-9, error_bound=1e-8) is None
+
+
+def test_an_evaluation_leaves_out_opponents_whom_nothing_beats() -> None:
+    policies = [tabulate(resolve(name, GAME), GAME, name) for name in ("bc", "random")]
+    evaluator = Evaluator(GAME, policies)
+    odds = [Odds(serving=rally, receiving=rally, error_bound=1e-9) for rally in (0.25, 0.5)]
+    evaluator.__dict__["_scales"] = [(odds[1], odds[1]), (odds[0], odds[1])]
+    found = evaluator.evaluate(policies[1])
+    assert found.normalised_score is not None
+    assert math.isfinite(found.normalised_score)
+    evaluator.__dict__["_scales"] = [(odds[1], odds[1]), (odds[1], odds[0])]
+    assert evaluator.evaluate(policies[1]).normalised_score is None
+
+
+def test_a_run_without_a_score_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(evaluation, "normalised_score", lambda *_, **__: None)
+    sizes = ["--rows", "16", "--steps", "4", "--width", "4", "--strokes", "64"]
+    flags = [*sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
+    assert command.main(["ppo", *flags]) == 0
+    printed = capsys.readouterr().out
+    assert "no normalised score, exploitability 0." in printed
+    assert "agent: [/x]/agent" in printed
+    assert json.loads((Path("[/x]") / "metrics.jsonl").read_text())["normalised_score"] is None
+
+
+def test_the_settings_need_no_torch() -> None:
+    code = "import sys; from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
