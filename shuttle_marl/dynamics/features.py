@@ -71,6 +71,18 @@ class Rows:
         arrays = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")}
         return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
 
+    @classmethod
+    def joined(cls, parts: Sequence["Rows"]) -> "Rows":
+        """The rows of several tables, one after the other; each has matches of its own, whatever their names."""
+        starts = np.cumsum([0, *(len(part.matches) for part in parts)])
+        names = [f.name for f in dataclasses.fields(cls) if f.name not in ("codes", "match", "matches")]
+        return cls(
+            codes={name: np.concatenate([part.codes[name] for part in parts]) for name in parts[0].codes},
+            match=np.concatenate([part.match + np.int32(first) for part, first in zip(parts, starts, strict=False)]),
+            matches=tuple(name for part in parts for name in part.matches),
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        )
+
     def in_matches(self, names: Sequence[str]) -> "Rows":
         """The rows of some matches."""
         wanted = np.isin(np.array(self.matches), np.array(list(names)))

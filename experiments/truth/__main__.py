@@ -1,0 +1,186 @@
+"""``python -m experiments.truth --data DATA (--split validation | --cross 4) [--json]``"""
+
+import json as json_format
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from experiments.truth import decisions, likeness
+from experiments.truth.decisions import Promises
+from experiments.truth.matches import Strokes, folds_of, strokes_of
+from experiments.truth.transfer import thin_support, transfer
+from experiments.truth.worlds import Fitter, World, shipped_world
+from shuttle_marl.commands.cli import run
+from shuttle_marl.data import Split, load_strokes, matches_of
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.recording.simulate import simulate
+
+_SIMULATED: Final = 4
+"""Simulated matches for every real one."""
+
+
+def truth(
+    *,
+    data: Path,
+    split: Split | None = None,
+    cross: int | None = None,
+    game: str = "default",
+    halvings: int = 2,
+    seed: int = 0,
+    fits: Path = Path("runs/truth"),
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Compare what a game promises with what happened in matches that took no part in fitting it.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: matches that the game is compared with.
+        cross: instead of one split, fit this many games, each without one part of the training and validation matches, and
+            compare every match with the game that did not see it.
+        game: with --split, the shipped model or model folder that is compared.
+        halvings: halvings of the training matches for the transfer; two games are fitted for each. 0 leaves the transfer out.
+        seed: of the fits, halvings and simulated matches.
+        fits: folder where games that were fitted are kept and found again.
+        json_output: print JSON.
+    """
+    if (split is None) == (cross is None):
+        raise ShuttleError("say what to compare with: either --split NAME or --cross NUMBER")
+    if cross is not None and cross < 2:
+        raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
+    console = Console(stderr=True, highlight=False)
+    strokes = strokes_of(load_strokes(data))
+    fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    if cross is not None:
+        parts = _cross_parts(_of_splits(strokes, "train", "validation"), cross, fitter, seed)
+    else:
+        parts = [(shipped_world(game), _of_splits(strokes, split or "validation"))]
+    result = {"split": split, "cross": cross, **compare(parts, seed=seed)}
+    if halvings:
+        result["transfer"] = transfer(_of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
+    if json_output:
+        sys.stdout.write(json_format.dumps(result) + "\n")
+    else:
+        _print(result)
+
+
+def _of_splits(strokes: Strokes, *splits: Split) -> Strokes:
+    """The strokes of some splits.
+
+    Raises:
+        ShuttleError: the data has none of one of them.
+    """
+    which = [strokes.in_matches(matches_of(split)) for split in splits]
+    for split, found in zip(splits, which, strict=True):
+        if not found.any():
+            raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return strokes.take(np.logical_or.reduce(which))
+
+
+def _cross_parts(strokes: Strokes, count: int, fitter: Fitter, seed: int) -> list[tuple[World, Strokes]]:
+    fold = folds_of(strokes, count, seed)
+    return [(fitter.fit(strokes.take(fold != k).matches), strokes.take(fold == k)) for k in range(count)]
+
+
+def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, Any]:
+    """All figures but the transfer.
+
+    Args:
+        parts: worlds, each with matches that took no part in fitting it.
+        seed: of the simulated matches and of everything that is resampled.
+    """
+    real = Strokes.joined([strokes for _, strokes in parts])
+    promised = [decisions.promises(world.bc, strokes) for world, strokes in parts]
+    said = Promises(value=np.concatenate([p.value for p in promised]), advantage=np.concatenate([p.advantage for p in promised]))
+    simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
+    return {
+        "matches": len(np.unique(real.rows.match)),
+        "strokes": len(real),
+        "decision_slope": decisions.decision_slope(real, said),
+        "value_error": decisions.value_error(real, said),
+        "promised_realised": decisions.promised_realised(real, said),
+        "value_log_loss": decisions.value_log_loss(real, said),
+        "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
+        "rally_length": likeness.rally_length(simulated, real, seed),
+        "divergence": likeness.divergence(simulated, real, seed),
+        "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
+        "support": _mean([thin_support(world) for world, _ in parts]),
+    }
+
+
+def _simulated(world: World, real: Strokes, seed: int) -> Strokes:
+    matches = _SIMULATED * len(np.unique(real.rows.match))
+    bc = world.bc.pair_probabilities()
+    return strokes_of(simulate(world.game, {"one": bc, "other": bc}, matches=matches, seed=seed))
+
+
+def _random_wins(world: World) -> float:
+    return float(evaluate(tabulate(UniformPolicy(), world.game), world.bc).odds().rally)
+
+
+def _mean(dictionaries: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.mean([one[name] for one in dictionaries])) for name in dictionaries[0]}
+
+
+def _print(result: dict[str, Any]) -> None:
+    console = Console(highlight=False)
+    slopes = Table("strokes later", "slope", "95 % interval", title="What happened on what was promised (1 in a true game)")
+    for horizon, slope in result["decision_slope"].items():
+        slopes.add_row(horizon, f"{slope['value']:.2f}", f"{slope['low']:.2f} to {slope['high']:.2f}")
+    console.print(slopes)
+    errors = Table(
+        "shot", "after own", "95 % interval", "after incoming", "95 % interval", title="Points won more than the value says"
+    )
+    for shot, roles in result["value_error"].items():
+        cells = [shot]
+        for role in ("own", "incoming"):
+            found = roles.get(role)
+            cells += ["", ""] if found is None else [f"{found['points']:+.1f}", f"{found['low']:+.1f} to {found['high']:+.1f}"]
+        errors.add_row(*cells)
+    console.print(errors)
+    strokes = Table("shot", "promised", "realised", "95 % interval", title="Points that choosing a shot type adds")
+    for shot, found in result["promised_realised"].items():
+        brought = found["realised"]
+        strokes.add_row(
+            shot, f"{found['promised']:+.2f}", f"{brought['points']:+.2f}", f"{brought['low']:+.2f} to {brought['high']:+.2f}"
+        )
+    console.print(strokes)
+    auc, length = result["two_sample_auc"], result["rally_length"]
+    lines = [
+        f"log-loss of the value: {result['value_log_loss']:.5f}",
+        f"telling simulated from real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
+        + ", ".join(auc["gives_away"]),
+        f"rally length: {length['simulated']:.2f} simulated, {length['real']:.2f} real, "
+        f"KS {length['ks']:.3f} (real against real {length['ks_real']:.3f})",
+        *(
+            f"divergence of {name}: {found['value']:.5f} bits (real against real {found['real_against_real']:.5f})"
+            for name, found in result["divergence"].items()
+        ),
+        f"random against bc: {100 * result['random_vs_bc']:.1f} % of rallies",
+        "strokes with fewer than five real ones behind them: "
+        + ", ".join(f"{name} {100 * share:.0f} %" for name, share in result["support"].items()),
+        *(
+            f"{name}: wins {100 * found['home']:.1f} % at home, {100 * found['away']:.1f} % away; "
+            f"{found['kept']:.2f} of the edge is kept ({found['low']:.2f} to {found['high']:.2f})"
+            for name, found in result.get("transfer", {}).items()
+        ),
+    ]
+    for line in lines:
+        console.print(line, markup=False)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return run(truth, prog="experiments.truth", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

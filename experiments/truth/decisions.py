@@ -1,0 +1,129 @@
+"""Do strokes bring what the exact values promise?
+
+For a stroke in state s, the promise is the advantage A = E[Q(s, a)] - V(s) of its shot type and technique, with the area averaged
+over what the average player would choose, because the file does not say where faults were aimed; V and Q are the exact values if
+both continue as the average player. What happened after h strokes is V of the state then reached, with its sign, or +1 or -1
+where the rally was over by then. The **decision slope** is the least-squares slope of (what happened - V(s)) on A with a
+constant for every player in every match, so it is not a figure of skill. In a true game it is 1 at every h.
+"""
+
+import dataclasses
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.truth.matches import Floats, Strokes, ratio_by_match, states_of
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.table import TabulatedPolicy
+
+HORIZONS: Final = (1, 4, 8)
+"""Strokes after which the promise is compared with what happened, beside the end of the rally."""
+LEAST_STROKES: Final = 50
+"""Errors of shot types with fewer strokes are not reported."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Promises:
+    """What a game promises for N real strokes; NaN where it knows no such state or stroke.
+
+    Attributes:
+        value: ``[N]`` V(s), from -1 to 1.
+        advantage: ``[N]`` advantage of the chosen shot type and technique over V(s).
+    """
+
+    value: Floats
+    advantage: Floats
+
+
+def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
+    """What the game of ``bc`` promises for each stroke, if both players continue as ``bc``."""
+    game = bc.game
+    value = evaluate(bc, bc).striking[0]
+    state = states_of(game, strokes.rows)
+    known = state >= 0
+    kinds = N_SHOTS * N_TECHNIQUES
+    pair_kind = game.catalogue.shot[game.pair_stroke].astype(np.int64) * N_TECHNIQUES + game.catalogue.technique[game.pair_stroke]
+    key = game.pair_state.astype(np.int64) * kinds + pair_kind
+    weight = bc.pair_probabilities()
+    total = np.bincount(key, weight, kinds * game.n_states)
+    worth = np.bincount(key, weight * game.stroke_values(value), kinds * game.n_states)
+    kind = strokes.rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + strokes.rows.codes["technique"]
+    chosen = np.where(known, state, 0) * kinds + kind
+    legal = known & (total[chosen] > 0)
+    advantage = np.full(len(strokes), np.nan)
+    advantage[legal] = worth[chosen[legal]] / total[chosen[legal]] - value[state[legal]]
+    return Promises(value=np.where(known, value[np.where(known, state, 0)], np.nan), advantage=advantage)
+
+
+def realised(strokes: Strokes, value: Floats, horizon: int | None) -> Floats:
+    """``[N]`` what happened to the striker within ``horizon`` strokes (None: by the end); NaN where that is not known."""
+    ended = np.where(strokes.result != 0, strokes.result.astype(np.float64), np.nan)
+    if horizon is None:
+        return ended
+    row = np.arange(len(strokes))
+    later = np.minimum(row + horizon, len(strokes) - 1)
+    same = (strokes.rally[later] == strokes.rally) & (strokes.number[later] - strokes.number == horizon)
+    reached = np.where(same, value[later] * (1 if horizon % 2 == 0 else -1), np.nan)
+    over = strokes.number[strokes.last] - strokes.number < horizon
+    return np.where(over, ended, reached)
+
+
+def decision_slope(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
+    """Slopes after 1, 4 and 8 strokes and at the end of the rally, each with its interval and number of strokes."""
+    return {
+        "end" if horizon is None else str(horizon): _slope(strokes, promised, realised(strokes, promised.value, horizon))
+        for horizon in (*HORIZONS, None)
+    }
+
+
+def _slope(strokes: Strokes, promised: Promises, happened: Floats) -> dict[str, float]:
+    used = np.isfinite(promised.advantage) & np.isfinite(happened) & np.isfinite(promised.value)
+    match = strokes.rows.match[used]
+    player = np.unique(strokes.rows.striker, return_inverse=True)[1][used]
+    group = np.unique(match.astype(np.int64) * (player.max(initial=0) + 1) + player, return_inverse=True)[1]
+    x = _centred(promised.advantage[used], group)
+    y = _centred((happened - promised.value)[used], group)
+    return {**ratio_by_match(x * y, x * x, match), "n": int(used.sum())}
+
+
+def _centred(x: Floats, group: npt.NDArray[np.integer]) -> Floats:
+    return np.asarray(x - (np.bincount(group, x) / np.bincount(group))[group])
+
+
+def value_error(strokes: Strokes, promised: Promises) -> dict[str, dict[str, dict[str, float]]]:
+    """Points (per cent of rallies) won more than V says, by the striker's own last shot type and by the incoming one."""
+    used = np.isfinite(promised.value) & (strokes.result != 0)
+    error = 50 * (strokes.result - promised.value)
+    out: dict[str, dict[str, dict[str, float]]] = {}
+    for i, shot in enumerate(SHOTS):
+        for role in ("own", "incoming"):
+            chosen = used & (strokes.rows.codes[f"{role}_shot"] == i)
+            if chosen.sum() >= LEAST_STROKES:
+                out.setdefault(shot, {})[role] = _points(error[chosen], strokes.rows.match[chosen])
+    return out
+
+
+def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[str, Any]]:
+    """Points that choosing each shot type promises over V of the state, and what it brought by the end of the rally."""
+    used = np.isfinite(promised.advantage) & (strokes.result != 0)
+    out: dict[str, dict[str, Any]] = {}
+    for i, shot in enumerate(SHOTS):
+        chosen = used & (strokes.rows.codes["shot"] == i)
+        if chosen.sum() >= LEAST_STROKES:
+            brought = _points(50 * (strokes.result - promised.value)[chosen], strokes.rows.match[chosen])
+            out[shot] = {"promised": float(50 * promised.advantage[chosen].mean()), "realised": brought}
+    return out
+
+
+def _points(error: Floats, match: npt.NDArray[np.integer]) -> dict[str, float]:
+    found = ratio_by_match(error, np.ones(len(error)), match)
+    return {"points": found["value"], "low": found["low"], "high": found["high"], "n": len(error)}
+
+
+def value_log_loss(strokes: Strokes, promised: Promises) -> float:
+    """Mean log-loss in nats of V as a forecast of who wins the rally; a coin's is 0.6931."""
+    used = np.isfinite(promised.value) & (strokes.result != 0)
+    p = np.clip((1 + promised.value[used] * strokes.result[used]) / 2, 1e-9, 1)
+    return float(-np.log(p).mean())

@@ -1,0 +1,192 @@
+"""Can simulated rallies be told apart from real ones, and by what?
+
+Simulated rallies are the average player against itself. Rallies that were not kept from their first to their last stroke are
+left out on both sides, but for a first stroke that the cameras missed, which real tables lack more often.
+"""
+
+import dataclasses
+from typing import Any, Final
+
+import lightgbm
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.distance import jensenshannon
+from scipy.stats import ks_2samp, wasserstein_distance
+
+from experiments.truth.matches import Bools, Floats, Ints, Strokes, folds_of
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.evaluate import area_under_curve
+from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.game.court import AREAS, N_AREAS
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
+
+HALVINGS: Final = 20
+"""Random halvings of the real matches behind every figure of real against real."""
+_FOLDS: Final = 5
+_LAGS: Final = (1, 2, 3, 4)
+
+
+def rally_length(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, float]:
+    """Mean lengths, Kolmogorov-Smirnov and Wasserstein distances; ``ks_real`` is that of halves of the real matches."""
+    ours, theirs = _lengths(simulated), _lengths(real)
+    halves = [
+        ks_2samp(_lengths(real.take(half)), _lengths(real.take(~half))).statistic for half in _halvings(real, seed, HALVINGS)
+    ]
+    return {
+        "simulated": float(ours.mean()),
+        "real": float(theirs.mean()),
+        "ks": float(ks_2samp(ours, theirs).statistic),
+        "ks_real": float(np.mean(halves)),
+        "wasserstein": float(wasserstein_distance(ours, theirs)),
+    }
+
+
+def divergence(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, dict[str, float]]:
+    """Jensen-Shannon divergences in bits, and those of random halves of the real matches against each other."""
+    halvings = _halvings(real, seed, HALVINGS)
+    out = {}
+    for name, count in (("shot", _shots), ("transition", _transitions), ("area", _areas), ("endings", _endings)):
+        between = [_bits(count(real.take(half)), count(real.take(~half))) for half in halvings]
+        out[name] = {"value": _bits(count(simulated), count(real)), "real_against_real": float(np.mean(between))}
+    return out
+
+
+def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, halvings: int = 6) -> dict[str, Any]:
+    """Area under the ROC curve of boosted trees that tell whole rallies apart, on matches that they did not see.
+
+    Args:
+        simulated, real: rallies of either kind.
+        seed: of the trees, and of how the real matches are halved.
+        halvings: random halvings behind the figure of real against real.
+
+    Returns:
+        ``value``, ``real_against_real`` (the same for random halves of the real matches), and
+        ``gives_away``: the features with most gain, as shares.
+    """
+    sides = [_features(simulated), _features(real)]
+    value, gain = _auc(sides, seed)
+    alike = [_auc([_features(real.take(half)), _features(real.take(~half))], seed)[0] for half in _halvings(real, seed, halvings)]
+    order = np.argsort(-gain)[:8]
+    return {"value": value, "real_against_real": float(np.mean(alike)), "gives_away": {_NAMES[i]: float(gain[i]) for i in order}}
+
+
+def _auc(sides: list["_Features"], seed: int) -> tuple[float, Floats]:
+    """Cross-validated by match, with as many rallies of either side."""
+    rng = np.random.default_rng(seed)
+    size = min(len(side.values) for side in sides)
+    chosen = [np.sort(rng.choice(len(side.values), size, replace=False)) for side in sides]
+    x = np.concatenate([side.values[rows] for side, rows in zip(sides, chosen, strict=True)])
+    label = np.repeat([1, 0], size)
+    match = np.concatenate([side.match[rows] + i * 10_000 for i, (side, rows) in enumerate(zip(sides, chosen, strict=True))])
+    p, gain = np.empty(len(x)), np.zeros(x.shape[1])
+    options = {
+        "objective": "binary", "num_leaves": 15, "learning_rate": 0.05, "min_data_in_leaf": 40, "feature_fraction": 0.7,
+        "deterministic": True, "force_row_wise": True, "num_threads": 1, "seed": seed, "verbosity": -1,
+    }  # fmt: skip
+    fold = fold_of_match(match, _FOLDS)
+    for k in range(_FOLDS):
+        seen, unseen = fold != k, fold == k
+        trees = lightgbm.train(options, lightgbm.Dataset(x[seen], label[seen]), num_boost_round=150)
+        p[unseen] = trees.predict(x[unseen])
+        gain += trees.feature_importance("gain")
+    return float(area_under_curve(label == 1, p)), gain / gain.sum()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Features:
+    """What the trees see of each rally, ``[R, F]``, and its match ``[R]``."""
+
+    values: Floats
+    match: Ints
+
+
+_NAMES: Final = (
+    "strokes",
+    *(f"share of {shot}" for shot in SHOTS),
+    *(f"share of {technique}" for technique in TECHNIQUES),
+    *(f"share of {area}" for area in AREAS),
+    "share struck from above",
+    "share across the court",
+    *(f"same shot as {lag} strokes before" for lag in _LAGS),
+    *(f"last stroke {shot}" for shot in SHOTS),
+    "ended by a fault",
+)
+
+
+def _features(strokes: Strokes) -> _Features:
+    rows, rally = strokes.rows, strokes.rally
+    count = int(rally[-1]) + 1
+    size = np.bincount(rally, minlength=count).astype(np.float64)
+    codes = {name: code.astype(np.int64) for name, code in rows.codes.items()}
+    # The area of a fault is where it came down, which the simulated tables can only imitate.
+    aimed = (rows.outcome != Outcome.FAULT) & (codes["area"] >= 0)
+    before = (codes["incoming_area"] < N_AREAS) & aimed
+    # Both areas are seen by the player of their half, so a cross-court stroke goes from right to right or left to left.
+    across = before & (codes["area"] % 3 == codes["incoming_area"] % 3) & (codes["area"] % 3 != 1)
+
+    def share(marked: Bools, of: Bools | None = None) -> Floats:
+        total = size if of is None else np.bincount(rally, of, count)
+        return np.asarray(np.bincount(rally, marked, count) / np.maximum(total, 1))
+
+    columns = [size]
+    columns += [share(codes["shot"] == i) for i in range(N_SHOTS)]
+    columns += [share(codes["technique"] == i) for i in range(N_TECHNIQUES)]
+    columns += [share(aimed & (codes["area"] == i), aimed) for i in range(N_AREAS)]
+    columns += [share(codes["contact"] == 1), share(across, before)]
+    for lag in _LAGS:
+        row = np.arange(lag, len(rally))
+        inside = np.r_[np.zeros(lag, bool), rally[row] == rally[row - lag]]
+        same = np.r_[np.zeros(lag, bool), codes["shot"][row] == codes["shot"][row - lag]]
+        columns.append(share(inside & same, inside))
+    last = np.unique(strokes.last)
+    columns += [(codes["shot"][last] == i).astype(np.float64) for i in range(N_SHOTS)]
+    columns.append((rows.outcome[last] == Outcome.FAULT).astype(np.float64))
+    whole = _whole(strokes)[last]
+    return _Features(np.stack(columns, axis=1)[whole], rows.match[last][whole].astype(np.int64))
+
+
+def _whole(strokes: Strokes) -> Bools:
+    """``[N]`` whether the rally was kept from its first or second stroke to a last one of known outcome."""
+    first = np.r_[True, np.diff(strokes.rally) != 0]
+    start = strokes.number[first][strokes.rally]
+    length = strokes.number[strokes.last]
+    kept = np.bincount(strokes.rally)[strokes.rally]
+    return np.asarray((strokes.result != 0) & (start <= 2) & (kept == length - start + 1))
+
+
+def _lengths(strokes: Strokes) -> Ints:
+    last = np.unique(strokes.last)
+    return strokes.number[last][strokes.result[last] != 0]
+
+
+def _halvings(strokes: Strokes, seed: int, count: int) -> list[Bools]:
+    """Random halves of the matches, each with half of either discipline, as masks of the strokes."""
+    return [folds_of(strokes, 2, seed + i) == 0 for i in range(count)]
+
+
+def _bits(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> float:
+    return float(jensenshannon(first, second, base=2) ** 2)
+
+
+def _shots(strokes: Strokes) -> Ints:
+    return np.bincount(strokes.rows.codes["shot"], minlength=N_SHOTS)
+
+
+def _transitions(strokes: Strokes) -> Ints:
+    codes = strokes.rows.codes
+    known = codes["incoming_shot"] < N_SHOTS
+    pairs = codes["incoming_shot"][known].astype(np.int64) * N_SHOTS + codes["shot"][known]
+    return np.bincount(pairs, minlength=N_SHOTS * N_SHOTS)
+
+
+def _areas(strokes: Strokes) -> Ints:
+    rows = strokes.rows
+    aimed = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
+    return np.bincount(rows.codes["area"][aimed], minlength=N_AREAS)
+
+
+def _endings(strokes: Strokes) -> Ints:
+    rows = strokes.rows
+    ended = (rows.outcome == Outcome.FAULT) | (rows.outcome == Outcome.WINNER)
+    kind = 2 * rows.codes["shot"][ended].astype(np.int64) + (rows.outcome[ended] == Outcome.WINNER)
+    return np.bincount(kind, minlength=2 * N_SHOTS)

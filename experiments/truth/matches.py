@@ -1,0 +1,142 @@
+"""Annotated strokes as rallies, and where each stands in a game."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+RESAMPLES: Final = 2000
+"""Bootstrap resamples of matches behind every interval."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Strokes:
+    """N annotated strokes in R rallies, in playing order.
+
+    Attributes:
+        rows: the strokes in context.
+        rally: ``[N]`` index of the rally.
+        number: ``[N]`` number of the stroke in its rally, from 1.
+        last: ``[N]`` row of the last stroke of the rally.
+        result: ``[N]`` +1 where the striker went on to win the rally, -1 where they lost it, 0 where that is not known.
+    """
+
+    rows: Rows
+    rally: Ints
+    number: Ints
+    last: Ints
+    result: Ints
+
+    def __len__(self) -> int:
+        return len(self.rally)
+
+    @property
+    def matches(self) -> list[str]:
+        """Names of the matches that strokes were played in."""
+        return [self.rows.matches[i] for i in np.unique(self.rows.match)]
+
+    def in_matches(self, names: Sequence[str]) -> Bools:
+        """``[N]`` whether a stroke was played in one of the matches."""
+        wanted = np.isin(np.array(self.rows.matches), np.array(list(names)))
+        return np.asarray(wanted[self.rows.match])
+
+    def take(self, which: Bools) -> "Strokes":
+        """The strokes of whole matches."""
+        rally = np.unique(self.rally[which], return_inverse=True)[1]
+        row = np.cumsum(which) - 1
+        return Strokes(
+            rows=self.rows.take(which),
+            rally=rally,
+            number=self.number[which],
+            last=row[self.last[which]],
+            result=self.result[which],
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence["Strokes"]) -> "Strokes":
+        """Strokes of several lists of matches, no match in two of them, as one list."""
+        starts = np.cumsum([0, *(len(part) for part in parts)])
+        rallies = np.cumsum([0, *(int(part.rally[-1]) + 1 for part in parts)])
+        return cls(
+            rows=Rows.joined([part.rows for part in parts]),
+            rally=np.concatenate([part.rally + first for part, first in zip(parts, rallies, strict=False)]),
+            number=np.concatenate([part.number for part in parts]),
+            last=np.concatenate([part.last + first for part, first in zip(parts, starts, strict=False)]),
+            result=np.concatenate([part.result for part in parts]),
+        )
+
+
+def strokes_of(table: pa.Table) -> Strokes:
+    """Strokes of a cleaned table (:data:`shuttle_marl.data.schema.STROKES`)."""
+    rows = rows_from_strokes(table)
+    key = np.stack([rows.match, *(table[name].to_numpy(zero_copy_only=False) for name in ("game", "rally"))])
+    begins = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
+    rally = np.cumsum(begins) - 1
+    last = np.flatnonzero(np.r_[begins[1:], True])[rally]
+    number = rows.stroke.astype(np.int64)
+    ending = np.where(rows.outcome == Outcome.WINNER, 1, np.where(rows.outcome == Outcome.FAULT, -1, 0))
+    same_striker = (number[last] - number) % 2 == 0
+    return Strokes(rows=rows, rally=rally, number=number, last=last, result=np.where(same_striker, 1, -1) * ending[last])
+
+
+def states_of(game: Game, rows: Rows) -> Ints:
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is not known."""
+    own, incoming = (_stroke_before(game, rows, name) for name in ("own", "incoming"))
+    known = (own >= 0) & (incoming >= 0)
+    contact = rows.codes["contact"].astype(np.int64)
+    state = np.full(len(rows), -1)
+    state[known] = game.state_of(own[known], incoming[known], contact[known])
+    state[state >= 0] = np.where(game.legal_count(state[state >= 0]) > 0, state[state >= 0], -1)
+    return state
+
+
+def _stroke_before(game: Game, rows: Rows, name: str) -> Ints:
+    """``[N]`` catalogue index of a stroke before: n for none yet, -1 where it is unknown or not in the catalogue."""
+    parts = ("shot", "area", "height", "technique")
+    shot, area, height, technique = (rows.codes[f"{name}_{part}"].astype(np.int64) for part in parts)
+    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
+    found = np.where(shot == N_SHOTS, game.n_strokes, -1)
+    found[known] = game.catalogue.by_parts[shot[known], area[known], height[known], technique[known]]
+    return found
+
+
+def ratio_by_match(top: Floats, bottom: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:
+    """A ratio of two sums over strokes, with a 95 % interval by a bootstrap over matches.
+
+    Args:
+        top, bottom: ``[N]`` what each stroke adds to the numerator and to the denominator.
+        match: ``[N]`` match of each stroke.
+        seed: of the resamples.
+    """
+    names, index = np.unique(match, return_inverse=True)
+    sums = np.stack([np.bincount(index, weights, len(names)) for weights in (top, bottom)])
+    drawn = np.random.default_rng(seed).integers(0, len(names), (RESAMPLES, len(names)))
+    a, b = sums[:, drawn].sum(axis=2)
+    low, high = np.quantile(a[b > 0] / b[b > 0], [0.025, 0.975])
+    return {"value": float(top.sum() / bottom.sum()), "low": float(low), "high": float(high)}
+
+
+def folds_of(strokes: Strokes, count: int, seed: int) -> Ints:
+    """``[N]`` fold of each stroke's match, dealt at random and as evenly as can be within each discipline."""
+    rows = strokes.rows
+    present, first = np.unique(rows.match, return_index=True)
+    women = rows.codes["discipline"][first] == 1
+    fold = np.zeros(int(present[-1]) + 1, dtype=np.int64)
+    rng = np.random.default_rng(seed)
+    for kind in (False, True):
+        members = rng.permutation(present[women == kind])
+        fold[members] = np.arange(len(members)) % count
+    return fold[rows.match]

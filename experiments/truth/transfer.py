@@ -1,0 +1,71 @@
+"""Does an advantage survive in a game that was fitted on other matches?
+
+The training matches are halved; a game is fitted on each half. What a policy that was computed in one wins there (home) is
+compared with what it wins in the other (away), in both against the average player of the game that is played. All exact.
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from experiments.truth.matches import Strokes, folds_of
+from experiments.truth.worlds import Fitter, World
+from shuttle_marl.exact import best_response, evaluate, solve, visits
+from shuttle_marl.game.table import TabulatedPolicy
+
+
+def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> dict[str, dict[str, float]]:
+    """Home and away share of rallies won, and the part ``kept`` of the edge over one half.
+
+    Args:
+        strokes: of the matches to halve.
+        fitter: fits the games.
+        halvings: how often; each gives two directions.
+        seed: of the halvings.
+
+    Returns:
+        For ``best_response`` and ``minimax``: ``home``, ``away``, ``kept``, and its 95 % interval ``low`` to ``high``
+        (Student's t over the directions) with their number ``directions``.
+    """
+    found: dict[str, list[tuple[float, float]]] = {"best_response": [], "minimax": []}
+    for number in range(halvings):
+        half = folds_of(strokes, 2, seed + number)
+        worlds = [fitter.fit(strokes.take(half == side).matches, layout=strokes.matches) for side in (0, 1)]
+        for home, away in (worlds, worlds[::-1]):
+            policies = {"best_response": best_response(home.bc).policy, "minimax": solve(home.game).policy[0]}
+            for name, policy in policies.items():
+                found[name].append((wins(policy, home), wins(policy, away)))
+    return {name: _summary(np.array(pairs)) for name, pairs in found.items()}
+
+
+def wins(policy: TabulatedPolicy, world: World) -> float:
+    """Share of the rallies that a policy wins against the average player of a world with the same layout."""
+    there = TabulatedPolicy(game=world.game, cumulative=policy.cumulative)
+    return float(evaluate(there, world.bc).odds().rally)
+
+
+def _summary(pairs: Any) -> dict[str, float]:
+    home, away = pairs.T
+    kept = (away - 0.5) / (home - 0.5)
+    width = stats.t.ppf(0.975, len(kept) - 1) * stats.sem(kept)
+    return {
+        "home": float(home.mean()),
+        "away": float(away.mean()),
+        "kept": float(kept.mean()),
+        "low": float(kept.mean() - width),
+        "high": float(kept.mean() + width),
+        "directions": len(kept),
+    }
+
+
+def thin_support(world: World, least: float = 5.0) -> dict[str, float]:
+    """Share of the strokes of each policy with fewer than ``least`` real ones in the innermost cell of data."""
+    response, perfect = best_response(world.bc).policy, solve(world.game).policy[0]
+    thin = world.behind[world.game.pair_edge] < least
+    profiles = {"bc": (world.bc, world.bc), "best_response": (response, world.bc), "minimax": (perfect, perfect)}
+    out = {}
+    for name, (policy, opponent) in profiles.items():
+        played = visits(policy, opponent).pairs(0)
+        out[name] = float(played[thin].sum() / played.sum())
+    return out

@@ -1,0 +1,104 @@
+"""Games fitted on some of the matches, with their average players and what stands behind their strokes."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from safetensors.numpy import load_file, save
+
+from experiments.truth.matches import Floats, Strokes
+from shuttle_marl.dynamics.compile import compile_game, empty_game, pair_log_choices, pair_probabilities
+from shuttle_marl.dynamics.fit import fit, intended_targets
+from shuttle_marl.dynamics.make import load_support
+from shuttle_marl.dynamics.models import known_outcome
+from shuttle_marl.dynamics.support import catalogue_of, replies_of, support_of
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import load_game, model_folder
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.policy import bc
+
+Report = Callable[[str], None]
+_SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class World:
+    """A game and how people play it.
+
+    Attributes:
+        bc: the average player, on the game.
+        behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
+    """
+
+    bc: TabulatedPolicy
+    behind: Floats
+
+    @property
+    def game(self) -> Game:
+        """The tables."""
+        return self.bc.game
+
+
+def shipped_world(model: str) -> World:
+    """The world of a shipped model or of a model folder."""
+    game = load_game(model)
+    return World(bc=bc.load(None, game), behind=load_support(model_folder(model)).strokes)
+
+
+class Fitter:
+    """Fits worlds on subsets of the matches, each once: what was fitted is kept in a folder.
+
+    Args:
+        strokes: of all matches.
+        folder: where fitted games are kept; a fit is found again by its strokes, its layout, its seed and the source code of
+            :mod:`shuttle_marl.dynamics`.
+        seed: of the fits.
+        report: called with a line before each stage of a fit.
+    """
+
+    def __init__(self, strokes: Strokes, folder: Path, *, seed: int, report: Report) -> None:
+        self._strokes, self._folder, self._seed, self._report = strokes, folder, seed, report
+        digest = hashlib.sha256(str((seed, torch.__version__)).encode())
+        for source in sorted(_SOURCES.glob("*.py")):
+            digest.update(source.read_bytes())
+        for name, code in sorted(strokes.rows.codes.items()):
+            digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
+        self._version = digest.hexdigest()
+
+    def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None) -> World:
+        """Fit the models on some matches, and compile their game.
+
+        Args:
+            matches: names of those that are fitted to.
+            layout: names of the matches whose strokes decide the catalogue and which stroke may answer which; None: the same.
+                Worlds that share a layout can exchange policies.
+        """
+        names, arranged = sorted(matches), sorted(layout or matches)
+        key = hashlib.sha256(json.dumps([self._version, names, arranged]).encode()).hexdigest()[:16]
+        game_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "tables"))
+        if not tables_file.is_file():
+            game, tables = self._fitted(names, arranged)
+            game.save(game_file)
+            replace_file(tables_file, save(tables))
+        game, tables = Game.load(game_file), load_file(tables_file)
+        return World(bc=from_pair_probabilities(game, game.normalized(np.exp(tables["log_choice"]))), behind=tables["behind"])
+
+    def _fitted(self, names: Sequence[str], arranged: Sequence[str]) -> tuple[Game, dict[str, Floats]]:
+        inside = self._strokes.in_matches(names)
+        train, others = self._strokes.rows.take(inside), self._strokes.rows.take(~inside)
+        # The other matches only choose how far single players are pooled, which the average game does not read.
+        fitted = fit(train, others if len(others) else train, seed=self._seed, report=self._report)
+        layout = self._strokes.rows.in_matches(arranged)
+        catalogue = catalogue_of(layout)
+        empty = empty_game(catalogue, replies_of(layout, catalogue))
+        known = train.take(known_outcome(train))
+        networks = fitted.models.networks
+        support = support_of(known, intended_targets(networks["target"], networks["success"], known), empty)
+        game = compile_game(empty, pair_probabilities(fitted.models, empty, support))
+        return game, {"log_choice": pair_log_choices(fitted.models, game).astype(np.float64), "behind": support.strokes}

@@ -1,0 +1,175 @@
+"""The measures of truth, on simulated matches whose truth is known."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from experiments.truth.__main__ import compare, main
+from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
+from experiments.truth.likeness import divergence, rally_length, two_sample_auc
+from experiments.truth.matches import Strokes, folds_of, ratio_by_match, states_of, strokes_of
+from experiments.truth.transfer import transfer
+from experiments.truth.worlds import World, shipped_world
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.recording.simulate import simulate
+
+ATTACKS = (SHOTS.index("smash"), SHOTS.index("half-smash"))
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return shipped_world("default")
+
+
+def played(world: World, matches: int, seed: int) -> pa.Table:
+    """Matches between two average players of a world: the world is the truth."""
+    p = world.bc.pair_probabilities()
+    return simulate(world.game, {"one": p, "other": p}, matches=matches, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def table(world: World) -> pa.Table:
+    return played(world, 150, seed=0)
+
+
+@pytest.fixture(scope="module")
+def strokes(table: pa.Table) -> Strokes:
+    return strokes_of(table)
+
+
+def tired(table: pa.Table, *, faults: float, seed: int = 0) -> pa.Table:
+    """The same matches by players who tire: each own attack so far in a rally adds a probability to fault."""
+    strokes = strokes_of(table)
+    attack = np.isin(strokes.rows.codes["shot"], ATTACKS)
+    effort = np.zeros(len(strokes))
+    for lag in range(2, int(strokes.number.max()), 2):
+        row = np.arange(lag, len(strokes))
+        effort[row] += attack[row - lag] & (strokes.rally[row] == strokes.rally[row - lag])
+    faulted = np.random.default_rng(seed).random(len(strokes)) < faults * effort
+    first = np.full(int(strokes.rally[-1]) + 1, len(strokes))
+    np.minimum.at(first, strokes.rally[faulted], np.flatnonzero(faulted))
+    outcome = np.where(faulted, Outcome.FAULT, table["outcome"].to_numpy()).astype(np.int8)
+    changed = table.set_column(table.schema.get_field_index("outcome"), table.schema.field("outcome"), pa.array(outcome))
+    return changed.filter(pa.array(np.arange(len(strokes)) <= first[strokes.rally]))
+
+
+def is_near(found: dict[str, float], truth: float) -> bool:
+    """Whether a value is within three standard errors, as its 95 % interval gives them."""
+    return abs(found["value"] - truth) < 3 * (found["high"] - found["low"]) / 3.92
+
+
+def test_every_stroke_of_a_simulated_match_stands_in_a_state_of_its_game(world: World, strokes: Strokes) -> None:
+    state = states_of(world.game, strokes.rows)
+    assert (state >= 0).all()
+    assert (state[strokes.number == 1] == 0).all()
+    third, shot = np.flatnonzero(strokes.number == 3), strokes.rows.codes["shot"]
+    assert (world.game.catalogue.shot[world.game.own(state[third])] == shot[third - 2]).all()
+    assert (world.game.catalogue.shot[world.game.incoming(state[third])] == shot[third - 1]).all()
+
+
+def test_the_winner_of_a_rally_is_the_server_of_the_next(table: pa.Table, strokes: Strokes) -> None:
+    starts = np.flatnonzero(strokes.number == 1)
+    player = np.array(table["player"].to_pylist())
+    match, game = strokes.rows.match[starts], table["game"].to_numpy()[starts]
+    follows = (match[1:] == match[:-1]) & (game[1:] == game[:-1])
+    won = strokes.result[starts[:-1]] == 1
+    assert ((player[starts[1:]] == player[starts[:-1]])[follows] == won[follows]).all()
+
+
+def test_in_a_true_game_promises_come_true(world: World, strokes: Strokes) -> None:
+    promised = promises(world.bc, strokes)
+    slopes = decision_slope(strokes, promised)
+    assert list(slopes) == ["1", "4", "8", "end"]
+    assert all(is_near(slope, 1.0) for slope in slopes.values()), slopes
+    assert slopes["end"]["high"] - slopes["end"]["low"] < 0.3
+    assert value_log_loss(strokes, promised) < np.log(2)
+    errors = [role for roles in value_error(strokes, promised).values() for role in roles.values()]
+    far = [e for e in errors if not is_near({**e, "value": e["points"]}, 0.0)]
+    assert len(errors) > 20
+    assert far == []
+
+
+def test_a_game_that_ignores_fatigue_promises_too_much(world: World, table: pa.Table) -> None:
+    strokes = strokes_of(tired(table, faults=0.05))
+    promised = promises(world.bc, strokes)
+    slopes = decision_slope(strokes, promised)
+    assert slopes["end"]["high"] < 0.9
+    assert slopes["1"]["value"] > slopes["4"]["value"] > slopes["8"]["value"] > slopes["end"]["value"]
+    smash = value_error(strokes, promised)["smash"]
+    assert smash["own"]["high"] < -2
+    assert smash["incoming"]["low"] > 2
+    chosen = promised_realised(strokes, promised)["smash"]
+    assert chosen["promised"] > chosen["realised"]["high"]
+
+
+@pytest.mark.slow
+def test_simulated_matches_of_one_world_cannot_be_told_apart(world: World, strokes: Strokes) -> None:
+    others = strokes_of(played(world, 60, seed=1))
+    some = strokes.take(strokes.in_matches(strokes.rows.matches[:60]))
+    found = two_sample_auc(others, some, halvings=1)
+    assert found["value"] == pytest.approx(0.5, abs=0.03)
+    length = rally_length(others, some)
+    assert length["ks"] < 0.03
+    assert length["simulated"] == pytest.approx(length["real"], rel=0.05)
+    for name, bits in divergence(others, some).items():
+        assert bits["value"] < 2 * bits["real_against_real"] + 1e-4, name
+
+
+@pytest.mark.slow
+def test_other_play_is_told_apart_and_named(table: pa.Table, strokes: Strokes) -> None:
+    some = strokes.take(strokes.in_matches(strokes.rows.matches[:60]))
+    found = two_sample_auc(strokes_of(tired(table, faults=0.3)), some, halvings=1)
+    assert found["value"] > 0.6
+    assert {"strokes", "ended by a fault", "share of smash"} & set(found["gives_away"])
+    assert sum(found["gives_away"].values()) <= 1 + 1e-9
+
+
+def test_an_advantage_is_kept_where_the_other_half_is_the_same_world(world: World, strokes: Strokes) -> None:
+    class Same:
+        def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None) -> World:
+            return world
+
+    found = transfer(strokes, Same(), halvings=2, seed=0)  # type: ignore[arg-type]
+    for policy in ("best_response", "minimax"):
+        assert found[policy]["kept"] == pytest.approx(1.0, abs=1e-12)
+        assert found[policy]["directions"] == 4
+    assert found["best_response"]["home"] > found["minimax"]["home"] > 0.6
+
+
+def test_folds_are_even_within_each_discipline(strokes: Strokes) -> None:
+    fold = folds_of(strokes, 4, seed=1)
+    assert all(len(set(fold[strokes.rows.match == match])) == 1 for match in range(10))
+    assert np.ptp([len(strokes.take(fold == k).matches) for k in range(4)]) <= 1
+    assert not np.array_equal(fold, folds_of(strokes, 4, seed=2))
+
+
+def test_a_ratio_and_its_interval() -> None:
+    rng = np.random.default_rng(0)
+    match = np.repeat(np.arange(200), 50)
+    noise = rng.normal(size=200)[match]  # shared by the strokes of a match: an interval by strokes would be far too narrow
+    found = ratio_by_match(2.0 + noise, np.ones(len(match)), match)
+    assert found["low"] < 2.0 < found["high"]
+    assert found["high"] - found["low"] == pytest.approx(2 * 1.96 / np.sqrt(200), rel=0.2)
+
+
+@pytest.mark.slow
+def test_all_figures_at_once(world: World, strokes: Strokes) -> None:
+    some = strokes.take(strokes.in_matches(strokes.rows.matches[:20]))
+    found = compare([(world, some), (world, strokes.take(strokes.in_matches(strokes.rows.matches[20:40])))], seed=0)
+    assert found["matches"] == 40
+    assert 0.4 < found["random_vs_bc"] < 0.5
+    assert set(found["support"]) == {"bc", "best_response", "minimax"}
+    assert all(0 <= share <= 1 for share in found["support"].values())
+    json.dumps(found)
+
+
+def test_the_command_asks_for_matches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--data", str(tmp_path)]) == 1
+    assert "either --split NAME or --cross NUMBER" in capsys.readouterr().err
+    assert main(["--data", str(tmp_path), "--cross", "1"]) == 1
+    assert "expected 2 or more" in capsys.readouterr().err
