@@ -1,0 +1,174 @@
+"""Whether two checkouts play, solve and train the same: both run the same seeded commands, and what they write is compared.
+
+    python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
+
+Files have to be equal byte for byte, with these exceptions: JSON is compared without times, folder names are taken out of what
+is printed, and a rally log whose bytes differ (its format may have changed) has to hold the same strokes. Manifests and files
+of TensorBoard are left out: they tell when and by what a run was made. Both checkouts run with this interpreter, one command
+after another, which takes some minutes.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import tyro
+from rich.console import Console
+
+from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.errors import ShuttleError
+
+_TRAIN: Final = ("--seed", "4", "--strokes", "300000", "--out")
+COMMANDS: Final[dict[str, tuple[str, ...]]] = {
+    "league": ("league", "--matches", "100", "--seed", "3", "--out", "{out}"),
+    "solve": ("exact", "solve", "--json"),
+    "evaluate": ("exact", "evaluate", "bc", "minimax", "attacking", "ppo", "sac", "random", "bc:viktor-axelsen", "--json"),
+    "crossplay": ("exact", "crossplay", "bc", "minimax", "ppo", "random", "safe", "--json"),
+    "ppo": ("training", "ppo", *_TRAIN, "{out}"),
+    "a2c": ("training", "a2c", *_TRAIN, "{out}"),
+    "sac": ("training", "sac", *_TRAIN, "{out}"),
+    "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN, "{out}"),
+}
+"""Arguments behind ``python -m shuttle_marl.``, by name; ``{out}`` is a folder of the command's own."""
+_LEFT_OUT: Final = ("manifest.json", "tensorboard")
+_PRINTED: Final = "printed.txt"
+_TIMES: Final = ("second", "time", "per_s")
+
+
+class SameResultsError(ShuttleError):
+    """A command failed, or the results differ."""
+
+
+def run_commands(checkout: Path, out: Path, names: tuple[str, ...]) -> None:
+    """Run the commands of these names with the package of a checkout.
+
+    Args:
+        checkout: root of the repository.
+        out: each command writes into a folder of its name here, and what it prints into ``printed.txt`` there.
+        names: keys of :data:`COMMANDS`.
+
+    Raises:
+        SameResultsError: a command failed, or the checkout holds no package.
+    """
+    if not (checkout / "shuttle_marl" / "__init__.py").exists():
+        raise SameResultsError(f"{checkout}: no package shuttle_marl here; give the root of a checkout")
+    for name in names:
+        folder = out / name
+        folder.mkdir(parents=True)
+        module, *arguments = (argument.format(out=folder / "run") for argument in COMMANDS[name])
+        printed = _call(checkout, module, *arguments)
+        (folder / _PRINTED).write_text(printed.replace(str(folder), "OUT"), encoding="utf-8")
+
+
+def _call(checkout: Path, module: str, *arguments: str) -> str:
+    command = [sys.executable, "-m", f"shuttle_marl.{module}", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1", "COLUMNS": "160"}
+    done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SameResultsError(f"{checkout}: {' '.join(command[1:])} ended with {done.returncode}:\n{done.stderr[-2000:]}")
+    return done.stdout
+
+
+def differences(before: Path, after: Path, checkouts: tuple[Path, Path]) -> Iterator[str]:
+    """What differs between two folders that :func:`run_commands` filled, a line each.
+
+    Args:
+        before: one folder.
+        after: the other.
+        checkouts: which read the rally logs of the first and of the second folder.
+    """
+    names = [_files(before), _files(after)]
+    for name in sorted(names[0] ^ names[1]):
+        yield f"{name}: only {'before' if name in names[0] else 'after'}"
+    for name in sorted(names[0] & names[1]):
+        files = before / name, after / name
+        if files[0].read_bytes() != files[1].read_bytes() and (problem := _difference(files, checkouts)):
+            yield f"{name}: {problem}"
+
+
+def _files(folder: Path) -> set[str]:
+    paths = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return {path.as_posix() for path in paths if not set(path.parts) & set(_LEFT_OUT)}
+
+
+def _difference(files: tuple[Path, Path], checkouts: tuple[Path, Path]) -> str:
+    """What differs between two files of other bytes; empty if only what may differ does."""
+    if files[0].suffix == ".mcap":
+        return _other_strokes([_strokes(file, checkout) for file, checkout in zip(files, checkouts, strict=True)])
+    texts = [_lines_without_times(file) for file in files]
+    if None in texts or texts[0] != texts[1]:
+        return f"differs ({files[0].stat().st_size:,} and {files[1].stat().st_size:,} bytes)"
+    return ""
+
+
+def _lines_without_times(file: Path) -> list[Any] | None:
+    """JSON, or a line of JSON each, without times; None if the file holds something else."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        return [_without_times(json.loads(part)) for part in (text.splitlines() if file.suffix == ".jsonl" else [text])]
+    except ValueError:
+        return None
+
+
+def _without_times(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_times(v) for key, v in value.items() if not any(word in key for word in _TIMES)}
+    return [_without_times(v) for v in value] if isinstance(value, list) else value
+
+
+def _strokes(log: Path, checkout: Path) -> pa.Table:
+    """Every stroke of a log, as the checkout exports them."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "strokes.arrow"
+        _call(checkout, "recording", "export", str(log), str(path), "--rows", "strokes")
+        return pa.ipc.open_file(path.read_bytes()).read_all()
+
+
+def _other_strokes(tables: list[pa.Table]) -> str:
+    """How two tables of strokes differ in the columns that both have."""
+    names = [name for name in tables[0].column_names if name in tables[1].column_names]
+    if not {"number", "stroke"} <= set(names) or len(tables[0]) != len(tables[1]):
+        return f"{len(tables[0]):,} and {len(tables[1]):,} strokes, with {', '.join(names) or 'no columns'} in common"
+    other = [name for name in names if not tables[0][name].equals(tables[1][name])]
+    return f"other {', '.join(other)}" if other else ""
+
+
+def main(
+    before: tyro.conf.Positional[Path],
+    after: tyro.conf.Positional[Path],
+    *,
+    out: Path | None = None,
+    only: tuple[str, ...] = tuple(COMMANDS),
+) -> None:
+    """Compare what two checkouts compute.
+
+    Args:
+        before: Root of a checkout.
+        after: Root of another one.
+        out: Keep what they write in this new folder, under `before` and `after`.
+        only: Names of the commands to run.
+    """
+    if unknown := [name for name in only if name not in COMMANDS]:
+        raise SameResultsError(f"--only {' '.join(unknown)}: expected some of {', '.join(COMMANDS)}")
+    if out is not None and out.exists():
+        raise SameResultsError(f"--out {out}: exists; name a new folder")
+    checkouts = (before.resolve(), after.resolve())
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (out or Path(temporary)).resolve()
+        for name, checkout in zip(("before", "after"), checkouts, strict=True):
+            run_commands(checkout, folder / name, only)
+        found = list(differences(folder / "before", folder / "after", checkouts))
+        files = len(_files(folder / "before"))
+    if found:
+        raise SameResultsError("the results differ\n" + "\n".join(found))
+    Console().print(f"the same: {len(only)} commands, {files} files")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(main, prog="python -m experiments.same_results", description="Compare the results of two checkouts."))

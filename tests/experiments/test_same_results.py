@@ -1,0 +1,88 @@
+"""Two checkouts compared by what they compute."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from experiments import same_results
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.run import run_league
+
+ROOT = Path(__file__).parents[2]
+CHECKOUTS = (ROOT, ROOT)
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Two folders with the same results, but for their times."""
+    for name, seconds in (("before", 1.0), ("after", 2.0)):
+        run = tmp_path / name / "ppo" / "run"
+        (run / "tensorboard").mkdir(parents=True)
+        (run / "tensorboard" / "events").write_text(name, encoding="utf-8")
+        (run / "manifest.json").write_text(name, encoding="utf-8")
+        (run / "results.json").write_text(json.dumps({"won": 0.5, "runs": [{"seconds": seconds}]}), encoding="utf-8")
+        (run / "metrics.jsonl").write_text(f'{{"loss": 1, "seconds": {seconds}}}\n{{"loss": 2}}\n', encoding="utf-8")
+        (run / "agent.safetensors").write_bytes(b"\xff\x00")
+    return tmp_path / "before", tmp_path / "after"
+
+
+def found(folders: tuple[Path, Path]) -> list[str]:
+    return list(same_results.differences(*folders, CHECKOUTS))
+
+
+def test_times_and_manifests_may_differ(folders: tuple[Path, Path]) -> None:
+    assert found(folders) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("results.json", b'{"won": 0.4, "runs": [{"seconds": 1.0}]}'),
+        ("metrics.jsonl", b'{"loss": 1, "seconds": 1.0}\n{"loss": 3}\n'),
+        ("metrics.jsonl", b'{"loss": 1, "seconds": 1.0}\n'),
+        ("agent.safetensors", b"\xff\x01"),
+    ],
+)
+def test_another_number_is_found(folders: tuple[Path, Path], name: str, data: bytes) -> None:
+    (folders[1] / "ppo" / "run" / name).write_bytes(data)
+    (difference,) = found(folders)
+    assert difference.startswith(f"ppo/run/{name}: differs")
+
+
+def test_a_missing_file_is_found(folders: tuple[Path, Path]) -> None:
+    (folders[0] / "ppo" / "run" / "results.json").unlink()
+    assert found(folders) == ["ppo/run/results.json: only after"]
+
+
+def test_a_log_may_have_other_bytes_but_no_other_strokes(tmp_path: Path) -> None:
+    folders = tmp_path / "before", tmp_path / "after"
+    for folder, pool in zip(folders, (("safe", "random"), ("random", "safe")), strict=True):
+        run = run_league(LeagueConfig(pool=pool, matches=2, seed=1, out=folder / "run")).folder
+        for path in list(run.iterdir()):
+            if path.suffix != ".mcap":
+                path.unlink()
+    (difference,) = found(folders)
+    assert difference.startswith("run/rallies.mcap: other ")
+    shutil.copy(folders[0] / "run" / "rallies.mcap", folders[1] / "run" / "rallies.mcap")
+    with (folders[1] / "run" / "rallies.mcap").open("r+b") as file:
+        data = file.read()
+        file.seek(0)
+        file.write(data.replace(b"library", b"Library", 1))
+    assert found(folders) == []
+
+
+def test_a_checkout_equals_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    same_results.main(ROOT, ROOT, out=tmp_path / "out", only=("solve",))
+    assert "the same: 1 commands, 1 files" in capsys.readouterr().out
+    assert "value" in (tmp_path / "out" / "before" / "solve" / "printed.txt").read_text(encoding="utf-8")
+
+
+def test_wrong_arguments_are_named(tmp_path: Path) -> None:
+    with pytest.raises(same_results.SameResultsError, match="no package shuttle_marl here"):
+        same_results.main(tmp_path, ROOT)
+    with pytest.raises(same_results.SameResultsError, match="--only tea: expected some of league, solve"):
+        same_results.main(ROOT, ROOT, only=("tea",))
+    with pytest.raises(same_results.SameResultsError, match="exists; name a new folder"):
+        same_results.main(ROOT, ROOT, out=tmp_path)
