@@ -1,0 +1,63 @@
+"""Results that no change of the code may change: the game, its value, the strokes of a tournament and of training runs.
+
+If a change is meant to change one of them, the models and every number in the documentation have to be made again.
+"""
+
+import dataclasses
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from shuttle_marl.exact import solve
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.run import run_league
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
+
+GAME_HASH = "00df9c0eff54"
+VALUE_AT_SERVE = -0.0256635
+TOURNAMENT = "2c6f706d769efe69"
+WINS = {"minimax": 19, "ppo": 16, "safe@greedy": 13, "attacking": 8, "bc": 2, "random": 2}
+SMALL = {"rows": 64, "steps": 8, "strokes": 1536, "width": 16, "threads": 1}
+TRAINING: dict[str, tuple[TrainingConfig, str]] = {
+    "ppo": (PPOConfig(**SMALL, minibatch=128), "d3c869d739cf15eb"),
+    "a2c": (A2CConfig(**SMALL), "d834567a610ea048"),
+    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "6fa07e2b3211a90c"),
+    "self-play": (PPOConfig(**SMALL, minibatch=128, opponent=("self",)), "030af7dc09de855b"),
+}
+"""Settings of a run, and the digest of its strokes."""
+
+
+@pytest.fixture(scope="module")
+def game() -> Game:
+    return default_game()
+
+
+def digest(log: Path) -> str:
+    """Digest of all strokes of a log, their outcomes, and the rallies that they belong to."""
+    with RallyLog(log) as opened:
+        columns = opened.stroke_table().select(["number", "position", "stroke", "outcome"]).to_pydict().values()
+    lines = "\n".join(" ".join(map(str, row)) for row in zip(*columns, strict=True))
+    return hashlib.sha256(lines.encode()).hexdigest()[:16]
+
+
+def test_the_game_and_its_value_at_the_serve(game: Game) -> None:
+    assert game.hash.startswith(GAME_HASH)
+    assert solve(game).value_at_serve == pytest.approx(VALUE_AT_SERVE, abs=1e-7)
+
+
+def test_a_tournament(tmp_path: Path) -> None:
+    pool = ("bc", "attacking", "safe@greedy", "ppo", "random", "minimax")
+    run = run_league(LeagueConfig(pool=pool, matches=4, seed=5, out=tmp_path / "run"))
+    assert {standing.player: standing.wins for standing in run.standings} == WINS
+    assert digest(run.folder / "rallies.mcap") == TOURNAMENT
+
+
+@pytest.mark.parametrize("name", TRAINING)
+def test_a_training_run(name: str, tmp_path: Path) -> None:
+    config, expected = TRAINING[name]
+    train(dataclasses.replace(config, seed=4, out=tmp_path / "run"))
+    assert digest(tmp_path / "run" / "rallies.mcap") == expected
