@@ -1,4 +1,7 @@
-"""Base class of everything that users can fix, and the errors of a stroke that several packages raise."""
+"""Base class of everything that users can fix, and errors and checks that several packages share."""
+
+import operator
+from typing import Any
 
 
 class ShuttleError(Exception):
@@ -24,3 +27,19 @@ class IllegalStrokeError(ActionError):
     def __init__(self, message: str, stroke: int, row: int | None = None) -> None:
         super().__init__(message)
         self.stroke, self.row = stroke, row
+
+
+def whole_number(name: str, value: Any, least: int | None = None) -> int:
+    """An option that is a whole number.
+
+    Raises:
+        OptionError: it is not, or it is below ``least``; a fraction is never cut off.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or (least is not None and number < least):
+        wanted = "a whole number" if least is None else f"a whole number, {least} or more"
+        raise OptionError(f"{name} {value!r}: expected {wanted}")
+    return number

@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.errors import whole_number
+
 UInt64s = npt.NDArray[np.uint64]
 
 CHOICE_ONE: Final = 65535
@@ -28,7 +30,12 @@ def mix(x: UInt64s) -> UInt64s:
 
 
 def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
-    """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts."""
+    """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts.
+
+    Raises:
+        OptionError: the seed is no whole number.
+    """
+    seed = whole_number("seed", seed)
     with np.errstate(over="ignore"):
         key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + _GOLDEN)
     for number in numbers:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.arrays import frozen
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import Game
 from shuttle_marl.text import described
@@ -20,7 +21,7 @@ class PolicyError(ShuttleError):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class States:
-    """A batch of B decisions, seen by the striker.
+    """A batch of B decisions, seen by the striker. All arrays are read-only.
 
     Attributes:
         game: the tables of the game.
@@ -33,28 +34,34 @@ class States:
     state: npt.NDArray[np.int32]
     score: npt.NDArray[np.int16] | None = None
 
+    def __post_init__(self) -> None:
+        # Copies that cannot be written to: a policy must not reach into the matches that it plays.
+        object.__setattr__(self, "state", frozen(np.asarray(self.state)))
+        if self.score is not None:
+            object.__setattr__(self, "score", frozen(np.asarray(self.score)))
+
     def __len__(self) -> int:
         return len(self.state)
 
     @functools.cached_property
     def own(self) -> npt.NDArray[np.int32]:
         """``[B]`` catalogue index of the striker's own last stroke, n for none."""
-        return self.game.own(self.state)
+        return frozen(self.game.own(self.state))
 
     @functools.cached_property
     def incoming(self) -> npt.NDArray[np.int32]:
         """``[B]`` catalogue index of the incoming stroke, n for none: the striker serves."""
-        return self.game.incoming(self.state)
+        return frozen(self.game.incoming(self.state))
 
     @functools.cached_property
     def contact(self) -> npt.NDArray[np.int32]:
         """``[B]`` contact offered: 0 below, 1 above the net."""
-        return self.game.contact(self.state)
+        return frozen(self.game.contact(self.state))
 
     @functools.cached_property
     def mask(self) -> npt.NDArray[np.bool_]:
         """``[B, n]`` legal strokes."""
-        return self.game.mask(self.state)
+        return frozen(self.game.mask(self.state))
 
 
 @runtime_checkable
@@ -93,11 +100,11 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
     except BaseException as error:  # sys.exit too: no policy ends the program
         raise PolicyError(f"policy {name!r} raised {described(error)}") from error
     try:
-        p = np.asarray(raw, dtype=np.float64)
+        p = _as_numbers(raw)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise PolicyError(f"policy {name!r} returned {type(raw).__name__}, no array of numbers") from error
+        raise PolicyError(f"policy {name!r} returned {type(raw).__name__}, no array of real numbers") from error
     expected = (len(states), states.game.n_strokes)
     if p.shape != expected:
         raise PolicyError(f"policy {name!r} returned shape {p.shape}, expected {expected}")
@@ -106,7 +113,7 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
     if bad.any():
         row = int(bad.argmax())
         raise PolicyError(f"policy {name!r} returned NaN or infinity in state: {describe(int(states.state[row]))}")
-    illegal = (p != 0) & ~states.mask
+    illegal = (p != 0) & ~states.game.mask(states.state)
     if illegal.any():
         row, stroke = map(int, np.argwhere(illegal)[0])
         raise PolicyError(
@@ -121,6 +128,15 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
             f"{describe(int(states.state[row]))}"
         )
     return p
+
+
+def _as_numbers(raw: object) -> npt.NDArray[np.float64]:
+    """What a policy returned, as real numbers; nothing is dropped or made finite on the way."""
+    found = np.asarray(raw)
+    if found.dtype.kind not in "fiub":
+        raise TypeError(f"numbers of type {found.dtype}")
+    with np.errstate(over="ignore"):
+        return found.astype(np.float64)
 
 
 def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:

@@ -18,7 +18,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from safetensors.numpy import save
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.arrays import frozen
 from shuttle_marl.game.stroke import Catalogue
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
@@ -40,7 +41,6 @@ Ints = npt.NDArray[np.int32]
 UInts = npt.NDArray[np.uint16]
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.integer] | int
-A = TypeVar("A", bound=np.generic)
 
 _ALL: Final = slice(None)
 
@@ -70,6 +70,17 @@ class Game:
     reply_count: Ints
     pair_start: Ints
     threshold: UInts
+
+    def __post_init__(self) -> None:
+        for name, array in self._arrays().items():
+            if not isinstance(array, np.ndarray) or array.dtype != (np.uint16 if name == "threshold" else np.int32):
+                kind = getattr(array, "dtype", type(array).__name__)
+                raise GameError(f"table {name} of {kind}: expected uint16 for threshold, int32 for the others")
+            object.__setattr__(self, name, frozen(array))
+        self._check_layout()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.catalogue, self._arrays())
 
     @property
     def n_strokes(self) -> int:
@@ -127,7 +138,7 @@ class Game:
     @functools.cached_property
     def playable(self) -> npt.NDArray[np.bool_]:
         """``[S]`` whether a state has legal strokes: all have but the serve from above, which never occurs."""
-        return _frozen(np.diff(self.pair_start) > 0)
+        return frozen(np.diff(self.pair_start) > 0)
 
     def legal_count(self, state: Indices) -> Ints:
         """Number of legal strokes in each state; any shape."""
@@ -179,43 +190,43 @@ class Game:
     @functools.cached_property
     def pair_state(self) -> Ints:
         """``[P]`` state of each legal pair."""
-        return _frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
+        return frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
 
     @functools.cached_property
     def pair_rank(self) -> Ints:
         """``[P]`` position k of each legal pair in its state."""
-        return _frozen(np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[self.pair_state])
+        return frozen(np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[self.pair_state])
 
     @functools.cached_property
     def pair_edge(self) -> Ints:
         """``[P]`` edge that follows each legal pair if the stroke is returned; the next state is ``2 * edge + contact``."""
-        return _frozen(self.first_reply[self.pair_state] + self.pair_rank)
+        return frozen(self.first_reply[self.pair_state] + self.pair_rank)
 
     @functools.cached_property
     def pair_stroke(self) -> Ints:
         """``[P]`` catalogue index of the stroke of each legal pair."""
-        return _frozen(self.edge_incoming[self.pair_edge])
+        return frozen(self.edge_incoming[self.pair_edge])
 
     @functools.cached_property
     def first_reply(self) -> Ints:
         """``[S]`` edge that follows the first legal stroke of a state; that of its k-th one is k further on."""
         s = np.arange(self.n_states)
-        return _frozen(self.reply_start[self.incoming(s), self.contact(s)])
+        return frozen(self.reply_start[self.incoming(s), self.contact(s)])
 
     @functools.cached_property
     def first_pairs(self) -> Ints:
         """First legal pair of each state that has one, in the order of the states."""
-        return _frozen(self.pair_start[:-1][self.playable])
+        return frozen(self.pair_start[:-1][self.playable])
 
     @functools.cached_property
     def last_pairs(self) -> Ints:
         """Last legal pair of each state that has one, in the order of the states."""
-        return _frozen(self.pair_start[1:][self.playable] - 1)
+        return frozen(self.pair_start[1:][self.playable] - 1)
 
     @functools.cached_property
     def reply_mask(self) -> npt.NDArray[np.bool_]:
         """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
-        return _frozen(self.reply_rank >= 0)
+        return frozen(self.reply_rank >= 0)
 
     @functools.cached_property
     def reply_rank(self) -> npt.NDArray[np.int16]:
@@ -223,7 +234,7 @@ class Game:
         rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
         s = self.pair_state
         rank[self.incoming(s), self.contact(s), self.pair_stroke] = self.pair_rank
-        return _frozen(rank)
+        return frozen(rank)
 
     # Numbers over legal pairs.
 
@@ -278,6 +289,41 @@ class Game:
         own, incoming = names[int(self.own(state))], names[int(self.incoming(state))]
         return f"own {own}, incoming {incoming}, contact {'above' if state & 1 else 'below'}"
 
+    def _check_layout(self) -> None:
+        """Refuse tables that point outside each other: compiled code reads them without looking.
+
+        Raises:
+            GameError: they do.
+        """
+        n, edges, pairs = self.n_strokes, len(self.edge_own), len(self.threshold)
+        wanted = {
+            "edge_own": (edges,), "edge_incoming": (edges,), "reply_start": (n + 1, 2), "reply_count": (n + 1, 2),
+            "pair_start": (2 * edges + 1,), "threshold": (pairs, 3),
+        }  # fmt: skip
+        for name, shape in wanted.items():
+            if getattr(self, name).shape != shape:
+                raise GameError(f"table {name} of shape {getattr(self, name).shape}: expected {shape}")
+        if not edges or (self.edge_own[0], self.edge_incoming[0]) != (n, n):
+            raise GameError("edge 0 is not the start of a rally")
+        for name in ("edge_own", "edge_incoming"):
+            if not _within(getattr(self, name), 0, n):
+                raise GameError(f"table {name}: expected strokes from 0 to {n}")
+        starts, counts = self.reply_start.astype(np.int64), self.reply_count.astype(np.int64)
+        if not (_within(starts, 0, edges) and _within(counts, 0, n) and _within(starts + counts, 0, edges)):
+            raise GameError(f"tables reply_start and reply_count: expected edges from 0 to {edges - 1}")
+        ends = np.cumsum(counts[self.edge_incoming].ravel())
+        if self.pair_start[0] != 0 or (self.pair_start[1:] != ends).any() or ends[-1] != pairs:
+            raise GameError("tables pair_start and threshold do not count the legal strokes of the states")
+        stroke, contact = np.divmod(np.repeat(np.arange(2 * n + 2), counts.ravel()), 2)
+        first = np.repeat(starts.ravel() - np.r_[0, np.cumsum(counts)[:-1]], counts.ravel())
+        reply = first + np.arange(len(first))
+        if (
+            (self.edge_own[reply] != stroke).any()
+            or not _within(self.edge_incoming[reply], 0, n - 1)
+            or (self.catalogue.height[self.edge_incoming[reply]] != contact).any()
+        ):
+            raise GameError("table reply_start does not lead to the replies of a stroke")
+
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"}
 
@@ -298,17 +344,19 @@ class Game:
                 header = file.metadata() or {}
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
             game = cls(catalogue=Catalogue.from_names(json.loads(header["strokes"])), **arrays)
-        except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError, ShuttleError) as error:
             raise GameError(f"{path}: no readable game tables ({error}); fit or install the model again") from error
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
         return game
 
 
-def _frozen(array: npt.NDArray[A]) -> npt.NDArray[A]:
-    """The array, which cannot be written to any more."""
-    array.flags.writeable = False
-    return array
+def _restored(catalogue: Catalogue, arrays: dict[str, Any]) -> Game:
+    return Game(catalogue=catalogue, **arrays)
+
+
+def _within(array: npt.NDArray[np.integer], low: int, high: int) -> bool:
+    return bool(((array >= low) & (array <= high)).all())
 
 
 def strike(

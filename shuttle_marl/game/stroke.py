@@ -9,12 +9,13 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.arrays import frozen
 from shuttle_marl.game.court import AREAS
 
 SHOTS: Final = (
@@ -66,6 +67,13 @@ class Catalogue:
     height: Int8s
     technique: Int8s
 
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, frozen(getattr(self, field.name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Catalogue, (self.shot, self.area, self.height, self.technique)
+
     @classmethod
     def from_names(cls, names: Iterable[str]) -> "Catalogue":
         """Build a catalogue from stroke names, in their order.
@@ -91,7 +99,7 @@ class Catalogue:
     @functools.cached_property
     def is_serve(self) -> npt.NDArray[np.bool_]:
         """``[n]`` whether a stroke is a serve."""
-        return self.shot < N_SERVES
+        return frozen(self.shot < N_SERVES)
 
     @functools.cached_property
     def version(self) -> str:
@@ -121,7 +129,7 @@ class Catalogue:
         """``[13, 9, 2, 3]`` catalogue index of every combination, -1 where there is none."""
         table = np.full((N_SHOTS, len(AREAS), len(HEIGHTS), N_TECHNIQUES), -1, dtype=np.int16)
         table[self.shot, self.area, self.height, self.technique] = np.arange(len(self))
-        return table
+        return frozen(table)
 
 
 def parse(name: str) -> tuple[int, int, int, int]:

@@ -48,7 +48,9 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
         replies[np.arange(n), rng.choice(can, n)] = True
     replies[:n, catalogue.is_serve] = False
     replies[n] = catalogue.is_serve
-    return with_chances(Game(catalogue=catalogue, threshold=np.zeros((0, 3), np.uint16), **layout(catalogue, replies)), seed)
+    tables = layout(catalogue, replies)
+    threshold = np.zeros((int(tables["pair_start"][-1]), 3), np.uint16)
+    return with_chances(Game(catalogue=catalogue, threshold=threshold, **tables), seed)
 
 
 def with_chances(game: Game, seed: int) -> Game:

@@ -1,5 +1,6 @@
 """Saving and loading a game, and what happens to damaged files."""
 
+import copy
 import dataclasses
 from pathlib import Path
 
@@ -38,7 +39,9 @@ def test_the_hash_covers_every_table(name: str) -> None:
     game = default_game()
     table = getattr(game, name).copy()
     table.flat[-1] ^= 1
-    assert dataclasses.replace(game, **{name: table}).hash != game.hash
+    changed = copy.copy(game)
+    object.__setattr__(changed, name, table)  # some such games cannot be made
+    assert changed.hash != game.hash
 
 
 def test_the_hash_covers_the_names() -> None:

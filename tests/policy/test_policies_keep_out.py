@@ -1,0 +1,155 @@
+"""Policies must not reach the game: what they are given is read-only, and what they return is checked as it is."""
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.policy import PolicyError, States, UniformPolicy, checked_probabilities
+from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.kernel import Matches
+from shuttle_marl.kernel.lockstep import ask, play
+
+GAME = default_game()
+TABLES = ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start", "threshold")
+DERIVED = (
+    "pair_state", "pair_rank", "pair_edge", "pair_stroke", "first_reply", "first_pairs", "last_pairs", "playable", "reply_mask",
+    "reply_rank",
+)  # fmt: skip
+
+
+class Vandal:
+    """Plays uniformly at random after it has tried to change something."""
+
+    reads_score = True
+
+    def __init__(self, act: Callable[[States], Any]) -> None:
+        self.act = act
+
+    def probabilities(self, states: States) -> np.ndarray:
+        self.act(states)
+        return UniformPolicy().probabilities(states)
+
+
+def write(array: np.ndarray) -> None:
+    array[...] = 0
+
+
+def force(array: np.ndarray) -> None:
+    array.setflags(write=True)
+    array[...] = 0
+
+
+def unlock_base(array: np.ndarray) -> None:
+    assert isinstance(array.base, bytes)
+    np.frombuffer(array.base, np.uint8)[...] = 0
+
+
+WAYS = [write, force, unlock_base]
+
+
+def some_states() -> States:
+    return States(game=GAME, state=np.array([ROOT, 8, 17], np.int32), score=np.zeros((3, 4), np.int16))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", [*TABLES, *DERIVED])
+def test_no_table_of_a_game_can_be_written(name: str, way: Callable[[np.ndarray], None]) -> None:
+    for game in (GAME, pickle.loads(pickle.dumps(GAME))):
+        before = getattr(game, name).copy()
+        with pytest.raises((ValueError, TypeError)):
+            way(getattr(game, name))
+        assert np.array_equal(getattr(game, name), before)
+        assert game.hash == GAME.hash
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", ["shot", "area", "height", "technique", "is_serve", "by_parts"])
+def test_no_table_of_the_catalogue_can_be_written(name: str, way: Callable[[np.ndarray], None]) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        way(getattr(GAME.catalogue, name))
+
+
+def test_a_game_does_not_change_with_the_arrays_it_was_made_from() -> None:
+    tables = {name: getattr(GAME, name).copy() for name in TABLES}
+    game = Game(catalogue=GAME.catalogue, **tables)
+    tables["threshold"][:] = 0
+    assert game.hash == GAME.hash
+    assert game.threshold.any()
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", ["state", "score", "own", "incoming", "contact", "mask"])
+def test_a_policy_that_writes_into_its_states_has_failed(name: str, way: Callable[[np.ndarray], None]) -> None:
+    states = some_states()
+    with pytest.raises(PolicyError, match=r"policy 'vandal' raised (ValueError|TypeError)"):
+        checked_probabilities(Vandal(lambda seen: way(getattr(seen, name))), states, "vandal")
+    assert states.state.tolist() == [ROOT, 8, 17]
+
+
+def test_a_policy_that_widens_its_mask_does_not_get_an_illegal_stroke_through() -> None:
+    class Cheat:
+        def probabilities(self, states: States) -> np.ndarray:
+            states.__dict__["mask"] = np.ones((len(states), GAME.n_strokes), bool)
+            return np.full((len(states), GAME.n_strokes), 1 / GAME.n_strokes)
+
+    with pytest.raises(PolicyError, match="plays the illegal stroke"):
+        checked_probabilities(Cheat(), some_states(), "cheat")
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", ["state", "score", "threshold"])
+def test_matches_of_a_vandal_end_in_its_failure(name: str, way: Callable[[np.ndarray], None]) -> None:
+    vandal = Vandal(lambda seen: way(getattr(seen.game if name == "threshold" else seen, name)))
+
+    def choose(entrant: Any, *seen: Any) -> Any:
+        return ask(vandal, "vandal", GAME, *seen)
+
+    number = np.arange(5)
+    matches = Matches(entrant=np.zeros((5, 2), np.int32), first_server=(number % 2).astype(np.int8), key=number.astype(np.uint64))
+    with pytest.raises(PolicyError, match="policy 'vandal' raised"):
+        play(GAME, matches, choose)
+
+
+class Returns:
+    def __init__(self, change: Callable[[np.ndarray], Any]) -> None:
+        self.change = change
+
+    def probabilities(self, states: States) -> Any:
+        return self.change(UniformPolicy().probabilities(states))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: p + 0j,
+        lambda p: (p + 1j).astype(np.complex64),
+        lambda p: p.astype(str),
+        lambda p: p.astype(object),
+        lambda p: p.astype("datetime64[s]"),
+    ],
+)
+def test_only_real_numbers_are_probabilities(change: Callable[[np.ndarray], Any]) -> None:
+    with pytest.raises(PolicyError, match="no array of real numbers"):
+        checked_probabilities(Returns(change), some_states(), "odd")
+
+
+def test_numbers_that_are_too_large_for_a_double_are_named_before_they_are_cast() -> None:
+    def huge(p: np.ndarray) -> np.ndarray:
+        return p.astype(np.longdouble) * np.longdouble("1e4000")
+
+    with pytest.raises(PolicyError, match="NaN or infinity"):
+        checked_probabilities(Returns(huge), some_states(), "huge")
+
+
+@pytest.mark.parametrize("type_", [np.float16, np.float32, np.float64, np.longdouble])
+def test_every_kind_of_real_number_will_do(type_: Any) -> None:
+    p = checked_probabilities(Returns(lambda p: p.astype(np.float64).round(3).astype(type_)), greedy_states(), "plain")
+    assert p.dtype == np.float64
+
+
+def greedy_states() -> States:
+    return States(game=GAME, state=np.empty(0, np.int32))

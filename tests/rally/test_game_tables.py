@@ -1,0 +1,57 @@
+"""Tables that point outside each other are no game: compiled code reads them without looking."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from test_rally_layout import random_game
+
+from shuttle_marl.errors import OptionError, ShuttleError
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.rally import GameError
+from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
+
+GAME, _ = random_game(5)
+
+
+def with_last(name: str, value: int) -> np.ndarray:
+    table = getattr(GAME, name).copy()
+    table.flat[-1] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [
+        ("edge_own", with_last("edge_own", GAME.n_strokes + 1)),
+        ("edge_incoming", with_last("edge_incoming", -1)),
+        ("reply_start", with_last("reply_start", 1 << 30)),
+        ("reply_start", GAME.reply_start - 1),
+        ("reply_count", with_last("reply_count", 1 << 30)),
+        ("pair_start", with_last("pair_start", 1 << 30)),
+        ("pair_start", GAME.pair_start[:-1]),
+        ("threshold", GAME.threshold[:-1]),
+        ("threshold", GAME.threshold.astype(np.int32)),
+        ("threshold", GAME.threshold.tolist()),
+        ("edge_own", GAME.edge_own.astype(np.int64)),
+        ("edge_own", GAME.edge_own.astype(float)),
+        ("reply_start", GAME.reply_start.ravel()),
+    ],
+)
+def test_tables_that_do_not_fit_are_refused(name: str, table: Any) -> None:
+    with pytest.raises(GameError, match=name.split("_", maxsplit=1)[0]):
+        dataclasses.replace(GAME, **{name: table})
+
+
+@pytest.mark.parametrize("seed", [1.5, "1", None, np.float64(3)])
+def test_a_seed_is_a_whole_number(seed: Any) -> None:
+    with pytest.raises(OptionError, match=r"seed .*: expected a whole number"):
+        stream(seed)
+    assert (stream(np.int64(3)) == stream(3)).all()
+
+
+def test_an_unknown_stroke_is_a_shuttle_error() -> None:
+    assert issubclass(UnknownStrokeError, ShuttleError)
+    with pytest.raises(ShuttleError, match="unknown shot type"):
+        Catalogue.from_names(["slice:front-left:below:forehand"])
