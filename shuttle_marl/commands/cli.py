@@ -1,5 +1,7 @@
-"""What all command lines share: commands generated from typed functions, and errors without traceback."""
+"""Shared parts of all command lines: commands generated from typed functions, consoles, and errors without traceback."""
 
+import errno
+import functools
 import os
 import select
 import sys
@@ -8,6 +10,7 @@ from typing import Any, Final
 
 import tyro
 from rich.console import Console
+from rich.text import Text
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import NO_ROOM
@@ -25,6 +28,27 @@ _EXTRAS: Final = {
     "torch": "train",
 }
 """Which extra of the package installs a library that not every command needs."""
+_WIDTH: Final = 160
+"""Of output that goes to no terminal."""
+_FIXABLE: Final = {
+    errno.EACCES,
+    errno.EEXIST,
+    errno.EISDIR,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EPERM,
+    errno.EROFS,
+}
+"""Errors of the system over a file that users can fix: its name, what is there, and who may use it."""
+
+
+def console(*, stderr: bool = False) -> Console:
+    """A console that takes no text for markup; as wide as a table needs where the output is no terminal."""
+    plain = functools.partial(Console, stderr=stderr, markup=False, emoji=False, highlight=False)
+    found = plain()
+    return found if found.is_terminal or stderr else plain(width=_WIDTH)
 
 
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
@@ -42,43 +66,54 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         more.
     """
     args = list(sys.argv[1:] if argv is None else argv)
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
+        _check_encoding(args)
         if isinstance(commands, dict):
             tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args)
         else:
             tyro.cli(commands, prog=prog, description=description, args=args)
         sys.stdout.flush()
     except ShuttleError as error:
-        return _fail(console, prog, str(error))
+        return _fail(prog, str(error))
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]
         if library not in _EXTRAS:
             raise
         advice = f"`make install` installs it, or `pip install 'shuttle-marl[{_EXTRAS[library]}]'`"
-        return _fail(console, prog, f"this needs {library}, which is not installed; {advice}")
+        return _fail(prog, f"this needs {library}, which is not installed; {advice}")
     except OSError as error:
         if isinstance(error, BrokenPipeError) and _reader_is_gone():
             _drop_output()
             return 141
         if error.errno in NO_ROOM:
             _drop_output()
-            what = error.filename or "the output"
-            return _fail(console, prog, f"{what} cannot be written ({error.strerror}); make room")
-        if error.filename is None:
+            return _fail(prog, f"{_file(error, 'the output')} cannot be written ({error.strerror}); make room")
+        if error.errno not in _FIXABLE or error.filename is None:
             raise
-        return _fail(console, prog, f"{error.filename} cannot be used ({error.strerror}); name another file or folder")
+        return _fail(prog, f"{_file(error, '')} cannot be used ({error.strerror}); name another file or folder")
     except KeyboardInterrupt:
-        console.print("interrupted; what was written is whole")
+        console(stderr=True).print("interrupted; what was written is whole")
         return 130
     return 0
 
 
-def _fail(console: Console, prog: str, message: str) -> int:
-    """Print an error; returns the exit status."""
-    console.print(f"[bold red]error:[/] {prog}: ", end="")
-    console.print(printable(message, keep="\n"), markup=False)
+def _check_encoding(args: Sequence[str]) -> None:
+    """Refuse arguments that can be written neither to a file nor to the terminal: bytes that are no UTF-8."""
+    for arg in args:
+        try:
+            arg.encode()
+        except UnicodeEncodeError as error:
+            raise ShuttleError(f"argument {arg!a}: expected text in UTF-8") from error
+
+
+def _fail(prog: str, message: str) -> int:
+    text = Text.assemble(("error:", "bold red"), f" {prog}: {printable(message, keep=chr(10))}")
+    console(stderr=True).print(text, soft_wrap=True)
     return 1
+
+
+def _file(error: OSError, default: str) -> str:
+    return os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else default
 
 
 def _reader_is_gone() -> bool:
@@ -91,5 +126,5 @@ def _reader_is_gone() -> bool:
 
 
 def _drop_output() -> None:
-    """Let what still waits to be written go nowhere; the interpreter would try once more when it ends, and complain."""
+    """Discard what still waits to be written; the interpreter would try once more when it ends, and complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

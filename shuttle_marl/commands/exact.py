@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl.commands import cli
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.policy.time_limit import POLICY_TIMEOUT, time_limit
+from shuttle_marl.text import printable
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
@@ -85,7 +85,7 @@ def solve(
         "shots": shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
         "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the chance of the match, at every score",
     }
-    _console().print(facts(rows))
+    cli.console().print(facts(rows))
 
 
 def evaluate(
@@ -117,11 +117,13 @@ def evaluate(
     from shuttle_marl.commands.tables import play, scorecards  # noqa: PLC0415
     from shuttle_marl.game.policy import reads_score  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
-    from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
+    from shuttle_marl.policy.scorecard import MOST_MATCHES, Scorer  # noqa: PLC0415  numba
 
     _check_some(policies)
-    if matches < 1:
-        raise ExactError(f"--matches {matches}: expected 1 or more")
+    if not 1 <= matches <= MOST_MATCHES:
+        raise ExactError(f"--matches {matches}: expected a number from 1 to {MOST_MATCHES:,}")
+    if not 0 <= seed < 1 << 63:
+        raise ExactError(f"--seed {seed}: expected a number from 0 up to 2^63")
     scorer = Scorer(load_game(game))
     with time_limit(policy_timeout):
         found = [(name, resolve(name, scorer.game)) for name in policies]
@@ -130,12 +132,12 @@ def evaluate(
     with _recorded(sampled, scorer, seed, record, log) as add:
         watches = {name: functools.partial(add, i) for i, name in enumerate(sampled)} if add is not None else {}
         for name, policy in _progress(found, "policies"):
-            watch = watches.pop(name, None)  # whom one names twice plays the same matches again
+            watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
             cards.append(scorer.score(policy, name, matches=matches, seed=seed, watch=watch))
     if json_output:
         _say(json_format.dumps([card.as_json() for card in cards]))
         return
-    console = _console()
+    console = cli.console()
     console.print(scorecards(cards))
     console.print(play(cards))
     best = scorer.reference_response.value.odds()
@@ -148,7 +150,8 @@ def evaluate(
         console.print(f"exact: every figure is within {max(exact):.0e} of the true one.")
     for card in cards:
         if card.sampled:
-            console.print(f"{card.policy} reads the score: sampled in {card.matches} matches, 95 % intervals.")
+            name = printable(card.policy)
+            console.print(f"{name} reads the score: sampled in {card.matches} matches, 95 % intervals.")
 
 
 def best_response(
@@ -212,7 +215,7 @@ def best_response(
     }  # fmt: skip
     if save is not None:
         rows["saved as"] = f"table:{save}"
-    _console().print(facts(rows))
+    cli.console().print(facts(rows))
 
 
 def crossplay(
@@ -253,7 +256,7 @@ def crossplay(
         }
         _say(json_format.dumps(figures))
         return
-    console = _console()
+    console = cli.console()
     console.print(matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(matrix("Rallies won by the row against the column", policies, odds.rally))
     console.print(f"exact: every chance of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
@@ -273,7 +276,7 @@ def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, 
     opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
     with sampled_log(path, sampled, opponent, scorer.game, seed=seed, record=record) as add:
         yield add
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"{path}: the rallies of {', '.join(sampled)}", markup=False)
+    cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
 def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | None) -> None:
@@ -299,12 +302,7 @@ def _check_some(policies: Sequence[str]) -> None:
 
 
 def _progress(things: Any, what: str) -> Any:
-    return track(things, what, console=Console(stderr=True), transient=True)
-
-
-def _console() -> Console:
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=160)
+    return track(things, what, console=cli.console(stderr=True), transient=True)
 
 
 def _say(line: str) -> None:

@@ -3,22 +3,20 @@
 from collections.abc import Sequence
 
 import tyro
-from rich.console import Console
 
 from shuttle_marl.commands import cli
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.report import console_table
 from shuttle_marl.league.run import run_league
+from shuttle_marl.text import printable
 
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
-    run = run_league(config, Console(stderr=True))
-    out = Console(highlight=False)
-    if not out.is_terminal:
-        out = Console(highlight=False, width=160)
+    run = run_league(config, cli.console(stderr=True))
+    out = cli.console()
     out.print(console_table(run.standings))
-    out.print(f"run folder: {run.folder}")
+    out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""What a tournament is made of: the flags of the command line."""
+"""Configuration of a tournament: the flags of the command line."""
 
 import dataclasses
 import json
@@ -10,10 +10,12 @@ from shuttle_marl.policy import registry
 from shuttle_marl.policy.time_limit import POLICY_TIMEOUT
 from shuttle_marl.recording import Sampling
 
+MOST_MATCHES: Final = 10_000_000
+"""Largest number of matches of a pairing: its rallies are kept in memory until it is finished."""
 _OWN_PLAYERS: Final = 6
 """So many players' own models are in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
-"""Solved policies of the default pool, nobody's achievement: what all others are measured by."""
+"""Solved policies of the default pool, which no one trained: what all others are measured by."""
 TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 """Trained agents of the default pool; see docs/training.md."""
 
@@ -36,11 +38,11 @@ class LeagueConfig:
     out: Path | None = None
     """Run folder; default runs/league-SEED, with a number behind it if that exists."""
     resume: bool = False
-    """Go on with the unfinished run in --out, or else with the latest one of this seed."""
+    """Continue the unfinished run in --out, or else the latest one of this seed."""
     overwrite: bool = False
-    """Replace the run that stands in --out."""
+    """Replace the run in --out."""
     record: str = "all"
-    """Which rallies go into the rally log: all, none, or sample:N for one match in N, drawn by lot."""
+    """Which rallies go into the rally log: all, none, or sample:N for one match in N, drawn at random."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     batch: int = 8192
@@ -50,8 +52,8 @@ class LeagueConfig:
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)
-        if self.matches < 2 or self.matches % 2:
-            raise LeagueError(f"--matches {self.matches}: expected an even number from 2 on")
+        if not 2 <= self.matches <= MOST_MATCHES or self.matches % 2:
+            raise LeagueError(f"--matches {self.matches}: expected an even number from 2 to {MOST_MATCHES:,}")
         if self.batch < 1:
             raise LeagueError(f"--batch {self.batch}: expected 1 or more")
         if not 0 <= self.seed < 1 << 63:
@@ -62,10 +64,10 @@ class LeagueConfig:
         if len(self.pool) == 1:
             raise LeagueError(f"--pool {self.pool[0]}: a round robin needs two entrants or more")
         if self.resume and self.overwrite:
-            raise LeagueError("--resume goes on with a run and --overwrite replaces it; give one of them")
+            raise LeagueError("--resume continues a run and --overwrite replaces it; give one of them")
 
     def fixed(self) -> dict[str, Any]:
-        """What decides the results, as JSON: pool, matches, seed, record, game."""
+        """Everything that decides the results, as JSON: pool, matches, seed, record, game."""
         kept = ("pool", "matches", "seed", "record", "game")
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in kept}))
         return fixed

@@ -1,26 +1,34 @@
-"""The folder of a run: what decides it, what was found, and the pairings that are finished, one line each."""
+"""The folder of a run: what decides it, how it was made, and the pairings that are finished, one line each."""
 
 import contextlib
 import dataclasses
 import json
 import os
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from shuttle_marl import runs
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import open_file, problem, replace_file
+from shuttle_marl.game.rally import Game
 from shuttle_marl.league.config import LeagueConfig, LeagueError
+from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.results import PairResult
+from shuttle_marl.league.schedule import Pairing
 
 PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"
+_CHECKSUM: Final = "crc32"
+_PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
+"""Packages whose versions can change a file of the run."""
 
 
 def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
     """Hold the folder to play in: made for a new run, found for a resumed one.
 
     Raises:
-        RunError: a run stands in the folder and was not to be resumed or replaced; or the run to resume is not there or
+        RunError: there is a run in the folder that was not to be resumed or replaced; or the run to resume is not there or
             was played with other flags.
     """
     return runs.open_run(
@@ -33,25 +41,54 @@ def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
     )
 
 
-def read_results(folder: Path) -> list[PairResult]:
-    """The finished pairings of a run; a last line that was cut off is taken away.
+def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
+    """Everything one needs to know to get the same run again; the manifest of a run that starts now."""
+    return {
+        "status": "running",
+        "seed": config.seed,
+        **runs.describe(_PACKAGES),
+        "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
+        "policies": {entrant.name: entrant.hash for entrant in entrants},
+    }
+
+
+def check_same(folder: Path, about: dict[str, Any]) -> None:
+    """Refuse to continue a run that was started with another game or other policies.
 
     Raises:
-        LeagueError: a line is damaged.
+        LeagueError: it was.
+        RunError: the manifest cannot be read.
+    """
+    path = folder / runs.MANIFEST
+    if not path.exists():
+        return
+    before = runs.read_json(path)
+    for what in ("game", "policies"):
+        if before.get(what) != about[what]:
+            raise LeagueError(f"{folder}: the {what} changed since the run was started; start a new one with another --out")
+
+
+def read_results(folder: Path, pairings: Sequence[Pairing], *, finished: bool = False) -> list[PairResult]:
+    """The finished pairings of a run; of an unfinished one, a last line that was cut off is removed.
+
+    Args:
+        folder: of the run.
+        pairings: all pairings of the tournament.
+        finished: whether the run is finished, so that every pairing must be there.
+
+    Raises:
+        LeagueError: a line is damaged, or pairings are missing.
     """
     path = folder / PAIRINGS
-    if not path.exists():
-        return []
-    text = path.read_bytes()
+    text = _content(path)
     whole = text[: text.rfind(b"\n") + 1]
+    results = [_read_line(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+    expected = [(pairing.number, pairing.names) for pairing in pairings]
+    found = [(result.pairing, result.names) for result in results]
+    if found != expected[: len(found)] or (finished and (found != expected or whole != text)):
+        raise LeagueError(f"{path}: pairings are missing, out of order or not of this run; {_ADVICE}")
     if len(whole) < len(text):
         replace_file(path, whole)
-    try:
-        results = [PairResult.from_json(json.loads(line)) for line in whole.splitlines()]
-    except (ValueError, TypeError, KeyError) as error:
-        raise LeagueError(f"{path}: damaged ({error}); start the run anew with --overwrite") from error
-    if [result.pairing for result in results] != list(range(len(results))):
-        raise LeagueError(f"{path}: pairings are missing or stand twice; start the run anew with --overwrite")
     return results
 
 
@@ -61,12 +98,52 @@ def append_results(folder: Path, results: list[PairResult]) -> None:
     Raises:
         LeagueError: no space or the like.
     """
-    lines = "".join(json.dumps(dataclasses.asdict(result), ensure_ascii=False) + "\n" for result in results)
     path = folder / PAIRINGS
     try:
         with path.open("ab") as file:
-            file.write(lines.encode())
+            file.write(b"".join(map(_line, results)))
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise LeagueError(f"{path}: cannot be written ({error.strerror}); make room and go on with --resume") from error
+        raise LeagueError(f"{path}: cannot be written ({error.strerror}); make room and continue with --resume") from error
+
+
+_ADVICE: Final = "restore it from a copy, or play the tournament again with --overwrite"
+
+
+def _content(path: Path) -> bytes:
+    try:
+        with open_file(path) as file:
+            return file.read()
+    except FileNotFoundError:
+        return b""
+    except OSError as error:
+        raise LeagueError(f"{path}: cannot be read ({problem(error)}); {_ADVICE}") from error
+
+
+def _line(result: PairResult) -> bytes:
+    """A finished pairing as a line: its fields as JSON, and a checksum of them."""
+    fields = dataclasses.asdict(result)
+    return (json.dumps({**fields, _CHECKSUM: _checksum(fields)}, ensure_ascii=False) + "\n").encode()
+
+
+def _read_line(path: Path, number: int, line: bytes) -> PairResult:
+    """What :func:`_line` wrote."""
+    try:
+        fields = json.loads(line.decode())
+        if not isinstance(fields, dict):
+            reason = "no JSON object"
+        elif fields.pop(_CHECKSUM, None) != _checksum(fields):
+            reason = f"its {_CHECKSUM} does not fit"
+        else:
+            return PairResult.from_json(fields)
+    except RecursionError:
+        reason = "nested too deeply"
+    except (ValueError, TypeError, KeyError) as error:
+        reason = f"{type(error).__name__}: {error}"
+    raise LeagueError(f"{path}: line {number} is damaged ({reason}); {_ADVICE}")
+
+
+def _checksum(fields: dict[str, Any]) -> str:
+    """CRC-32 of the fields as JSON with sorted keys, in ASCII and without spaces; 8 hexadecimal digits."""
+    return f"{zlib.crc32(json.dumps(fields, sort_keys=True, separators=(',', ':')).encode()):08x}"

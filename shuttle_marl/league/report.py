@@ -1,10 +1,12 @@
-"""What a tournament came to, for people: the ranked table on the console and ``report.md``."""
+"""Tournament report: the ranked table on the console and ``report.md``."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rich.table import Table
+from rich.text import Text
 
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.exact_odds import ExactOdds
@@ -12,6 +14,7 @@ from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.results import PairResult
 from shuttle_marl.recording import Sampling
+from shuttle_marl.text import printable
 
 HEADINGS = (
     "",
@@ -29,6 +32,8 @@ HEADINGS = (
 )
 _REPORT_ONLY: Final = (5, 8, 9)
 """Columns that the console leaves out: the interval of the matches won, serving, receiving."""
+_MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])")
+"""Characters that mean something in Markdown or HTML; an underscore within a word does not."""
 
 
 def cells(standing: Standing) -> tuple[str, ...]:
@@ -51,21 +56,21 @@ def cells(standing: Standing) -> tuple[str, ...]:
 
 
 def console_table(standings: Sequence[Standing]) -> Table:
-    """The ranked table for the console; of what may not fit there, only the report tells."""
+    """The ranked table for the console, without the columns that only the report has."""
     table = Table(title="Round robin", title_justify="left", header_style="bold")
     shown = [i for i in range(len(HEADINGS)) if i not in _REPORT_ONLY]
     for i in shown:
         table.add_column(HEADINGS[i], justify="left" if HEADINGS[i] == "player" else "right", no_wrap=True)
     for standing in standings:
         row = cells(standing)
-        table.add_row(*(row[i] for i in shown), style="dim" if standing.forfeits else None)
+        table.add_row(*(Text(printable(row[i])) for i in shown), style="dim" if standing.forfeits else None)
     return table
 
 
 def report(
     config: LeagueConfig, standings: Sequence[Standing], results: Sequence[PairResult], game: str, exact: ExactOdds
 ) -> str:
-    """``report.md``: the ranked table, who beat whom, who forfeited, and what the numbers mean."""
+    """Content of ``report.md``: the ranked table, who beat whom, who forfeited, and what the numbers mean."""
     played = [result for result in results if not result.forfeit]
     rallies = sum(counts["rallies"] for result in played for counts in result.seats)
     strokes = sum(counts["strokes"] for result in played for counts in result.seats)
@@ -75,7 +80,7 @@ def report(
         "# Round robin",
         "",
         f"{len(standings)} entrants, {matches:,} matches ({config.matches:,} a pair), {rallies:,} rallies, "
-        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game `{config.game}` ({game[:12]}).",
+        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}).",
         "",
         *_markdown(HEADINGS, [cells(standing) for standing in standings]),
         "",
@@ -87,22 +92,23 @@ def report(
         "",
         "## Who beats whom, exactly",
         "",
-        exact.problem or "Chance that the player of the row wins a match against the player of the column, without sampling.",
+        exact.problem
+        or "Probability that the player of the row wins a match against the player of the column, without sampling.",
         "",
         *_payoffs(standings, {(a, b): exact.pair((a, b)) for a in exact.names for b in exact.names if a != b}),
         "",
     ]
     if len(played) < len(results):
         lines += ["## Forfeits", ""]
-        lines += [f"- {r.names[0]} v {r.names[1]}: {' and '.join(r.forfeit)} forfeited: {r.reason}" for r in results if r.forfeit]
-        lines += ["", "Forfeited pairings count for neither side; who forfeited stands behind everybody else.", ""]
+        lines += ["- " + _plain(_forfeit(result)) for result in results if result.forfeit]
+        lines += ["", "Forfeited pairings count for neither side; entrants that forfeited are ranked behind all others.", ""]
     lines += [
         "## What the numbers mean",
         "",
         "- rating: Bradley-Terry, in Elo points (400 points are odds of ten to one), mean of the pool 0, fitted to all "
         "matches at once. Its interval comes from 1,000 bootstrap draws of the cells: two matches with the seats swapped "
         "and each seat's luck kept. Half a cell is added to each outcome of each pairing, which keeps ratings finite.",
-        "- matches won: its interval is Wilson's and takes matches as independent; those of a cell lean against each other, "
+        "- matches won: its interval is Wilson's and takes matches as independent; those of a cell are negatively correlated, "
         "so it is a little too wide.",
         "- exact: the expected share of matches won, without sampling, against the entrants that have a table. Those that read "
         "the score have none, nor any other exact figure.",
@@ -115,11 +121,15 @@ def report(
     return "\n".join(lines)
 
 
+def _forfeit(result: PairResult) -> str:
+    return f"{' v '.join(result.names)}: {' and '.join(result.forfeit)} forfeited: {result.reason}"
+
+
 def _recorded(config: LeagueConfig) -> str:
     every = Sampling.parse(config.record).every
     if not every:
         return "- rallies were not recorded (`--record none`)."
-    what = "every rally stands" if every == 1 else f"one match in {every:,}, drawn by lot, stands with all its rallies"
+    what = "every rally is" if every == 1 else f"one match in {every:,}, drawn at random, is with all its rallies"
     return f"- {what} in `{RALLIES}`: read it with `python -m shuttle_marl.recording`."
 
 
@@ -137,7 +147,19 @@ def _payoffs(standings: Sequence[Standing], share: Mapping[tuple[str, str], floa
 
 def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     lines = [headings, ["---"] * len(headings), *rows]
-    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+    return ["| " + " | ".join(map(_plain, line)) + " |" for line in lines]
+
+
+def _plain(text: str) -> str:
+    """Text for Markdown that is shown as it is."""
+    return _MARKUP.sub(r"\\\g<0>", printable(text))
+
+
+def _code(text: str) -> str:
+    """Text for Markdown as code."""
+    text = printable(text)
+    fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
+    return f"{fence}{text}{fence}" if len(fence) == 1 else f"{fence} {text} {fence}"
 
 
 def _percent(share: float) -> str:

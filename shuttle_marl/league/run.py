@@ -4,17 +4,14 @@ import collections
 import contextlib
 import dataclasses
 import datetime
-import io
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 from shuttle_marl import runs
 from shuttle_marl.files import replace_file
@@ -24,7 +21,6 @@ from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.exact_odds import ExactOdds, exact_odds
-from shuttle_marl.league.manifest import manifest
 from shuttle_marl.league.ranking import Standing, rank, ranking_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.results import PairResult, results_table
@@ -34,6 +30,8 @@ from shuttle_marl.policy.time_limit import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
+from shuttle_marl.table_files import csv_bytes, write_parquet
+from shuttle_marl.text import printable
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,7 +41,7 @@ class LeagueRun:
     Attributes:
         folder: the run folder.
         standings: the ranked table, best first.
-        results: what every pairing came to.
+        results: of every pairing.
     """
 
     folder: Path
@@ -71,7 +69,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:
-            console.print(f"[bold red]forfeit:[/] {entrant.failure}", highlight=False)
+            _say_forfeit(console, entrant.failure)
     try:
         return _run(config, game, entrants, console)
     except runs.RunError as error:
@@ -80,12 +78,13 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
 
 def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> LeagueRun:
     with run_folder.open_run(config) as folder:
-        about = manifest(config, game, entrants)
-        _check_same(folder, about)
+        about = run_folder.manifest(config, game, entrants)
+        run_folder.check_same(folder, about)
         pairings = round_robin(config.pool)
-        results = run_folder.read_results(folder)
-        if runs.is_finished(folder):
-            console.print(f"{folder}: finished already")
+        finished = runs.is_finished(folder)
+        results = run_folder.read_results(folder, pairings, finished=finished)
+        if finished:
+            _say(console, f"{folder}: finished already")
             standings = rank(config.pool, results, config.seed, _exact(game, entrants, console))
             return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
@@ -102,19 +101,8 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         runs.write_json(folder / runs.MANIFEST, {**about, **done})
         if strokes:
             speed = f"{strokes / seconds / 1e6:.1f} million a second"
-            console.print(f"{strokes:,} strokes in {seconds:.1f} s, {speed}", highlight=False)
+            _say(console, f"{strokes:,} strokes in {seconds:.1f} s, {speed}")
     return LeagueRun(folder=folder, standings=standings, results=results)
-
-
-def _check_same(folder: Path, about: dict[str, object]) -> None:
-    """Refuse to go on with a run that was started with another game or other policies."""
-    path = folder / runs.MANIFEST
-    if not path.exists():
-        return
-    before = runs.read_json(path)
-    for what in ("game", "policies"):
-        if before.get(what) != about[what]:
-            raise LeagueError(f"{folder}: the {what} changed since the run was started; start a new one with another --out")
 
 
 def _play(
@@ -126,7 +114,7 @@ def _play(
     folder: Path,
     console: Console,
 ) -> int:
-    """Play what is left, adding to ``results``; returns the number of strokes."""
+    """Play what remains, adding to ``results``; returns the number of strokes."""
     with contextlib.ExitStack() as stack:
         recorder = _open_recorder(config, game, entrants, pairings, results, folder)
         if recorder is not None:
@@ -148,7 +136,7 @@ def _play(
             advance(0, len(new))
             for result in new:
                 if result.forfeit and not any(e.failure for e in entrants if e.name in result.forfeit):
-                    console.print(f"[bold red]forfeit:[/] {' v '.join(result.names)}: {result.reason}", highlight=False)
+                    _say_forfeit(console, f"{' v '.join(result.names)}: {result.reason}")
 
         # The log is on the disk before the results are, so that no result is without its rallies; meanwhile play goes on.
         unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
@@ -160,7 +148,7 @@ def _play(
             for _, rallies in blocks:
                 for part in rallies:
                     recorder.add(part)
-                # Batches end where pairings do, so that a resumed run can go on with the same bytes.
+                # Batches end where pairings do, so that a resumed run can continue with the same bytes.
                 recorder.request_flush(sync=False)
             unsaved.append((recorder.request_flush(), new))
             while unsaved and unsaved[0][0].done():
@@ -204,7 +192,7 @@ def _exact(game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOd
     with console.status("solving every pair exactly"):
         exact = exact_odds(game, entrants)
     if exact.problem:
-        console.print(f"no exact figures: {exact.problem}", highlight=False)
+        _say(console, f"no exact figures: {exact.problem}")
     return exact
 
 
@@ -213,19 +201,20 @@ def _write_tables(
 ) -> list[Standing]:
     standings = rank(config.pool, results, config.seed, exact)
     table = results_table(results, exact)
-    replace_file(folder / "results.csv", _csv(table))
-    with io.BytesIO() as buffer:
-        pyarrow.parquet.write_table(table, buffer, compression="zstd")
-        replace_file(folder / "results.parquet", buffer.getvalue())
-    replace_file(folder / "ranking.csv", _csv(ranking_table(standings)))
+    replace_file(folder / "results.csv", csv_bytes(table))
+    write_parquet(folder / "results.parquet", table)
+    replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
     replace_file(folder / "report.md", report(config, standings, results, game.hash, exact).encode())
     return standings
 
 
-def _csv(table: pa.Table) -> bytes:
-    with io.BytesIO() as buffer:
-        pyarrow.csv.write_csv(table, buffer)
-        return buffer.getvalue()
+def _say(console: Console, text: str, label: str = "") -> None:
+    """Print text of which parts may come from others, so it is never taken for markup."""
+    console.print(Text.assemble((label, "bold red"), printable(text)), highlight=False, soft_wrap=True)
+
+
+def _say_forfeit(console: Console, reason: str) -> None:
+    _say(console, reason, "forfeit: ")
 
 
 @contextlib.contextmanager

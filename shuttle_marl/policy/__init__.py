@@ -10,8 +10,7 @@ import lazy_loader
 if TYPE_CHECKING:
     from shuttle_marl.policy.modules import FunctionPolicy
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
-    from shuttle_marl.policy.sampled import SampledOdds, sample
-    from shuttle_marl.policy.scorecard import Scorecard, Scorer
+    from shuttle_marl.policy.scorecard import SampledOdds, Scorecard, Scorer, sample
     from shuttle_marl.policy.scripted import ScriptedPolicy
 
 __all__ = [
@@ -33,8 +32,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "modules": ("FunctionPolicy",),
         "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
-        "sampled": ("SampledOdds", "sample"),
-        "scorecard": ("Scorecard", "Scorer"),
+        "scorecard": ("SampledOdds", "Scorecard", "Scorer", "sample"),
         "scripted": ("ScriptedPolicy",),
     },
 )

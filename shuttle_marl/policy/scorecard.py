@@ -1,8 +1,18 @@
-"""How good a policy is: against the behaviour-cloned average player, against its best response, against perfect play."""
+"""Scores of a policy: against the behaviour-cloned average player, against its best response, against perfect play.
+
+They are exact where the policy has a table. One that reads the score has none; its matches are played out instead.
+"""
 
 import dataclasses
 import functools
+import math
+from collections.abc import Callable
+from statistics import NormalDist
 from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest
 
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import normalised_score
@@ -11,17 +21,27 @@ from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.exact.response import Response, best_response
-from shuttle_marl.game.draws import pairing_key
+from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.kernel.lockstep import Ints, ask, play
+from shuttle_marl.kernel.played import Matches, Played
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.sampled import Watch, sample
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
+Watch = Callable[[int, Matches, Played], None]
+"""``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
+sampled, entrant 1 its opponent."""
+
+_Z: Final = NormalDist().inv_cdf(0.975)
+_BATCH: Final = 1 << 12
+"""So many matches are played side by side."""
+MOST_MATCHES: Final = 10_000_000
+"""Largest number of matches that a command plays out."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,11 +51,11 @@ class Scorecard:
     Attributes:
         policy: name.
         sampled: whether the figures are from matches played out; else they are exact.
-        rally_win_vs_bc: chance to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
+        rally_win_vs_bc: probability to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
             whole matches).
         rally_win_serving: the same in rallies that the policy serves.
         rally_win_receiving: the same in rallies that ``bc`` serves.
-        match_win_vs_bc: chance to win a match against ``bc``, the first serve drawn by lot.
+        match_win_vs_bc: probability to win a match against ``bc``, the first serve drawn at random.
         exploitability: what the best response to the policy gains, as a value from 0 to 1; it wins
             ``(1 + exploitability) / 2`` of the rallies.
         gap_at_serve: V* - V^pi at the serve, pi meeting its best response.
@@ -45,8 +65,8 @@ class Scorecard:
         rally_length_vs_bc: expected strokes of a rally against ``bc``.
         endings_vs_bc: share of those rallies by how they end.
         shot_mix_vs_bc: share of the shot types among the policy's strokes there.
-        error_bound: every exact figure but the chance of a match is within this of the true one.
-        match_error_bound: the chance of a match is within this.
+        error_bound: every exact figure but the probability of a match is within this of the true one.
+        match_error_bound: the probability of a match is within this.
         matches: matches played out; None for exact figures.
         rally_interval: 95 % interval of ``rally_win_vs_bc``; None for exact figures.
         match_interval: 95 % interval of ``match_win_vs_bc``; None for exact figures.
@@ -102,9 +122,9 @@ class Scorer:
         return best_response(self.reference, tolerance=self.tolerance)
 
     def normalised(self, rally_win_vs_bc: float) -> float | None:
-        """The normalised score of a chance to win a rally against ``bc``; None if nothing beats ``bc``."""
+        """The normalised score of a probability to win a rally against ``bc``; None if nothing beats ``bc``."""
         best = self.reference_response.value.odds()
-        # J(bc) is exactly one half: bc against itself.
+        # bc wins exactly half of the rallies against itself.
         return normalised_score(rally_win_vs_bc, 0.5, best.rally, error_bound=best.error_bound)
 
     def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0, watch: Watch | None = None) -> Scorecard:
@@ -115,7 +135,7 @@ class Scorer:
             name: for the card and for errors.
             matches: how many matches to play out if it is sampled.
             seed: of their draws.
-            watch: is shown them, see :func:`shuttle_marl.exact.sample`.
+            watch: is shown them, see :data:`Watch`.
 
         Raises:
             PolicyError: the policy raised, or is no distribution over the legal strokes somewhere.
@@ -159,7 +179,7 @@ class Scorer:
         )
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
-        key = pairing_key(name, REFERENCE)
+        key = draws.pairing_key(name, REFERENCE)
         played = sample(policy, self.reference, matches=matches, seed=seed, key=key, name=name, watch=watch)
         return Scorecard(
             policy=name,
@@ -172,3 +192,101 @@ class Scorer:
             rally_interval=played.rally_interval,
             match_interval=played.match_interval,
         )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SampledOdds:
+    """Shares of a number of matches and rallies that were won, with 95 % intervals.
+
+    Attributes:
+        matches: number of matches.
+        rallies: number of rallies.
+        strokes: number of strokes.
+        rally: share of the rallies won.
+        rally_interval: its interval, matches taken as independent and the rallies of one not.
+        match: share of the matches won.
+        match_interval: its interval (Wilson, J. Am. Stat. Assoc. 1927).
+    """
+
+    matches: int
+    rallies: int
+    strokes: int
+    rally: float
+    rally_interval: tuple[float, float]
+    match: float
+    match_interval: tuple[float, float]
+
+
+def sample(
+    policy: Policy,
+    opponent: TabulatedPolicy,
+    *,
+    matches: int,
+    seed: int = 0,
+    key: int = 0,
+    name: str = "policy",
+    watch: Watch | None = None,
+) -> SampledOdds:
+    """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
+
+    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
+
+    Args:
+        policy: may read the score.
+        opponent: a table.
+        matches: how many.
+        seed: names every draw, with ``key``.
+        key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
+        name: of the policy, for errors.
+        watch: is shown the matches played, see :data:`Watch`.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the legal strokes.
+    """
+    choose = _Choose(policy, opponent, name)
+    rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
+    for first in range(0, matches, _BATCH):
+        number = np.arange(first, min(first + _BATCH, matches))
+        seat = number & 1
+        seated = Matches(
+            entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
+            first_server=((number >> 1) & 1).astype(np.int8),
+            key=draws.stream(seed, key, number),
+        )
+        played = play(opponent.game, seated, choose, keep_strokes=watch is not None)
+        if watch is not None:
+            watch(first, seated, played)
+        match = first + played.match
+        rallies += np.bincount(match, minlength=matches)
+        won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
+        strokes += int(played.length.sum())
+        wins += int((played.games.argmax(axis=1) == seat).sum())
+    share = float(won.sum() / rallies.sum())
+    # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
+    interval = binomtest(wins, matches).proportion_ci(method="wilson")
+    spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
+    return SampledOdds(
+        matches=matches,
+        rallies=int(rallies.sum()),
+        strokes=strokes,
+        rally=share,
+        rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
+        match=wins / matches,
+        match_interval=(float(interval.low), float(interval.high)),
+    )
+
+
+class _Choose:
+    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.lockstep.Choose`."""
+
+    def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
+        self._policy, self._name = policy, name
+        self._game, self._table = opponent.game, opponent.padded()
+
+    def __call__(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+        k = (self._table[state] <= draw[:, None]).sum(axis=1)
+        asked = np.flatnonzero(entrant == 0)
+        if len(asked):
+            mine = state[asked], draw[asked], striker[asked], score[:, asked]
+            k[asked] = ask(self._policy, self._name, self._game, *mine)
+        return k

@@ -8,6 +8,7 @@ from exact_games import hand_made, random_policy
 
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
+from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import tabulate
@@ -16,8 +17,7 @@ from shuttle_marl.league.config import ANCHORS, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.exact_odds import exact_odds
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.sampled import sample
-from shuttle_marl.policy.scorecard import Scorer
+from shuttle_marl.policy.scorecard import Scorer, sample
 
 GAME = default_game()
 SCORER = Scorer(GAME)
@@ -175,3 +175,11 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: object) -> Non
 
 def test_anchors_stand_in_the_default_pool() -> None:
     assert set(ANCHORS) < set(default_pool())
+
+
+def test_the_normalised_score_needs_a_scale() -> None:
+    assert normalised_score(0.55, 0.5, 0.6) == pytest.approx(0.5)
+    assert normalised_score(0.4, 0.5, 0.6) == pytest.approx(-1)
+    for best in (0.5, 0.4, 0.5 + 1e-9):
+        assert normalised_score(0.55, 0.5, best, error_bound=1e-8) is None
+    assert normalised_score(0.5, 0.5, 0.5) is None

@@ -2,31 +2,44 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+from markdown_it import MarkdownIt
 
+from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
-from shuttle_marl.league.folder import read_results
+from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.exact_odds import exact_odds
+from shuttle_marl.league.folder import check_same, manifest, open_run, read_results
+from shuttle_marl.league.ranking import rank, ranking_table
+from shuttle_marl.league.report import console_table, report
+from shuttle_marl.league.results import forfeited
+from shuttle_marl.league.schedule import round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
-from shuttle_marl.runs import locked
+from shuttle_marl.runs import LOCK, is_finished, locked
+from shuttle_marl.table_files import csv_bytes
+from shuttle_marl.text import printable
 
 POOL = ("random", "safe", "attacking")
+PAIRINGS = round_robin(POOL)
 SAME = ("config.json", "pairings.jsonl", "results.csv", "results.parquet", "ranking.csv", "report.md", "rallies.mcap")
 """Files that the flags alone decide; the manifest also says when."""
 
@@ -44,7 +57,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_run_folder_is_complete(finished: Path) -> None:
-    assert {path.name for path in finished.iterdir()} == {*SAME, "manifest.json"}
+    assert {path.name for path in finished.iterdir()} == {*SAME, "manifest.json", LOCK}
     manifest = json.loads((finished / "manifest.json").read_text())
     assert manifest["status"] == "finished"
     assert manifest["game"]["hash"] == default_game().hash
@@ -230,15 +243,115 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     text = path.read_bytes()
     path.write_bytes(text[:-30])
     (tmp_path / "run" / "manifest.json").unlink()
-    assert len(read_results(tmp_path / "run")) == 2
+    assert len(read_results(tmp_path / "run", PAIRINGS)) == 2
     run_league(LeagueConfig(**config, record="none", resume=True))
     assert path.read_bytes() == text
-    path.write_bytes(b"nonsense\n" + text)
-    with pytest.raises(LeagueError, match="damaged"):
-        read_results(tmp_path / "run")
-    path.write_bytes(text.splitlines(keepends=True)[1])
-    with pytest.raises(LeagueError, match="missing or stand twice"):
-        read_results(tmp_path / "run")
+    lines = text.splitlines(keepends=True)
+    for content in (lines[1], lines[0] + lines[0], lines[0] + lines[2], text + lines[2]):
+        path.write_bytes(content)
+        with pytest.raises(LeagueError, match="missing, out of order or not of this run"):
+            read_results(tmp_path / "run", PAIRINGS)
+    for content in (text[:-1], text[:-30], lines[0], b""):
+        path.write_bytes(content)
+        with pytest.raises(LeagueError, match="missing"):
+            read_results(tmp_path / "run", PAIRINGS, finished=True)
+        assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (b"nonsense", "JSONDecodeError"),
+        (b"[]", "no JSON object"),
+        (b"{}", "crc32 does not fit"),
+        (b"null", "no JSON object"),
+        (b"\xff\xfe", "UnicodeDecodeError"),
+        (b"[" * 100_000, "nested too deeply"),
+        (b"1" * 10_000, "ValueError"),
+    ],
+)
+def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, says: str) -> None:
+    first, *rest = (finished / "pairings.jsonl").read_bytes().splitlines(keepends=True)
+    path = tmp_path / "pairings.jsonl"
+    path.write_bytes(first + line + b"\n" + b"".join(rest))
+    with pytest.raises(LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a copy, or play the tournament again"):
+        read_results(tmp_path, PAIRINGS)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(LeagueError, match="cannot be read"):
+        read_results(tmp_path, PAIRINGS)
+
+
+def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) -> None:
+    """Flip a bit of a file that is read when a run is resumed, and do what resuming does before it plays."""
+    game = default_game()
+    about = manifest(LeagueConfig(pool=POOL), game, [enter(name, game) for name in POOL])
+    folder = tmp_path / "run"
+    config = LeagueConfig(pool=POOL, matches=20, seed=5, out=folder, resume=True)
+    folder.mkdir()
+    expected = read_results(finished, PAIRINGS, finished=True)
+    whole = {name: (finished / name).read_bytes() for name in ("pairings.jsonl", "config.json", "manifest.json")}
+    for name, content in whole.items():
+        (folder / name).write_bytes(content)
+    rng = np.random.default_rng(0)
+    noticed = Counter[str]()
+    for name, content in whole.items():
+        for _ in range(334):
+            changed = bytearray(content)
+            changed[rng.integers(len(changed))] ^= 1 << rng.integers(8)
+            (folder / name).write_bytes(changed)
+            try:
+                with open_run(config):
+                    check_same(folder, about)
+                    ended = is_finished(folder)
+                    results = read_results(folder, PAIRINGS, finished=ended)
+                # Pairings that an unfinished run has not are played again, from the same draws.
+                assert results == expected[: len(results)]
+                assert len(results) == len(expected) or not ended
+            except ShuttleError:
+                noticed[name] += 1
+        (folder / name).write_bytes(content)
+    assert noticed["pairings.jsonl"] > 330
+    assert noticed["config.json"] > 200
+
+
+def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Rich would take ``[/data]`` for the end of a style, and Markdown ``|`` for the end of a cell."""
+    reason = "no file in [/data] given | <b>*bold*</b> :smile: \x1b[31m [red]"
+    results = [forfeited(round_robin(["[/evil]|\x1b[2J", "=b_`*<i>"])[0], ["=b_`*<i>"], reason)]
+    standings = rank(results[0].names, results, 0)
+    console().print(console_table(standings))
+    printed = capsys.readouterr().out
+    assert "[/evil]|\\x1b[2J" in printed
+    assert "=b_`*<i> (forfeited 1)" in printed
+    config = LeagueConfig(pool=results[0].names, game="`model`")
+    text = report(
+        config, standings, results, "0" * 64, exact_odds(default_game(), [Entrant(name=n, policy=None) for n in config.pool])
+    )
+    assert "\x1b" not in text
+    html = MarkdownIt("commonmark").enable("table").render(text)
+    plain = unescape(re.sub(r"<[^>]*>", "", html))
+    assert printable(f"[/evil]|\x1b[2J v =b_`*<i>: =b_`*<i> forfeited: {reason}") in plain
+    assert "<code>`model`</code>" in html
+    rows = re.findall("<tr>(.*?)</tr>", html, re.DOTALL)
+    assert {row.count("<td") for row in rows} <= {0, 12, 3}
+    assert b"'=b_" in csv_bytes(ranking_table(standings))
+
+
+def test_a_policy_that_speaks_in_brackets_forfeits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_brackets.py").write_text(
+        "def policy(states):\n    raise FileNotFoundError('no file in [/data] given \x1b[2J')\n"
+        "def late(states):\n    policy(states)\nlate.reads_score = True\n"
+    )
+    pool = ("my_brackets:policy", "my_brackets:late", "random")
+    assert main(["--pool", *pool, "--matches", "2", "--out", str(tmp_path / "[/run]"), "--policy-timeout", "0"]) == 0
+    printed = capsys.readouterr()
+    assert "no file in [/data] given \\x1b[2J" in printed.err
+    assert "\x1b" not in printed.err + printed.out
+    assert f"run folder: {tmp_path / '[/run]'}" in printed.out
 
 
 def test_a_finished_run_is_never_overwritten_silently(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -320,6 +433,7 @@ def test_folders_that_hold_something_else(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
+        ({"matches": 10**30}, "from 2 to 10,000,000"),
         ({"matches": 7}, "expected an even number"),
         ({"matches": 0}, "expected an even number"),
         ({"batch": 0}, "expected 1 or more"),

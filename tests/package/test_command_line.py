@@ -1,6 +1,8 @@
-"""What all command lines share: exit statuses, and messages instead of tracebacks."""
+"""Shared parts of all command lines: exit statuses, and messages instead of tracebacks."""
 
+import errno
 import importlib
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -28,7 +30,7 @@ def test_success_is_0() -> None:
     assert status_of(lambda: None) == 0
 
 
-def test_an_error_that_users_can_mend_is_a_message(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_that_users_can_fix_is_a_message(capsys: pytest.CaptureFixture[str]) -> None:
     assert status_of(raising(ShuttleError("pot [red] is empty; fill it"))) == 1
     assert capsys.readouterr().err == "error: tea: pot [red] is empty; fill it\n"
 
@@ -51,7 +53,7 @@ sys.exit(cli.run(command, prog="tea", description="Talks.", argv=[]))
 
 @pytest.mark.parametrize("flags", [(), ("-u",)], ids=["buffered", "unbuffered"])
 @pytest.mark.parametrize("lines", [1, 10_000], ids=["at the end", "on the way"])
-def test_nobody_reads_to_the_end(lines: int, flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reader_of_the_output_closes_it(lines: int, flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     command = [sys.executable, *flags, "-c", TALKS.format(lines=lines)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
@@ -73,9 +75,43 @@ def test_the_output_does_not_fit_on_the_disk(flags: tuple[str, ...], monkeypatch
     assert done.returncode == 1
 
 
-def test_another_error_of_the_system_is_a_defect_and_not_hidden() -> None:
-    with pytest.raises(BrokenPipeError):
-        status_of(raising(BrokenPipeError()))
+@pytest.mark.parametrize("error", [BrokenPipeError(), OSError(errno.EIO, "I/O error", "x"), OSError(errno.ENOENT, "no name")])
+def test_another_error_of_the_system_is_a_defect_and_not_hidden(error: OSError) -> None:
+    with pytest.raises(type(error)):
+        status_of(raising(error))
+
+
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [
+        (errno.ENAMETOOLONG, "x" * 256),
+        (errno.EACCES, "[/bold]"),
+        (errno.EROFS, b"/cdrom"),
+        (errno.EISDIR, "out"),
+        (errno.ENOENT, "nowhere"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_a_message(code: int, name: str | bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(raising(OSError(code, os.strerror(code), name))) == 1
+    assert capsys.readouterr().err == (
+        f"error: tea: {os.fsdecode(name)} cannot be used ({os.strerror(code)}); name another file or folder\n"
+    )
+
+
+def test_arguments_that_are_no_text(capsys: pytest.CaptureFixture[str]) -> None:
+    def serve(cup: str) -> None:
+        """Serve."""
+
+    argument = os.fsdecode(b"--cup=\xff")
+    assert cli.run(serve, prog="tea", description="Serves tea.", argv=[argument]) == 1
+    assert capsys.readouterr().err == "error: tea: argument '--cup=\\udcff': expected text in UTF-8\n"
+
+
+def test_messages_are_neither_markup_nor_escapes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status_of(raising(ShuttleError("no file in [/data] given :tea: \x1b[2J"))) == 1
+    assert capsys.readouterr().err == "error: tea: no file in [/data] given :tea: \\x1b[2J\n"
+    cli.console().print("[/data] :smile: [bold]")
+    assert capsys.readouterr().out == "[/data] :smile: [bold]\n"
 
 
 @pytest.mark.parametrize(
