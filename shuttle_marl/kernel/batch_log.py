@@ -130,7 +130,8 @@ class BatchLog:
         )
         self._none = np.full((extra, size), np.nan, np.float32)
         self._ended = _Ended(*(np.empty(2 * size, type_) for type_ in ("i4", "i8", "i4", "u1", "u1", "u1", "i4")))
-        self._rallies = 0
+        self._rallies = self._longest = 0
+        """Rallies that ended and were not taken; no row keeps more strokes than so many."""
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -154,21 +155,22 @@ class BatchLog:
             IllegalStrokeError: a stroke is not legal; the strokes before it were played.
             KernelError: shapes that do not fit.
         """
-        figures, size = len(self._kept.extra), len(self.batch)
+        n_figures, size = len(self._kept.extra), len(self.batch)
         steps = stroke.shape[1] if stroke.ndim == 2 else 0
-        given = np.empty((figures, size, steps), np.float32) if extra is None and not figures else np.asarray(extra)
-        if stroke.shape != (size, steps) or given.shape != (figures, size, steps):
+        given = np.empty((n_figures, size, steps), np.float32) if extra is None and not n_figures else np.asarray(extra)
+        if stroke.shape != (size, steps) or given.shape != (n_figures, size, steps):
             raise KernelError(
                 f"strokes of shape {stroke.shape} with figures of shape {given.shape}: "
-                f"expected ({size}, T) and ({figures}, {size}, T)"
+                f"expected ({size}, T) and ({n_figures}, {size}, T)"
             )
-        rewards = np.empty((size, steps), np.float32)
+        # Step after step in memory.
+        strokes, figures = np.ascontiguousarray(stroke.T, np.int64), np.ascontiguousarray(given.transpose(2, 0, 1), np.float32)
+        rewards = np.empty((steps, size), np.float32)
         for t in range(steps):
-            reward, over = self.batch.step(stroke[:, t], reset=False)
-            rewards[:, t] = reward
-            self._keep(reward, over, given[:, :, t])
+            rewards[t], over = self.batch.step(strokes[t], reset=False)
+            self._keep(rewards[t], over, figures[t])
             self._serve(over)
-        return rewards
+        return rewards.T
 
     def take(self) -> SingleRallies:
         """The rallies that ended since the last call, row after row."""
@@ -184,18 +186,19 @@ class BatchLog:
 
     def _serve(self, over: npt.NDArray[np.bool_]) -> None:
         """Begin rallies where they are over, until all rows wait for a stroke."""
-        while over.any():
+        while np.count_nonzero(over):
             reward, over = self.batch.serve(over)
             self._keep(reward, over, self._none)
 
     def _keep(self, reward: npt.NDArray[np.float32], over: npt.NDArray[np.bool_], given: npt.NDArray[np.floating]) -> None:
         kept, size = self._kept, len(self.batch)
-        if kept.length.max() + 2 > kept.stroke.shape[1]:
+        self._longest += 2
+        if self._longest > kept.stroke.shape[1]:
+            self._longest = int(kept.length.max()) + 2
+        if self._longest > kept.stroke.shape[1]:
             more = [(0, 0), (0, kept.stroke.shape[1])]
             self._kept = kept = kept._replace(stroke=np.pad(kept.stroke, more), extra=np.pad(kept.extra, [(0, 0), *more]))
         if self._rallies + size > len(self._ended.row):
             self._ended = _Ended(**{name: np.pad(column, (0, len(column))) for name, column in self._ended._asdict().items()})
-        rows, figures = self.batch.rows, np.ascontiguousarray(given, np.float32)
-        self._rallies = _keep(
-            tables_of(self.batch.game), rows, self._seat, self._opponent, reward, over, figures, kept, self._ended, self._rallies
-        )
+        rows, tables = self.batch.rows, tables_of(self.batch.game)
+        self._rallies = _keep(tables, rows, self._seat, self._opponent, reward, over, given, kept, self._ended, self._rallies)
