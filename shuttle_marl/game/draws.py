@@ -69,3 +69,18 @@ def outcome_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
 def choice_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
     """The part of a draw that chooses a stroke: uniform in [0, 65535)."""
     return (((bits >> np.uint64(32)) * np.uint64(CHOICE_ONE)) >> np.uint64(32)).astype(np.int32)
+
+
+def chosen(cumulative: npt.NDArray[np.uint16] | npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+    """The one rule by which draws choose strokes: the first entry above the draw.
+
+    The compiled kernel and environments of one rally at a time do the same.
+
+    Args:
+        cumulative: ``[B, K]`` cumulative probabilities of K strokes, whole numbers that rise to 65535.
+        draw: ``[B]`` uniform integers in [0, 65535), see :func:`choice_draw`.
+
+    Returns:
+        ``[B]`` position of the stroke.
+    """
+    return np.greater(cumulative, draw.astype(cumulative.dtype)[:, None]).argmax(axis=1)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.arrays import frozen
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.rally import Game
 from shuttle_marl.text import described
 
@@ -147,8 +147,7 @@ def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> 
         draw: ``[B]`` uniform integers in [0, 65535); cumulative chances are rounded to 1/65535 as in a table.
     """
     total = np.cumsum(p, axis=1)
-    cumulative = np.rint(total / total[:, -1:] * CHOICE_ONE)
-    return (cumulative > draw[:, None]).argmax(axis=1)
+    return chosen(np.rint(total / total[:, -1:] * CHOICE_ONE), draw)
 
 
 class UniformPolicy:

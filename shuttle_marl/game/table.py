@@ -1,6 +1,7 @@
 """Policies compiled to tables: one 16-bit cumulative chance a legal pair, the same layout as the game."""
 
 import dataclasses
+import functools
 import hashlib
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.rally import Game
 
@@ -24,7 +25,7 @@ class TabulatedPolicy:
     Attributes:
         game: the game it was compiled for.
         cumulative: ``[P]`` uint16, chance of the legal strokes of a state up to and including this one, in units of
-            1/65535; a draw u in [0, 65535) chooses the first stroke whose entry exceeds u.
+            1/65535; draws choose from it by :func:`shuttle_marl.game.draws.chosen`.
     """
 
     game: Game
@@ -53,16 +54,24 @@ class TabulatedPolicy:
         p[rows, game.pair_stroke[pairs]] = (self.cumulative[pairs] - lower) / CHOICE_ONE
         return p
 
-    def padded(self) -> npt.NDArray[np.uint16]:
-        """``[S, K - 1]`` cumulative chances, K the largest number of legal strokes; filled up with 65535.
+    def choose(self, state: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+        """``[B]`` which of its legal strokes each state plays.
 
-        The stroke chosen by a draw u is k = number of entries <= u: a batch is decided by one gather and one comparison.
+        Args:
+            state: ``[B]`` states.
+            draw: ``[B]`` uniform integers in [0, 65535), see :func:`shuttle_marl.game.draws.choice_draw`.
         """
+        return chosen(self.padded.take(state, axis=0), draw)
+
+    @functools.cached_property
+    def padded(self) -> npt.NDArray[np.uint16]:
+        """``[S, K]`` cumulative probabilities, K the largest number of legal strokes; filled up with 65535."""
         game = self.game
         width = int(game.legal_count(np.arange(game.n_states)).max())
         table = np.full((game.n_states, width), CHOICE_ONE, dtype=np.uint16)
         table[game.pair_state, game.pair_rank] = self.cumulative
-        return table[:, :-1]
+        table.flags.writeable = False
+        return table
 
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the table as safetensors, with the hash of the game, beside and moved into place."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -68,12 +68,11 @@ class Strikers:
     def __init__(self, game: Game, entrants: Sequence[Entrant]) -> None:
         self._game, self._entrants = game, entrants
         self._sampled = [i for i, entrant in enumerate(entrants) if entrant.table is None and not entrant.failure]
-        tables = [np.empty((0, 0), dtype=np.uint16) if e.table is None else e.table.padded() for e in entrants]
-        width = 1 + max(table.shape[1] for table in tables)
+        tables = [np.empty((0, 0), dtype=np.uint16) if e.table is None else e.table.padded for e in entrants]
+        width = max(table.shape[1] for table in tables)
         self._rows = np.full((sum(map(len, tables)), width), CHOICE_ONE, dtype=np.uint16)
         self._first_row = np.cumsum([0, *map(len, tables)])[:-1].astype(np.int32)
         for first, table in zip(self._first_row, tables, strict=True):
-            # The last column stays above every draw, so a row always has an entry above it.
             self._rows[first : first + len(table), : table.shape[1]] = table
 
     def choose(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
@@ -94,8 +93,7 @@ class Strikers:
         return k
 
     def _read(self, entrant: Ints, state: Ints, draw: Ints) -> npt.NDArray[np.intp]:
-        rows = self._rows.take(self._first_row[entrant] + state, axis=0)
-        return (rows > draw.astype(np.uint16)[:, None]).argmax(axis=1)
+        return chosen(self._rows.take(self._first_row[entrant] + state, axis=0), draw)
 
     def _ask(self, i: int, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
         entrant = self._entrants[i]

@@ -281,10 +281,10 @@ class _Choose:
 
     def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
         self._policy, self._name = policy, name
-        self._game, self._table = opponent.game, opponent.padded()
+        self._game, self._opponent = opponent.game, opponent
 
     def __call__(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
-        k = (self._table[state] <= draw[:, None]).sum(axis=1)
+        k = self._opponent.choose(state, draw)
         asked = np.flatnonzero(entrant == 0)
         if len(asked):
             mine = state[asked], draw[asked], striker[asked], score[:, asked]

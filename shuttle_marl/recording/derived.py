@@ -1,4 +1,4 @@
-"""What was not recorded because it follows from the game and the policies: states, chances, probabilities of choices."""
+"""Columns that are not recorded because they follow from the game and the policies: states and probabilities."""
 
 from collections.abc import Mapping
 
@@ -18,7 +18,7 @@ class Derived:
     Args:
         log: whose rallies they are.
         game: the game that was played on.
-        policies: tables of policies by name; the chance with which they chose a stroke is added.
+        policies: tables of policies by name; the probability with which they chose a stroke is added.
 
     Raises:
         RecordingError: the log was played on another game.
@@ -38,13 +38,13 @@ class Derived:
             ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
             ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
             the striker's policy chooses the stroke, NaN for other policies. A stroke that is not legal has state -1 and
-            chances NaN.
+            probabilities NaN.
         """
         state, k = states(self._game, rallies)
-        pair = np.where(state < 0, 0, self._game.pair_start[state] + k)
+        pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
         names = ("p_succ", "p_ret", "p_above")
         columns = {name: np.where(state < 0, np.nan, p[pair]) for name, p in zip(names, self._chances, strict=True)}
-        found: dict[str, npt.NDArray[np.generic]] = {"state": state.astype(np.int32), **columns}
+        found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
         if self._policies:
             row, _, seat = rows_of_strokes(rallies)
             striker = rallies.policy[row, seat]
@@ -67,23 +67,16 @@ def require_game(log: RallyLog, game: Game) -> None:
         raise RecordingError(f"{log.path}: played on game {played[:12]}, not on {game.hash[:12]}; name its model with --game")
 
 
-def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """``[N]`` each: the state in which every stroke was struck, and which of its legal strokes it is.
 
     Both are -1 where the stroke, or the one it answers, is not legal.
     """
-    n = game.n_strokes
     _, position, _ = rows_of_strokes(rallies)
+    n = game.n_strokes
     stroke = rallies.stroke.astype(np.int64)
     own = np.where(position >= 2, np.r_[n, n, stroke[:-2]][: len(stroke)], n)
     incoming = np.where(position >= 1, np.r_[n, stroke[:-1]], n)
-    height = game.catalogue.height.astype(np.int64)
-    contact = height[stroke]
-    k = game.reply_rank[incoming, contact, stroke].astype(np.int64)
-    # The edge own -> incoming: the start of a rally is edge 0; the serve is a reply to no stroke.
-    serve = position == 0
-    struck = np.where(serve, 0, incoming)
-    before = np.where(serve, 0, game.reply_rank[own, height[struck], struck])
-    edge = np.where(serve, 0, game.reply_start[own, height[struck]] + before)
-    legal = (k >= 0) & (before >= 0)
-    return np.where(legal, 2 * edge + contact, -1), np.where(legal, k, -1)
+    state = game.state_of(own, incoming, game.catalogue.height[stroke])
+    k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), stroke))
+    return np.where(k < 0, -1, state), k

@@ -45,12 +45,11 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
         RecordingError: the log was played on another game; or it is damaged.
     """
     require_game(log, game)
-    tables = {name: policy.padded() for name, policy in (policies or {}).items()}
     rallies = strokes = 0
     wrong: list[int] = []
     for file, offset in ((file, offset) for offset, files in log.logs for file in files):
         names = [player.name for player in file.header.policies]
-        chosen = {i: tables[name] for i, name in enumerate(names) if name in tables}
+        chosen = {i: policies[name] for i, name in enumerate(names) if policies and name in policies}
         for i in range(len(file.rallies)):
             first, batch = file.batch(i)
             rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
@@ -61,7 +60,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
 
 
 def _wrong_strokes(
-    header: LogHeader, game: Game, rallies: Rallies, tables: Mapping[int, npt.NDArray[np.uint16]]
+    header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]
 ) -> npt.NDArray[np.bool_]:
     """``[N]`` strokes that are illegal, have another outcome than the draw gives, or are not what their policy chooses."""
     row, position, seat = rows_of_strokes(rallies)
@@ -75,10 +74,9 @@ def _wrong_strokes(
     outcome, _ = strike(game, state[legal], k[legal], draws.outcome_draw(bits))
     wrong[legal] = outcome != outcomes(rallies, game.catalogue)[legal]
     policy = rallies.policy[row[legal], seat[legal]]
-    for i, table in tables.items():
+    for i, played in policies.items():
         mine = np.flatnonzero(policy == i)
-        chosen = (table[state[legal[mine]]] <= draws.choice_draw(bits[mine])[:, None]).sum(axis=1)
-        wrong[legal[mine]] |= chosen != k[legal[mine]]
+        wrong[legal[mine]] |= played.choose(state[legal[mine]], draws.choice_draw(bits[mine])) != k[legal[mine]]
     return wrong
 
 

@@ -78,7 +78,7 @@ def test_statistics_agree_with_sampled_rallies() -> None:
     game = default_game()
     policy = bc.load(None, game)
     exact = play_statistics(policy)
-    cumulative = policy.padded()
+    cumulative = policy.padded
     state = np.full(20_000, ROOT, dtype=np.int32)
     key = stream(3, np.arange(len(state)))
     alive = np.arange(len(state))

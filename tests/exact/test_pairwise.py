@@ -52,7 +52,7 @@ def test_no_policies_and_other_games_are_refused(shipped: Game) -> None:
 
 def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: int, key: int) -> int:
     """Rallies that the server wins, played stroke by stroke with the rules of the rally."""
-    cumulative = [policy.padded() for policy in (server, receiver)]
+    cumulative = [policy.padded for policy in (server, receiver)]
     wins, block = 0, 125_000
     for first in range(0, rallies, block):
         keys = stream(key, np.arange(first, min(first + block, rallies)))

@@ -1,11 +1,15 @@
 """The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.table``."""
 
 import numpy as np
+import numpy.typing as npt
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shuttle_marl.env.opponents import Opponent
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.policy import States, drawn_strokes
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import Players, core, pack
@@ -47,6 +51,35 @@ def test_numbers_are_those_of_the_definitions(key: int, counter: int, count: int
     u = draws.outcome_draw(expected)[0]
     assert outcome == int(u >= fault) + int(u >= winner) + int(u >= below)
     assert choice == (int(expected[0]) >> 32) * count >> 32
+
+
+@compiled
+def _every_choice(players: Players, state: int, start: int, chosen: npt.NDArray[np.int64]) -> None:
+    for u in range(len(chosen)):
+        # The least upper half of a draw that gives u.
+        upper = (np.uint64(u) << np.uint64(32)) // np.uint64(CHOICE_ONE) + np.uint64(u > 0)
+        chosen[u] = core.table_choice(players, 0, state, start, upper << np.uint64(32))
+
+
+@pytest.mark.parametrize("sharpness", [0.05, 0.2, 1.0, 30.0])
+def test_every_player_of_the_package_turns_a_draw_into_the_same_stroke(sharpness: float) -> None:
+    """All 65,535 draws: the compiled kernel, tables, policies that are asked, and single environments."""
+    game = random_game(11, 9, 0.9)
+    policy = random_policy(game, 3, sharpness)
+    players, single = pack([policy], game), Opponent(policy, game)
+    draw = np.arange(CHOICE_ONE)
+    for state in np.flatnonzero(game.legal_count(np.arange(game.n_states)) > 1)[:3].tolist():
+        compiled_choice = np.empty(CHOICE_ONE, np.int64)
+        _every_choice(players, state, int(game.pair_start[state]), compiled_choice)
+        states = np.full(CHOICE_ONE, state)
+        assert np.array_equal(policy.choose(states, draw), compiled_choice)
+        p = policy.probabilities(States(game=game, state=states[:1].astype(np.int32)))
+        asked = drawn_strokes(np.broadcast_to(p, (CHOICE_ONE, game.n_strokes)), draw)
+        assert np.array_equal(asked, game.stroke_at(states, compiled_choice))
+        assert [single.choose(state, u, None) for u in draw[::97].tolist()] == asked[::97].tolist()
+        # And each stroke is played as often as its table says.
+        share = np.bincount(compiled_choice, minlength=int(game.legal_count(state))) / CHOICE_ONE
+        assert np.array_equal(share, policy.pair_probabilities()[game.pairs_of(state)])
 
 
 def expected_choice(table: TabulatedPolicy, game: Game, state: int, bits: int) -> int:

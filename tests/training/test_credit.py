@@ -38,7 +38,7 @@ class ExactValue(nn.Module):
 def rollout(env: Any, policy: TabulatedPolicy, steps: int) -> Any:
     """Rows of a rollout by a tabulated policy."""
     rng = np.random.default_rng(0)
-    upper = torch.from_numpy(policy.padded().astype(np.int64))
+    upper = torch.from_numpy(policy.padded.astype(np.int64))
 
     rows, current = [], env.reset()
     for _ in range(steps):
