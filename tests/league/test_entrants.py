@@ -60,6 +60,16 @@ def unreadable(states: States) -> np.ndarray:
     raise Unreadable
 
 
+def writes(states: States) -> np.ndarray:
+    states.state[:] = 0
+    return uniform(states)
+
+
+def changes_the_game(states: States) -> np.ndarray:
+    states.game.threshold[:] = 0
+    return uniform(states)
+
+
 def wrong_shape(states: States) -> np.ndarray:
     return np.ones(len(states))
 
@@ -85,6 +95,8 @@ FAILURES = {
     no_array: "returned str",
     exits: "raised SystemExit: 0",
     stops_a_generator: "raised GeneratorExit",
+    writes: "raised ValueError: assignment destination is read-only",
+    changes_the_game: "raised ValueError: assignment destination is read-only",
     unreadable: "raised Unreadable: (its message cannot be read)",
 }
 

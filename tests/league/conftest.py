@@ -1,0 +1,25 @@
+"""A model whose game is so small that a tournament on it takes a fraction of a second."""
+
+import numpy as np
+import pytest
+
+from shuttle_marl.game.layout import layout
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import Catalogue
+
+NAMES = ("short-serve:front-centre:below:backhand", "smash:middle-left:above:forehand", "lift:back-centre:below:forehand")
+OUTCOMES = {"short-serve": (2, 2, 9), "smash": (2, 8, 12), "lift": (4, 4, 8)}
+"""Fault, or winner, or returned from below: cumulative, in sixteenths."""
+
+
+@pytest.fixture(scope="session")
+def small_model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Name of a model: a serve, a smash and a lift."""
+    folder = tmp_path_factory.mktemp("model")
+    catalogue = Catalogue.from_names(NAMES)
+    replies = np.vstack([np.tile(~catalogue.is_serve, (len(NAMES), 1)), catalogue.is_serve])
+    tables = layout(catalogue, replies)
+    empty = Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), np.uint16), **tables)
+    outcomes = np.array([OUTCOMES[name.partition(":")[0]] for name in NAMES]) * ONE // 16
+    Game(catalogue=catalogue, threshold=outcomes[empty.pair_stroke].astype(np.uint16), **tables).save(folder / "game.safetensors")
+    return str(folder)
