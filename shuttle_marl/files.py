@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written beside, then moved into place; and files that are safe to open."""
+"""Files that are complete or not there: written to a temporary file, then moved into place; and files that are safe to open."""
 
 import contextlib
 import errno

@@ -37,7 +37,7 @@ def recording() -> str:
         ("bytes a stroke of a tournament", f"{result['bytes_per_stroke']:.2f}"),
         ("strokes of a tournament played and recorded a second", f"{result['recorded_strokes_per_s'] / 1e6:.1f} million"),
         ("CPU time that recording adds to training with PPO", f"{100 * result['training_overhead']:.1f} %"),
-        ("bytes a stroke of training, with chances and values", f"{result['training_bytes_per_stroke']:.2f}"),
+        ("bytes a stroke of training, with probabilities and values", f"{result['training_bytes_per_stroke']:.2f}"),
         ("strokes read a second", f"{result['read_strokes_per_s'] / 1e6:.0f} million"),
         ("strokes played again a second", f"{result['replay_strokes_per_s'] / 1e6:.1f} million"),
         (f"to open the log of {result['rallies']:,} rallies and read one of them", f"{result['find_rally_ms']:.1f} ms"),

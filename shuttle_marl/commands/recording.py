@@ -30,7 +30,7 @@ Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 
 
 def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
-    """Say what a log holds.
+    """Describe the content of a log.
 
     Args:
         path: a rally log, or a folder of them.
@@ -80,7 +80,7 @@ def check(path: Log, *, game: str = "default", replay: bool = True) -> None:
 
 
 def recover(path: Log, *, out: Path | None = None) -> None:
-    """Write a whole log of everything that can be read from one that was cut off or damaged.
+    """Recover a log that was cut off or damaged: write a new one of everything in it that can be read.
 
     Args:
         path: the log, usually FILE.part, or a folder: then every unfinished log in it.
@@ -108,7 +108,7 @@ def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "ralli
         path: a rally log, or a folder of them.
         out: the table; the suffix .parquet, .csv or .arrow says what it becomes.
         rows: one row a rally or one row a stroke.
-        game: model on whose game it was played; adds the state and the chances of every stroke (with --rows strokes).
+        game: model on whose game it was played; adds the state and the probabilities of every stroke (with --rows strokes).
     """
     if game is not None and rows != "strokes":
         raise RecordingError(f"--game {game}: adds columns to strokes; ask for them with --rows strokes")
@@ -150,7 +150,7 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    description = "Read, check and mend rally logs, and show their rallies in 3D."
+    description = "Read, check and recover rally logs, and show their rallies in 3D."
     return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
 
 

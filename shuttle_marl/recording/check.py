@@ -27,13 +27,13 @@ _BLOCK: Final = 1 << 20
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Checked:
-    """What :func:`check` found.
+    """Result of :func:`check`.
 
     Attributes:
         rallies: number of rallies checked.
         strokes: number of strokes checked.
         replayed: whether the strokes were played again.
-        problems: what is wrong, in words; empty for a good log.
+        problems: descriptions of what is wrong; empty for a good log.
     """
 
     rallies: int
@@ -108,7 +108,7 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
                 problems.append(f"rally {offset + first + int(bad[0])} does not follow from the score of the rally before it")
             strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
             if len(strange):
-                problems.append(f"rally {offset + first + int(strange[0])} does not belong into {header.record}")
+                problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
     if matches.in_order and len(matches.open_) > 1:
         pairing, match = matches.open_[0, :2]
         problems.append(f"match {match} of pairing {pairing} breaks off")
@@ -131,7 +131,7 @@ class _Matches:
         self.in_order = True
 
     def forget(self) -> None:
-        """Some rallies are missing from here on, so a match may go on that was never seen to begin."""
+        """Note that rallies are missing here: a match may continue whose first rallies were not seen."""
         self.open_, self._all_known = self.open_[:0], False
 
     def breaks(self, rallies: Rallies) -> npt.NDArray[np.bool_]:
@@ -142,10 +142,10 @@ class _Matches:
         rows, is_new = rows[order], (order >= len(self.open_))
         over, after, server = self._after(rows)
         same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1)
-        goes_on = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
-        begins = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
-        good = begins | (not self._all_known)
-        good[1:] = np.where(same, goes_on & ~over[:-1], good[1:])
+        continues = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
+        starts = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
+        good = starts | (not self._all_known)
+        good[1:] = np.where(same, continues & ~over[:-1], good[1:])
         in_order = np.r_[[self._last], new[:, :2]]
         step = np.diff(in_order, axis=0)
         self.in_order &= bool(((step[:, 0] > 0) | ((step[:, 0] == 0) & (step[:, 1] >= 0))).all())

@@ -44,7 +44,7 @@ INDEX_SCHEMA: Final = pa.schema(
 """Columns of the attachment ``rally_index``, a row a batch: number of its first rally, how many rallies and strokes it holds,
 the byte at which its chunk begins, and the least and greatest 2^32 x pairing + match in it."""
 MAX_CHUNK: Final = 1 << 28
-"""No batch of rallies is as large as this, unpacked [bytes]; a file that says so is damaged."""
+"""Limit of a batch of rallies, unpacked [bytes]; a file with a larger one is damaged."""
 
 
 UNDECODABLE: Final = (
@@ -58,12 +58,12 @@ UNDECODABLE: Final = (
     MemoryError,
     RecursionError,
 )
-"""What the decoders raise when they are given anything but what they expect."""
+"""Errors that the decoders raise for input that they do not expect."""
 
 
 @contextlib.contextmanager
 def damage(path: Path) -> Iterator[None]:
-    """Turn whatever goes wrong in decoding into a :class:`RecordingError` that names the file and the way out."""
+    """Turn any error of decoding into a :class:`RecordingError` that names the file and says what to do."""
     try:
         yield
     except DamagedLogError as error:
@@ -79,8 +79,8 @@ def damage(path: Path) -> Iterator[None]:
 
 
 def advice(path: Path) -> str:
-    """What to do about a damaged log."""
-    return f"save what is whole with `python -m shuttle_marl.recording recover {path}`"
+    """Advice for the owner of a damaged log."""
+    return f"save its undamaged batches with `python -m shuttle_marl.recording recover {path}`"
 
 
 def stream(body: bytes) -> ReadDataStream:
@@ -175,7 +175,7 @@ def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
     """
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
-        raise OtherFileError("no rally log: it does not begin as an MCAP file does")
+        raise OtherFileError("no rally log: it does not start as an MCAP file does")
     start = read_record(file, len(MAGIC), size, Opcode.HEADER)
     profile = Header.read(stream(start)).profile
     if profile != PROFILE:

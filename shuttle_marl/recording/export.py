@@ -24,7 +24,7 @@ _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
 
 
 def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
-    """Write a log as a table; it is beside ``target`` until it is whole.
+    """Write a log as a table, complete or not at all.
 
     Args:
         source: the log, a file or a folder.

@@ -1,7 +1,8 @@
-"""Writes one file of a rally log: a batch of rallies is one message is one chunk, and is with the system before a call returns.
+"""Writes one file of a rally log.
 
-The file is ``FILE.part`` until it is closed. Room for what closes it is set aside with every batch, so that a disk that
-fills up still leaves a whole file.
+A batch of rallies is one message is one chunk, and is handed to the operating system before a call returns. The file is
+``FILE.part`` until it is closed. Room for what closes it is reserved with every batch, so that a disk that fills up still
+leaves a complete file.
 """
 
 import contextlib
@@ -35,9 +36,10 @@ class NoRoomError(OSError):
 
 
 class Sink:
-    """What a log is written to. ``write`` collects, ``commit`` hands over: what it took, no end of the process can take away.
+    """Output file of a log. ``write`` collects, ``commit`` hands over to the operating system.
 
-    Where the operating system can set room aside, the file is longer than what was written until it is closed.
+    What was handed over survives any end of the process.
+    Where the operating system can reserve room, the file is longer than what was written until it is closed.
 
     Attributes:
         length: bytes committed.
@@ -62,7 +64,7 @@ class Sink:
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte will stand."""
+        """Position of the next byte."""
         return self.length + self._n_waiting
 
     def flush(self) -> None:

@@ -1,4 +1,4 @@
-"""What stands at the head of a rally log, and what its rallies can be played again from."""
+"""Header of a rally log: who played on which game, which rallies are recorded, and what names their draws."""
 
 import dataclasses
 import hashlib
@@ -19,13 +19,13 @@ SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs in which every rally stands for itself: a match of one point."""
 
 _SAMPLE_KEY: Final = 0x53414D504C45
-"""Sets the lots of the sample apart from the draws of the game; "SAMPLE" in ASCII."""
+"""Separates the draws of the sample from those of the game; "SAMPLE" in ASCII."""
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
-"""What names the draws of a rally, beside the seed.
+"""What names the draws of a rally, besides the seed.
 
 ``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
-``training``: match, but the key of the pairing takes the place of the seed, because a run names its draws anew now and then;
+``training``: match, but the key of the pairing takes the place of the seed, because a run changes its seed at checkpoints;
 ``unknown``: the draws cannot be made again.
 """
 
@@ -47,8 +47,8 @@ class Player:
 class Sampling:
     """Which rallies are recorded.
 
-    Whole matches are drawn by lot, so that their scores can be followed; matches that share their draws (two in a league,
-    with the seats swapped) are in the sample together. The lot depends on the seed, the pairing and the number of the match
+    Whole matches are drawn at random, so that their scores can be followed; matches that share their draws (two in a league,
+    with the seats swapped) are in the sample together. The draw depends on the seed, the pairing and the number of the match
     alone, never on what happens in it, on batches or on threads.
 
     Attributes:
@@ -87,14 +87,14 @@ class Sampling:
         if self.every <= 1:
             return np.full(len(match), self.every == 1)
         keys = np.array(header.pairings, dtype=np.uint64)[pairing]
-        lot = draw_stream(header.seed, _SAMPLE_KEY, keys, match.astype(np.int64) // header.matches_per_draw)
-        chosen: npt.NDArray[np.bool_] = lot % np.uint64(self.every) == 0
+        drawn = draw_stream(header.seed, _SAMPLE_KEY, keys, match.astype(np.int64) // header.matches_per_draw)
+        chosen: npt.NDArray[np.bool_] = drawn % np.uint64(self.every) == 0
         return chosen
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LogHeader:
-    """What all rallies of a log share.
+    """Properties that all rallies of a log share.
 
     Attributes:
         seed: names all draws.

@@ -40,12 +40,12 @@ def part_path(path: Path, number: int) -> Path:
 
 
 def unfinished(path: Path) -> Path:
-    """Where a file is written until it is closed."""
+    """Name of a file until it is closed."""
     return path.with_name(path.name + _UNFINISHED)
 
 
 def set_aside(path: Path) -> Path:
-    """Where a file stands while a resumed writer copies from it."""
+    """Name of a file while a resumed writer copies from it."""
     return path.with_name(path.name + _SET_ASIDE)
 
 

@@ -64,7 +64,7 @@ class RallyLog:
 
     @property
     def header(self) -> LogHeader:
-        """What all rallies share, with the policies and pairings of all files.
+        """Properties that all rallies share, with the policies and pairings of all files.
 
         Raises:
             RecordingError: the files come from several runs; see the headers of :attr:`files`.
@@ -206,7 +206,7 @@ Numbers = npt.NDArray[np.unsignedinteger]
 
 
 def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> Numbers | None:
-    """Where the entries of a file stand in the merged list; None: at the same place."""
+    """Places of the entries of a file in the merged list; None: the same as in the file."""
     if own == merged[: len(own)]:
         return None
     place = {entry: i for i, entry in enumerate(merged)}

@@ -1,4 +1,4 @@
-"""Records what a program plays while it goes on playing: a thread encodes, compresses and writes."""
+"""Recording while a program continues to play: a thread encodes, compresses and writes."""
 
 import dataclasses
 import queue
@@ -27,7 +27,7 @@ class _Work:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Flush:
-    """A request to write what waits, and who wants to know when that is done."""
+    """A request to write what waits; the future is set when that is done."""
 
     sync: bool
     done: "Future[int]"
@@ -37,7 +37,7 @@ class RallyRecorder:
     """Takes finished rallies in batches of any size.
 
     A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
-    interpreter's lock, so with a second core recording costs the caller next to nothing. What goes wrong in the thread is
+    interpreter's lock, so with a second core recording costs the caller next to nothing. An error in the thread is
     raised by the next call.
 
     Attributes:
@@ -49,7 +49,7 @@ class RallyRecorder:
         """Record into a log, as its header says.
 
         Args:
-            log: a new log, or one that :func:`shuttle_marl.recording.recover.resume` goes on with. It is the recorder's now.
+            log: a new log, or one that :func:`shuttle_marl.recording.recover.resume` continues. The recorder closes it.
             waiting_strokes: so many strokes may wait to be written before :meth:`add` waits too.
         """
         self.path = log.path
@@ -100,20 +100,20 @@ class RallyRecorder:
             strokes: about how many strokes that takes, to count what waits.
 
         Raises:
-            RecordingError: the log cannot be written any further; every batch before is there. What ``make`` raises is raised
+            RecordingError: the log cannot be written any further; every batch before is there. An error of ``make`` is raised
                 by a later call.
         """
         header = self._log.header
         self._enqueue(_Work(strokes=strokes, make=lambda: self.sampling.of(header, make())))
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
-        """Have everything added so far written, the last batch shorter than others if need be, and go on meanwhile.
+        """Have everything added so far written, the last batch shorter than others if need be, and return at once.
 
         Args:
             sync: whether it has to be on the disk itself, so that it also outlives a power cut.
 
         Returns:
-            A future of the number of rallies in the log that no end of this process can take away any more.
+            A future of the number of rallies in the log that survive any end of this process.
         """
         done: Future[int] = Future()
         with self._changed:

@@ -62,18 +62,18 @@ def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[
 
 def _message(data: mmap.mmap, chunk: int) -> Message | None:
     opcode, length = FRAME.unpack_from(data, chunk)
-    begin = chunk + FRAME.size
-    if opcode != Opcode.CHUNK or length > len(data) - begin:
+    start = chunk + FRAME.size
+    if opcode != Opcode.CHUNK or length > len(data) - start:
         return None
     try:
-        return message_of_chunk(data[begin : begin + length])
+        return message_of_chunk(data[start : start + length])
     except (DamagedLogError, *UNDECODABLE):
         return None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Recovery:
-    """What :func:`recover` found.
+    """Result of :func:`recover`.
 
     Attributes:
         path: the new file.
@@ -93,11 +93,12 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
 
     Args:
         source: a file of a log in any condition, ``FILE.part`` included.
-        target: the new file; must not exist. Default: ``FILE`` for ``FILE.part``, else ``NAME.recovered.mcap`` beside it.
+        target: the new file; must not exist. Default, in the same folder: ``FILE`` for ``FILE.part``, else
+            ``NAME.recovered.mcap``.
 
     Raises:
         RecordingError: the source is no rally log, its header is damaged or none of its batches is whole; or the target exists
-            or cannot be written. Nothing is left behind then.
+            or cannot be written. No file is left behind then.
     """
     if target is None:
         target = source.with_suffix("") if source.suffix == ".part" else source.with_name(f"{source.stem}.recovered.mcap")
@@ -174,7 +175,7 @@ def unfinished_files(path: Path) -> list[Path]:
 
 
 def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> RallyLogWriter:
-    """Keep the first rallies of the log at ``path`` and return a writer that goes on behind them.
+    """Keep the first rallies of the log at ``path`` and return a writer that continues after them.
 
     The batches that are kept are the same bytes, so the finished log is the one that an undisturbed process would have
     written, provided that it flushed after as many rallies and with the same options.
@@ -226,7 +227,7 @@ def rallies_of_pairings(path: Path, pairings: int) -> int:
             try:
                 _, batches = salvage(file)
             except RecordingError:
-                if number:  # begun by a process that was killed before it wrote the header
+                if number:  # started by a process that was killed before it wrote the header
                     continue
                 raise
             for first, _, batch in batches:
@@ -252,7 +253,7 @@ def _last_part(path: Path, rallies: int) -> int | None:
     last = None
     for number in existing_parts(path):
         for file in _files(part_path(path, number)):
-            # A process that was killed as it began a file leaves one without a header, hence without rallies.
+            # A process that was killed as it began a file leaves one without a header, so without rallies.
             with contextlib.suppress(RecordingError), open_file(file) as opened:
                 if read_header(opened, file.stat().st_size)[0].first_rally < rallies:
                     last = number

@@ -83,7 +83,7 @@ class Rallies:
         length: ``[R]`` int32 number of strokes, at least 1.
         stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally.
         update: ``[R]`` uint32 how many updates the learner had made when the rally ended; None: not recorded.
-        log_probability: ``[N]`` float32 log of the chance with which the striker chose the stroke, NaN where it is unknown;
+        log_probability: ``[N]`` float32 log of the probability with which the striker chose the stroke, NaN where it is unknown;
             None: not recorded.
         value: ``[N]`` float32 what the striker expected of the rally before the stroke, NaN where it is unknown; None: not
             recorded.
@@ -108,7 +108,7 @@ class Rallies:
 
     @functools.cached_property
     def first_stroke(self) -> npt.NDArray[np.int64]:
-        """``[R + 1]`` where the strokes of each rally begin in ``stroke``, and their number."""
+        """``[R + 1]`` index of the first stroke of each rally in ``stroke``, and the number of strokes."""
         return np.r_[0, np.cumsum(self.length, dtype=np.int64)]
 
     @property

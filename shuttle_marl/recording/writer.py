@@ -1,4 +1,4 @@
-"""Writes rally logs: collects rallies into batches, and goes on with another file when one is full.
+"""Writes rally logs: collects rallies into batches, and continues in another file when one is full.
 
 A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. A process that is killed leaves every rally that
 :meth:`RallyLogWriter.flush` counted; :mod:`shuttle_marl.recording.recover` makes a whole file of them.
@@ -26,7 +26,7 @@ class RallyLogWriter:
     Attributes:
         path: where the log will stand when it is closed; its further parts are named by :func:`part_path`.
         header: what all its rallies share.
-        rallies: number of rallies that no end of the process can take away.
+        rallies: number of rallies that survive any end of the process.
     """
 
     def __init__(
@@ -39,15 +39,15 @@ class RallyLogWriter:
         fsync_seconds: float = 5.0,
         leave_later: bool = False,
     ) -> None:
-        """Start a log, or go on with the part that the header names.
+        """Start a log, or continue with the part that the header names.
 
         Args:
             path: where the finished log goes; no file of it may exist from the part of the header on.
             header: what all rallies share.
             batch_rallies: rallies to a batch; 1,024 to 4,096 are cheap, less is not.
-            max_bytes: a file that has reached this size is closed, and another part begun.
+            max_bytes: a file that has reached this size is closed, and another part started.
             fsync_seconds: at most this long what was written may wait in the operating system.
-            leave_later: do not refuse to start where there are later parts; who resumes a log deletes them later.
+            leave_later: do not refuse to start where there are later parts; the caller, who resumes a log, deletes them later.
 
         Raises:
             RecordingError: a file is there already, or none can be made.
@@ -66,7 +66,7 @@ class RallyLogWriter:
 
     @property
     def rallies(self) -> int:
-        """Number of rallies that were handed to the operating system: no end of this process can take them away."""
+        """Number of rallies that were handed to the operating system and survive any end of this process."""
         return self._file.rallies
 
     def append(self, rallies: Rallies) -> None:
@@ -94,7 +94,7 @@ class RallyLogWriter:
             sync: whether to return only when all is on the disk itself, so that it also outlives a power cut.
 
         Returns:
-            The number of rallies that no end of this process can take away any more.
+            The number of rallies that survive any end of this process.
 
         Raises:
             RecordingError: no space or the like.

@@ -173,7 +173,7 @@ def main(folder: Path, count: int, seed: int) -> None:
         kind = kinds[number % len(kinds)]
         mutator.make(kind)
         faulthandler.dump_traceback_later(30, exit=True)
-        begun = time.monotonic()
+        start = time.monotonic()
         for what, work in (
             ("read", lambda: read_all(mutator.path)),
             ("checked", lambda: check(mutator.path, game)),
@@ -189,7 +189,7 @@ def main(folder: Path, count: int, seed: int) -> None:
                 assert all(mutator.strokes[first] == strokes for first, strokes in found.items()), (
                     f"{kind} {number}: {what} wrongly"
                 )
-        slowest = max(slowest, time.monotonic() - begun)
+        slowest = max(slowest, time.monotonic() - start)
         saved.unlink(missing_ok=True)
     faulthandler.cancel_dump_traceback_later()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -126,7 +126,7 @@ def test_files_that_are_no_rally_logs(tmp_path: Path, header: Callable[..., LogH
     writer.finish()
     folder.mkdir()
     for path, says in (
-        (text, "does not begin as an MCAP file"),
+        (text, "does not start as an MCAP file"),
         (other, "profile 'ros2'"),
         (tmp_path / "nothing.mcap", "cannot be read"),
     ):
@@ -201,9 +201,9 @@ def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> N
         lines = (acknowledged + process.stdout.read()).split("\n")[:-1]
         process.wait()
         # The last part is unfinished; killed while it was closed, it may be whole, and killed between parts there is none.
-        left = list(folder.glob("*.part"))
-        assert len(left) <= 1
-        for part in left:
+        unfinished_parts = list(folder.glob("*.part"))
+        assert len(unfinished_parts) <= 1
+        for part in unfinished_parts:
             _, batches = salvage(part)
             if next(batches, None) is not None:  # not killed before it wrote the first batch
                 assert recover(part).lost == 0
@@ -241,7 +241,7 @@ def fill(path: Path, limit: int, *, reserve: bool, batch: int = 64) -> str:
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs limits on file sizes, and to set room aside")
 @pytest.mark.parametrize(("limit", "batch"), [(30_000, 64), (50_000, 64), (2_000_000, 2048)])
 def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int) -> None:
-    """A limit on the size of files stands for a disk without room: room for the index was set aside before."""
+    """A limit on the size of files stands for a disk without room: room for the index was reserved before."""
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, limit, reserve=True, batch=batch).partition("\n")
     assert message == (
@@ -278,7 +278,7 @@ def small_disk(folder: Path, options: str = "size=256k") -> bool:
 
 
 def test_a_disk_that_fills_up(tmp_path: Path, header, rallies) -> None:
-    """A file system of its own: whoever fills it, the log is closed in whole."""
+    """A file system of its own: whatever else fills it, the log is closed complete."""
     disk = tmp_path / "disk"
     disk.mkdir()
     if not small_disk(disk):

@@ -125,7 +125,7 @@ class TestResume:
     def test_bytes_are_the_same(
         self, tmp_path_factory, rallies, header, stop: int, keep: int, torn: int, recovered: bool
     ) -> None:
-        """Wherever the cut falls: in the file that was being written, in a finished one, or between the two."""
+        """The cut may fall in the file that was being written, in a finished one, or between the two."""
         folder = tmp_path_factory.mktemp("resumed")
         parts = [rallies(20, seed) for seed in range(12)]
         self.write(folder / "whole.mcap", header(), parts)
@@ -165,7 +165,7 @@ class TestResume:
             assert part_path(path, number).read_bytes() == part_path(whole, number).read_bytes()
         assert len(list(tmp_path.glob("cut*"))) == len(list(tmp_path.glob("whole*")))
 
-    def test_a_file_that_was_only_begun_is_nothing_lost(self, tmp_path: Path, rallies, header) -> None:
+    def test_a_file_that_was_only_started_is_nothing_lost(self, tmp_path: Path, rallies, header) -> None:
         path = self.write(tmp_path / "a.mcap", header(), [rallies(200)])
         last = max(n for n in range(20) if part_path(path, n).exists())
         unfinished(part_path(path, last + 1)).write_bytes(bytes(4096))

@@ -1,4 +1,4 @@
-"""What is written can be read again: by number, by batch, as tables, and by other readers of MCAP."""
+"""Everything written can be read again: by number, by batch, as tables, and by other readers of MCAP."""
 
 import dataclasses
 import io
@@ -198,7 +198,7 @@ def test_another_independent_reader_finds_nothing_wrong(played: Path, tmp_path: 
 
 
 def test_the_same_rallies_give_the_same_bytes(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
-    """However they were handed over."""
+    """The same bytes for any way of handing them over."""
     whole, files = rallies(200), []
     for name, cuts in (("a", [0, 200]), ("b", [0, 1, 50, 51, 130, 200])):
         with RallyLogWriter(tmp_path / f"{name}.mcap", header(), batch_rallies=32) as log:
@@ -229,7 +229,7 @@ def test_an_error_leaves_the_part_behind(tmp_path: Path, rallies: Callable[..., 
 
 
 class TestResume:
-    """A log that was cut off goes on to the bytes that it would have had."""
+    """A log that was cut off continues to the bytes that it would have had."""
 
     @pytest.fixture
     def write(self, tmp_path: Path, rallies: Callable[..., Rallies], header) -> Callable[..., Path]:

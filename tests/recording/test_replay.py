@@ -44,10 +44,10 @@ def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies
     # A draw that gives the recorded outcome: the threshold before it.
     limits = np.concatenate([np.zeros((len(state), 1)), GAME.threshold[GAME.pair_start[state] + k]], axis=1).astype(np.int32)
     again, following = strike(GAME, state, k, limits[np.arange(len(state)), outcome])
-    goes_on = np.setdiff1d(np.arange(len(state)), last)
-    possible = again == outcome  # an outcome of chance zero has no draw
+    continues = np.setdiff1d(np.arange(len(state)), last)
+    possible = again == outcome  # an outcome of probability zero has no draw
     assert possible.all()
-    assert np.array_equal(following[goes_on], state[goes_on + 1])
+    assert np.array_equal(following[continues], state[continues + 1])
     assert (following[last] == -1).all()
 
 
@@ -97,7 +97,7 @@ def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) ->
             wrong = replay(log, GAME).wrong
             assert set(wrong) <= {int(row[i])}
             found += len(wrong)
-    # A stroke that is legal there and has nearly the same chances may do as well; the policies would tell.
+    # A stroke that is legal there and has nearly the same probabilities may do as well; the policies would tell.
     assert found > 30
 
 

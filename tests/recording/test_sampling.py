@@ -31,8 +31,8 @@ def test_anything_else_is_refused(text: str) -> None:
         Sampling.parse(text)
 
 
-def test_one_in_n_by_lot_and_cells_together(header) -> None:
-    """The share is right, matches that share their draws are in together, and the lots of seeds and pairings differ."""
+def test_one_in_n_at_random_and_cells_together(header) -> None:
+    """The share is right, matches that share their draws are in together, and the samples of seeds and pairings differ."""
     match = np.arange(200_000)
     pairing = np.zeros(len(match), dtype=np.uint32)
     kept = {}
@@ -96,7 +96,7 @@ def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path,
 
 
 @pytest.mark.parametrize("done", [0, 1, 2])
-def test_a_sampled_run_goes_on_to_the_same_bytes(sampled: Path, tmp_path: Path, done: int) -> None:
+def test_a_resumed_sampled_run_writes_the_same_bytes(sampled: Path, tmp_path: Path, done: int) -> None:
     """As after a kill: some pairings are finished, the log may hold more than those."""
     run = tmp_path / "run"
     run.mkdir()
@@ -109,13 +109,13 @@ def test_a_sampled_run_goes_on_to_the_same_bytes(sampled: Path, tmp_path: Path, 
         assert (run / name).read_bytes() == (sampled / name).read_bytes()
 
 
-def test_rallies_that_do_not_belong_into_the_sample_are_found(tmp_path: Path, sampled: Path) -> None:
+def test_rallies_that_do_not_belong_to_the_sample_are_found(tmp_path: Path, sampled: Path) -> None:
     with RallyLog(sampled / "rallies.mcap") as log:
         header = dataclasses.replace(log.header, record="sample:5")
         rallies = Rallies.join([batch for _, batch in log.batches()])
     with RallyLogWriter(tmp_path / "a.mcap", header) as log_writer:
         log_writer.append(rallies)
-    assert "does not belong into sample:5" in check(tmp_path / "a.mcap").problems[0]
+    assert "does not belong to sample:5" in check(tmp_path / "a.mcap").problems[0]
 
 
 def test_a_header_with_another_sample_is_refused(header) -> None:
