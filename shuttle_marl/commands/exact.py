@@ -20,7 +20,7 @@ from shuttle_marl.text import printable
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
-    from shuttle_marl.recording.played import Add
+    from shuttle_marl.recording.kernel_rallies import Add
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
@@ -267,7 +267,7 @@ def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, 
     """What records the matches of policies that are sampled; None if there is nothing to record."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
-    from shuttle_marl.recording.played import free_name, sampled_log  # noqa: PLC0415
+    from shuttle_marl.recording.kernel_rallies import free_name, sampled_log  # noqa: PLC0415
 
     if not Sampling.parse(record).every or not sampled:
         yield None

@@ -1,6 +1,6 @@
 """Where and when simulated strokes happen: points on the court, positions of the players, times.
 
-The game decides shot, target area and outcome; this only dresses them. Flight times and the mix of faults are medians and
+The game decides shot, target area and outcome; this draws the rest. Flight times and the mix of faults are medians and
 shares of the training matches of ShuttleSet and ShuttleSet22; the rest is plain geometry.
 """
 
@@ -37,12 +37,12 @@ _BASE_SPREAD: Final = 0.35
 _RECOVERY: Final = 1.5
 """Speed of the way back to it [m/s]."""
 _NEAR_NET: Final = 0.3
-"""Nobody stands nearer to the net than this [m], and no good stroke lands nearer."""
+"""No player stands nearer to the net than this [m], and no good stroke lands nearer."""
 _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "short", "landed"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Played:
+class Strokes:
     """The n strokes of simulated rallies, in playing order, without points and times.
 
     Attributes:
@@ -79,25 +79,25 @@ class Placed:
     frame: npt.NDArray[np.int64]
 
 
-def place(played: Played, rng: np.random.Generator) -> Placed:
+def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
     """Draw points and times for strokes.
 
     A good stroke lands in its target area, an out fault just beyond the line next to it, a net or short fault on the
     striker's side of the net. The contact point of a returned stroke is the landing of the stroke before.
     """
-    n = len(played.stroke)
-    flight = np.maximum(FLIGHT[played.shot] * rng.lognormal(0.0, 0.15, n), 0.2)
-    reason = _reasons(played, rng)
-    landing = _inside(played, rng)
+    n = len(strokes.stroke)
+    flight = np.maximum(FLIGHT[strokes.shot] * rng.lognormal(0.0, 0.15, n), 0.2)
+    reason = _reasons(strokes, rng)
+    landing = _inside(strokes, rng)
     out = reason == _OUT
-    landing[out] = _beyond_the_line(played.area[out], landing[out], rng)
+    landing[out] = _beyond_the_line(strokes.area[out], landing[out], rng)
     contact = np.full((n, 2), np.nan)
-    replies = np.flatnonzero(played.stroke > 1)
+    replies = np.flatnonzero(strokes.stroke > 1)
     contact[replies] = -landing[replies - 1]
-    striker, receiver = _positions(played, contact, flight, rng)
+    striker, receiver = _positions(strokes, contact, flight, rng)
     _fall_short(landing, np.where(np.isnan(contact), striker, contact), reason, rng)
-    pause = np.where(played.new_game, INTERVAL, BREAK) * rng.lognormal(0.0, 0.3, n)
-    step = np.where(played.stroke == 1, pause, np.r_[0.0, flight[:-1]])
+    pause = np.where(strokes.new_game, INTERVAL, BREAK) * rng.lognormal(0.0, 0.3, n)
+    step = np.where(strokes.stroke == 1, pause, np.r_[0.0, flight[:-1]])
     return Placed(
         landing=landing,
         contact=contact,
@@ -108,26 +108,26 @@ def place(played: Played, rng: np.random.Generator) -> Placed:
     )
 
 
-def _reasons(played: Played, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    mix = FAULT_MIX[played.shot]
-    no_line = np.isin(played.area, (1, 4))  # front and middle centre: no line to miss
+def _reasons(strokes: Strokes, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    mix = FAULT_MIX[strokes.shot]
+    no_line = np.isin(strokes.area, (1, 4))  # front and middle centre: no line to miss
     mix = np.where(no_line[:, None] & (np.arange(3) == 0), 0.0, mix)
     mix[mix.sum(axis=1) == 0] = [0.0, 1.0, 0.0]
     cumulative = np.cumsum(mix / mix.sum(axis=1, keepdims=True), axis=1)
     which = (rng.random(len(mix))[:, None] >= cumulative[:, :2]).sum(axis=1)
     fault = np.array([_OUT, _NET, _SHORT])[which]
-    ended = np.where(played.outcome == Outcome.FAULT, fault, _LANDED)
-    return np.where(played.outcome == Outcome.RETURNED, REASONS.index("returned"), ended)
+    ended = np.where(strokes.outcome == Outcome.FAULT, fault, _LANDED)
+    return np.where(strokes.outcome == Outcome.RETURNED, REASONS.index("returned"), ended)
 
 
-def _inside(played: Played, rng: np.random.Generator) -> Floats:
+def _inside(strokes: Strokes, rng: np.random.Generator) -> Floats:
     """Points in the target areas, denser towards their middle, a hand's breadth away from the lines."""
-    side, depth = played.area % 3, played.area // 3
+    side, depth = strokes.area % 3, strokes.area // 3
     x_cuts = np.array([-court.HALF_WIDTH, -court.SIDE_CUT, court.SIDE_CUT, court.HALF_WIDTH])
     y_cuts = np.array([_NEAR_NET, court.MIDDLE_CUT, court.BACK_CUT, court.HALF_LENGTH])
     low = np.stack([x_cuts[side], y_cuts[depth]], axis=1) + 0.05
     high = np.stack([x_cuts[side + 1], y_cuts[depth + 1]], axis=1) - 0.05
-    is_serve = played.shot < N_SERVES
+    is_serve = strokes.shot < N_SERVES
     low[is_serve, 1] = np.maximum(low[is_serve, 1], court.SHORT_SERVICE)
     return low + (high - low) * rng.random((2, len(side), 2)).mean(axis=0)
 
@@ -153,20 +153,20 @@ def _fall_short(landing: Floats, start: Floats, reason: npt.NDArray[np.int64], r
         landing[rows] = np.stack([across, -fallen], axis=1)[rows]
 
 
-def _positions(played: Played, contact: Floats, flight: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _positions(strokes: Strokes, contact: Floats, flight: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """``[n, 2]`` each: where striker and receiver stand when the shuttle is struck."""
     n = len(flight)
     striker, receiver = np.empty((n, 2)), np.empty((n, 2))
-    serves = np.flatnonzero(played.stroke == 1)
-    from_right = np.where(played.area[serves] % 3 == 1, played.right[serves], played.area[serves] % 3 == 0)
+    serves = np.flatnonzero(strokes.stroke == 1)
+    from_right = np.where(strokes.area[serves] % 3 == 1, strokes.right[serves], strokes.area[serves] % 3 == 0)
     right = np.where(from_right, 1.0, -1.0)[:, None]
     noise = rng.normal(0.0, 0.12, (2, len(serves), 2))
     striker[serves] = right * [0.3, 0.0] + [0.0, -3.1] + noise[0]
     receiver[serves] = right * [-0.95, 0.0] + [0.0, 4.0] + noise[1]
     reach = np.clip(rng.normal(0.7, 0.15, n), 0.3, 1.1)
     base = _BASE + rng.normal(0.0, _BASE_SPREAD, (n, 2))
-    for number in range(2, int(played.stroke.max(initial=1)) + 1):
-        rows = np.flatnonzero(played.stroke == number)
+    for number in range(2, int(strokes.stroke.max(initial=1)) + 1):
+        rows = np.flatnonzero(strokes.stroke == number)
         striker[rows] = _towards(contact[rows], base[rows], reach[rows])
         # Who struck before is the receiver now: on the way back to the base, seen from the other side of the net.
         receiver[rows] = -_towards(striker[rows - 1], base[rows - 1], _RECOVERY * flight[rows - 1])

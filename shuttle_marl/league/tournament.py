@@ -13,7 +13,7 @@ from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.results import PairResult, forfeited, tally
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
 from shuttle_marl.recording import Rallies
-from shuttle_marl.recording.played import rallies_of
+from shuttle_marl.recording.kernel_rallies import rallies_of
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players

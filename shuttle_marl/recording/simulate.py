@@ -14,7 +14,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.header import LogHeader, Player
-from shuttle_marl.recording.played import rallies_of
+from shuttle_marl.recording.kernel_rallies import rallies_of
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.recording.stroke_table import stroke_table
 

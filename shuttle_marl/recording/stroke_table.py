@@ -49,7 +49,7 @@ def stroke_table(
     new_match = np.diff(rallies.pairing.astype(np.int64) << 32 | rallies.match, prepend=-1) != 0
     new_game = new_match | (np.diff(game, prepend=-1) != 0)
     placed = placing.place(
-        placing.Played(
+        placing.Strokes(
             shot=catalogue.shot[stroke].astype(np.int64),
             area=catalogue.area[stroke].astype(np.int64),
             outcome=outcome,

@@ -9,7 +9,7 @@ models, and :class:`Skeleton` their rest pose, bone by bone.
 from shuttle_marl.staging.joints import Joint, joints
 from shuttle_marl.staging.metrics import Metrics, measure, summary
 from shuttle_marl.staging.motion import Motion, stage
-from shuttle_marl.staging.played import PlayedRally, StagingError, play_rallies
+from shuttle_marl.staging.rally import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,
     BONES,

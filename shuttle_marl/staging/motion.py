@@ -11,7 +11,7 @@ from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import HELD, Performance, Prepared, perform, prepare
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
-from shuttle_marl.staging.played import PlayedRally, StagingError
+from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton

@@ -4,7 +4,7 @@ import numpy as np
 
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
-from shuttle_marl.staging.played import PlayedRally
+from shuttle_marl.staging.rally import PlayedRally
 
 
 def recorded_rally(log: RallyLog, number: int) -> PlayedRally:

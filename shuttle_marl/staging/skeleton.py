@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.played import StagingError
+from shuttle_marl.staging.rally import StagingError
 from shuttle_marl.staging.rotation import unit
 
 Floats = npt.NDArray[np.float64]

@@ -19,7 +19,7 @@ from shuttle_marl.staging.contact import OVERHEAD_FROM, Stance, height_range, mo
 from shuttle_marl.staging.flight import Flights, shoot
 from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
-from shuttle_marl.staging.played import PlayedRally
+from shuttle_marl.staging.rally import PlayedRally
 
 Floats = npt.NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import BatchLog, IllegalStrokeError, RallyBatch, VersusBatch
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, RecordingError, Sampling
-from shuttle_marl.recording.played import single_rallies_of
+from shuttle_marl.recording.kernel_rallies import single_rallies_of
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import TrainingConfig
 

@@ -181,7 +181,7 @@ def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
 def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -> None:
     n = 4000
     same = np.full(n, 1)
-    played = placing.Played(
+    played = placing.Strokes(
         shot=shot * same, area=area * same, outcome=Outcome.FAULT * same, stroke=same, new_game=same == 0, right=same == 1
     )
     reason = placing.place(played, np.random.default_rng(4)).reason

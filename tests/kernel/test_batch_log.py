@@ -13,7 +13,7 @@ from shuttle_marl.kernel import BatchLog, IllegalStrokeError, KernelError, Rally
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.played import single_rallies_of
+from shuttle_marl.recording.kernel_rallies import single_rallies_of
 from shuttle_marl.recording.replay import replay
 from tests.kernel.episodes import compare_with_rally_v0
 
