@@ -31,7 +31,7 @@ _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
 
 _CARD = """# Simulated sample
 
-{strokes:,} strokes of {rallies:,} rallies in {games} games ({matches} matches, best of three games to 21). **Nobody played
+{strokes:,} strokes of {rallies:,} rallies in {games} games ({matches} matches, best of three games to 21). **No one played
 them**: shipped policies did, on the shipped game. Where a name is that of a player it stands for a policy that imitates
 them; nothing here is a record of what they did.
 

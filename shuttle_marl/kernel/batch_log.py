@@ -1,4 +1,4 @@
-"""A batch that keeps what it plays: every rally with all its strokes, those of opponents and those that nobody asked about."""
+"""A batch that keeps what it plays: every rally with all its strokes, also those of opponents."""
 
 from typing import NamedTuple
 

@@ -18,7 +18,7 @@ from shuttle_marl.recording.tables import outcomes, rows_of_strokes
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What came of playing rallies again.
+    """Result of playing rallies again.
 
     Attributes:
         rallies: number played again.

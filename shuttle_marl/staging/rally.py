@@ -1,4 +1,4 @@
-"""What is staged: one rally that was played."""
+"""Rallies to stage: one that was played, and some that are played for it."""
 
 import dataclasses
 import functools

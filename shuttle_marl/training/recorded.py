@@ -34,7 +34,7 @@ _STROKES_A_STEP: Final = 2
 
 
 class RunLog(Protocol):
-    """Where the rallies of a run go."""
+    """Log of the rallies of a run."""
 
     def begin(self, segment: int) -> None:
         """From here on rallies belong to what follows the given checkpoint, counted from 0."""
@@ -57,7 +57,7 @@ class RunLog(Protocol):
         ...
 
     def abort(self) -> None:
-        """Leave the log unfinished, for a run that goes on with it."""
+        """Leave the log unfinished, for a run that continues it."""
         ...
 
 
@@ -100,7 +100,7 @@ def open_log(
         game: the tables.
         opponents: in the order of ``config.opponent``.
         seeds: of the environments, by segment and process.
-        rallies: how many are in the log at the checkpoint that is gone on from.
+        rallies: number in the log at the checkpoint from which the run continues.
 
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies than that.
@@ -215,6 +215,6 @@ class _Log:
 
 
 def _copy(tensor: Any) -> npt.NDArray[Any]:
-    """An array that nobody changes any more."""
+    """A copy of a tensor as an array, which later steps do not change."""
     array: npt.NDArray[Any] = tensor.detach().cpu().numpy().copy()
     return array

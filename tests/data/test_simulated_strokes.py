@@ -1,4 +1,4 @@
-"""Simulated stroke tables: they obey the schema, the rules, the game's chances and plain geometry."""
+"""Simulated stroke tables: they obey the schema, the rules, the game's probabilities and plain geometry."""
 
 import collections
 from pathlib import Path
@@ -31,15 +31,15 @@ REPLIES = (
 
 
 def make_game(p_good: float = 0.85, p_returned: float = 0.8, p_above: float = 0.5) -> Game:
-    """Two serves, five strokes that answer each other; the same chances everywhere."""
+    """Two serves, five strokes that answer each other; the same probabilities everywhere."""
     catalogue = Catalogue.from_names([*SERVES, *REPLIES])
     n, serves = len(catalogue), len(SERVES)
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[:n, serves:] = True
     replies[n, :serves] = True
     tables = layout(catalogue, replies)
-    chance = [np.full(tables["pair_start"][-1], p) for p in (p_good, p_returned, p_above)]
-    return Game(catalogue=catalogue, threshold=thresholds(*chance), **tables)
+    probability = [np.full(tables["pair_start"][-1], p) for p in (p_good, p_returned, p_above)]
+    return Game(catalogue=catalogue, threshold=thresholds(*probability), **tables)
 
 
 def uniform(game: Game) -> np.ndarray:
@@ -133,7 +133,7 @@ def test_matches_follow_the_laws(table: pd.DataFrame) -> None:
         assert len(winners) in (2, 3)
 
 
-def test_outcomes_have_the_chances_of_the_game() -> None:
+def test_outcomes_have_the_probabilities_of_the_game() -> None:
     """85 % good; 80 % of these returned; half of the returns from above: within four standard errors."""
     table = simulate(GAME, PLAYERS, matches=40, seed=9).to_pandas()
     n = len(table)
@@ -146,7 +146,7 @@ def test_outcomes_have_the_chances_of_the_game() -> None:
     assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))
 
 
-def test_players_play_their_own_chances() -> None:
+def test_players_play_their_own_probabilities() -> None:
     smasher = always(GAME, REPLIES[0])
     table = simulate(GAME, {"a": smasher, "b": uniform(GAME)}, matches=3, seed=3).to_pandas()
     above = table[(table.stroke > 1) & (table.height == 1)]

@@ -46,7 +46,7 @@ def play(batch: RallyBatch | VersusBatch, steps: int = STEPS) -> Run:
 
 
 def kept(log: BatchLog, run: Run, size: int = 9) -> list[SingleRallies]:
-    """What a log plays given the strokes of a run, block after block."""
+    """Rallies that a log plays given the strokes of a run, block after block."""
     found = []
     for first in range(0, run.stroke.shape[1], size):
         part = slice(first, first + size)

@@ -1,4 +1,4 @@
-"""What a training run leaves in its rally log, and that nothing of the learning depends on it."""
+"""Rally logs of training runs, on which nothing of the learning depends."""
 
 import dataclasses
 import math
