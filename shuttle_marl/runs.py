@@ -20,6 +20,8 @@ CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
 LOCK: Final = ".lock"
 """A file that is locked while a process runs in the folder. It is never replaced or removed, so all lock the same one."""
+_BROKEN_OFF: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
+"""Name of what a start leaves that was killed before the configuration was in its place."""
 
 
 class RunError(ShuttleError):
@@ -121,7 +123,7 @@ def _make(folder: Path, *, exist_ok: bool) -> bool:
 
 
 def _check_free(out: Path, *, overwrite: bool) -> None:
-    if not out.exists() or (out.is_dir() and not _entries(out)):
+    if not out.exists() or (out.is_dir() and all(_BROKEN_OFF.fullmatch(path.name) for path in _entries(out))):
         return
     if not (out / CONFIG).is_file():
         raise RunError(f"{out}: holds something that is no run; name another folder with --out")

@@ -163,6 +163,8 @@ class _Run:
         self.opponents = opponents
         self.iteration, self.saved, self.seconds = 0, 0, 0.0
         self.stopped = False
+        self.evaluation: Evaluation | None = None
+        """The latest one; a run ends with one."""
         self.rallies = 0
         """Rallies in the log at the last checkpoint."""
 
@@ -279,6 +281,7 @@ class _Run:
             if value is not None:
                 board.add_scalar(name, value, strokes)
         board.add_scalar("strokes_per_second", strokes / max(self.seconds, 1e-9), strokes)
+        self.evaluation = evaluation
         if self.config.target is not None and evaluation.match_win >= self.config.target:
             self.stopped = True
         return evaluation
@@ -324,7 +327,7 @@ class _Run:
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         policy = tabulated(self.learner.actor, self.game)
-        evaluation = self.evaluator.evaluate(policy)
+        evaluation = self.evaluation or self.evaluator.evaluate(policy)
         network = {name: tensor.clone() for name, tensor in logit_network(self.learner.actor).state_dict().items()}
         card = {
             "algorithm": self.config.algorithm,

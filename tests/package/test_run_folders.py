@@ -97,8 +97,9 @@ def test_a_new_run_takes_a_name_of_its_own_while_another_holds_the_first(tmp_pat
 def test_a_start_that_was_killed_early_leaves_a_folder_that_can_be_used(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with locked(tmp_path / "run"):
-        pass
+        (tmp_path / "run" / ".config.json.0123456789ab.part").write_text("{")
     opened(tmp_path / "run")
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {CONFIG, runs.LOCK}
     assert json.loads((tmp_path / "run" / CONFIG).read_text()) == FIXED
 
 

@@ -2,10 +2,6 @@
 
 import dataclasses
 import math
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -142,40 +138,6 @@ def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path,
     assert not (tmp_path / "run" / "agent").exists()
     resumed = train(dataclasses.replace(config, resume=True))
     assert (resumed.folder / LOG).read_bytes() == (whole.folder / LOG).read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
-def test_a_run_killed_again_and_again_leaves_the_log_of_one_that_was_not(tmp_path: Path) -> None:
-    """At random moments; the environment variable SHUTTLE_KILLS says how often."""
-    flags = ["--rows", "64", "--steps", "4", "--width", "16", "--checkpoint-every", "5", "--evaluate-every", "1000"]
-    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--strokes", str(256 * 150), *flags]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-
-    def start(name: str, *more: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen([*command, "--out", str(tmp_path / name), *more], env=environment, stderr=subprocess.DEVNULL)
-
-    assert start("whole").wait(300) == 0
-    rng, kills = np.random.default_rng(0), 0
-    process = start("run")
-    while kills < int(os.environ.get("SHUTTLE_KILLS", "2")):
-        # Once there is something to lose: at a random moment of what follows.
-        checkpoints = tmp_path / "run" / "checkpoints"
-        before = set(checkpoints.glob("0*")) if kills else set()
-        while process.poll() is None and not set(checkpoints.glob("0*")) - before:
-            time.sleep(0.005)
-        time.sleep(float(rng.uniform(0, 0.3)))
-        if process.poll() is not None:
-            break
-        process.kill()
-        process.wait()
-        kills += 1
-        process = start("run", "--resume")
-    assert process.wait(300) == 0
-    assert kills > 0
-    assert check(tmp_path / "run" / LOG, GAME).problems == ()
-    for name in (LOG, "agent/network.safetensors"):
-        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_flags_that_cannot_be_meant() -> None:

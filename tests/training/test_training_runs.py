@@ -24,8 +24,9 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError
-from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.learner import DivergedError, Learner
 
 GAME = default_game()
@@ -96,7 +97,48 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     assert weights(other.folder) != weights(whole.folder)
 
 
+class Killed(BaseException):
+    """Ends a run where it is raised."""
+
+
+def stopping(when: int) -> Callable[[Any, Any], None]:
+    """`os.replace` that ends the process at one of its calls."""
+    replace, calls = os.replace, itertools.count(1)
+
+    def replace_or_stop(source: Any, target: Any) -> None:
+        if next(calls) == when:
+            raise Killed
+        replace(source, target)
+
+    return replace_or_stop
+
+
+def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before every file that comes to its place. What an evaluation finds does not matter here, so none is computed."""
+    from shuttle_marl.training import run
+
+    figures = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.0, exploitability=0.5)
+    monkeypatch.setattr(run.Evaluator, "evaluate", lambda *_: figures)
+    config = SACConfig(**{**SMALL, "rows": 16, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=16)
+    whole = train(dataclasses.replace(config, out=tmp_path / "whole")).folder
+    for when in itertools.count(1):
+        folder = tmp_path / f"stopped-{when}"
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", stopping(when))
+            try:
+                train(dataclasses.replace(config, out=folder))
+                break
+            except Killed:
+                pass
+        train(dataclasses.replace(config, out=folder, resume=(folder / "config.json").exists()))
+        assert weights(folder) == weights(whole)
+        assert rallies(folder) == rallies(whole)
+        assert metrics(folder) == metrics(whole)
+    assert when > 12
+
+
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None:
     flags = ["--rows", "64", "--steps", "4", "--width", "16", "--checkpoint-every", "3", "--evaluate-every", "10"]
     command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--strokes", str(256 * 60), *flags]
@@ -114,6 +156,7 @@ def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None
     subprocess.run([*command, "--out", str(tmp_path / "killed"), "--resume"], check=True, timeout=300, env=environment)
     assert weights(tmp_path / "killed") == weights(tmp_path / "whole")
     assert rallies(tmp_path / "killed") == rallies(tmp_path / "whole")
+    assert check(tmp_path / "killed" / "rallies.mcap", GAME).problems == ()
 
 
 def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:
