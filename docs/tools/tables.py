@@ -22,9 +22,9 @@ from docs.tools import benchmark_tables, experiment_tables, league_tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.commands import cli
-from shuttle_marl.dynamics.card import as_markdown, read_card
+from shuttle_marl.dynamics.card import as_markdown
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.game.shipped import model_folder, read_model_card
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.run import run_league
 
@@ -78,7 +78,7 @@ def rendered(root: Path, run: Path) -> dict[str, str]:
     Raises:
         TableError: a mark names no table, a place has no end, or a table stands on no page.
     """
-    pages = {MODEL_CARD: as_markdown(read_card(model_folder()))}
+    pages = {MODEL_CARD: as_markdown(read_model_card(model_folder()))}
     missing = {*LEAGUE_BLOCKS, *BLOCKS}
     for path in sorted(path for pattern in _PAGES for path in root.glob(pattern)):
         text = path.read_text(encoding="utf-8")

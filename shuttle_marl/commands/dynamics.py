@@ -12,7 +12,7 @@ from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, run
 from shuttle_marl.data.upstream import Split
-from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.game.shipped import model_folder, read_model_card
 
 
 def _report(line: str) -> None:
@@ -84,9 +84,9 @@ def card(
         json: as JSON instead of Markdown.
         plot: draw the reliability diagrams into this PNG file as well.
     """
-    from shuttle_marl.dynamics.card import as_markdown, plot_reliability, read_card  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.card import as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
-    content = read_card(model_folder(model))
+    content = read_model_card(model_folder(model))
     sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
     if plot is not None:
         plot_reliability(content, plot)

@@ -1,18 +1,16 @@
-"""The card of a model: what it was fitted on, how it scores, and what the game that it makes looks like."""
+"""Model cards: what it was fitted on, how it scores, and what the game that it makes looks like."""
 
-import hashlib
-import json
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import replace_file, seal
+from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT
 from shuttle_marl.game.stroke import SHOTS
-
-CARD: Final = "card.json"
 
 
 def strokes_hash(strokes: pa.Table) -> str:
@@ -21,28 +19,17 @@ def strokes_hash(strokes: pa.Table) -> str:
     table = strokes.replace_schema_metadata(None).combine_chunks()
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    return hashlib.sha256(sink.getvalue()).hexdigest()
+    return sha256(sink.getvalue()).hexdigest()
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
-    """Write the card as JSON."""
-    replace_file(folder / CARD, (json.dumps(card, indent=1) + "\n").encode())
-
-
-def read_card(folder: Path) -> dict[str, Any]:
-    """Read a card.
+    """Write the card of a model, and with it the hashes of the files that stand in the folder.
 
     Raises:
-        ShuttleError: there is none, or it is damaged.
+        FileWriteError: it cannot be written.
     """
-    path = folder / CARD
-    try:
-        card = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ShuttleError(f"{path}: no readable model card ({error})") from error
-    if not isinstance(card, dict):
-        raise ShuttleError(f"{path}: no model card, expected a JSON object")
-    return card
+    hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in (GAME, BC, NETWORKS, SUPPORT)}
+    replace_file(folder / CARD, seal({**card, "sha256": hashes}))
 
 
 def as_markdown(card: dict[str, Any]) -> str:
@@ -51,7 +38,7 @@ def as_markdown(card: dict[str, Any]) -> str:
     lines = [
         f"# Model card: {card['name']}",
         "",
-        f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['weights_hash'][:16]}`, "
+        f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['sha256'][NETWORKS][:16]}`, "
         f"data `{card['data']['hash'][:16]}`.",
         "",
         f"Fit on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "

@@ -4,25 +4,25 @@ import dataclasses
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from shuttle_marl.dynamics.features import DISCIPLINES, Codes, Rows
-from shuttle_marl.dynamics.models import GOOD, SPECS, log_odds, ridge_logits, sigmoid, softmax
+from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Codes, Rows
+from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, log_odds, ridge_logits, sigmoid, softmax
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
 from shuttle_marl.dynamics.players import PlayerChoices
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.shipped import NETWORKS, read_model
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.tensor_files import checked, parsed
 
 Floats = npt.NDArray[np.float64]
-
-NETWORKS: Final = "networks.safetensors"
 
 
 class ModelError(ShuttleError):
@@ -136,42 +136,65 @@ class FittedModels:
         """Read a folder written by :meth:`save`.
 
         Raises:
-            ModelError: the file is missing or damaged, was written by another version, or holds a weight that is no number.
+            ModelError: the file is missing or not the one of the model card, or holds something else than finite weights.
+            GameError: the model card cannot be read.
         """
         path = folder / NETWORKS
         try:
-            with safe_open(path, framework="pt") as file:
-                header = json.loads((file.metadata() or {})["model"])
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
-            networks = {}
-            for name, fields in header["specs"].items():
-                crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
-                spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
-                network = Ensemble(spec).requires_grad_(False).eval()
-                network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")})
-                networks[name] = network
-            missing = set(SPECS) - set(networks)
-            if missing:
-                raise KeyError(f"network {', '.join(sorted(missing))}")
-            models = cls(
+            header, arrays = read_model(folder, NETWORKS)
+            described = parsed(header["model"])
+            networks = {
+                name: _network(fields, {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")})
+                for name, fields in described["specs"].items()
+            }
+            if missing := set(SPECS) - set(networks):
+                raise ValueError(f"network {', '.join(sorted(missing))} is missing")
+            players = tuple(map(str, described["players"]))
+            m = len(players)
+            styles = (m, SLOTS["incoming_shot"], SLOTS["contact"], N_SHOTS * N_TECHNIQUES)
+            return cls(
                 networks=networks,
-                ridge=tensors["ridge"].numpy(),
-                calibration=tensors["calibration"].numpy(),
-                share=tensors["share"].numpy(),
-                striker=header["striker"],
-                receiver=header["receiver"],
+                ridge=checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)),
+                calibration=checked(arrays["calibration"], np.float64, (3, 2)),
+                share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
+                striker=_shifts(described["striker"]),
+                receiver=_shifts(described["receiver"]),
                 choices=PlayerChoices(
-                    players=tuple(header["players"]),
-                    style=tensors["players.style"].numpy(),
-                    area=tensors["players.area"].numpy(),
+                    players=players,
+                    style=checked(arrays["players.style"], np.float64, styles),
+                    area=checked(arrays["players.area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
                 ),
             )
-        except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
             raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
-        for name, tensor in tensors.items():
-            if not torch.isfinite(tensor).all():
-                raise ModelError(f"{path}: {name} holds a weight that is no number; fit or install the model again")
-        return models
+
+
+def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> Ensemble:
+    """A network from its description and its weights.
+
+    Raises:
+        ValueError, TypeError, KeyError, RuntimeError: the two do not fit together, or a weight is no finite number.
+    """
+    crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
+    spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
+    # Without memory of its own: what a file describes may be of any size, its weights are as large as the file.
+    with torch.device("meta"):
+        network = Ensemble(spec)
+    state = {name: torch.from_numpy(checked(weight, np.float32, weight.shape)) for name, weight in weights.items()}
+    network.load_state_dict(state, assign=True)
+    return network.requires_grad_(False).eval()
+
+
+def _shifts(values: Any) -> dict[str, float]:
+    """Shifts of logits by player.
+
+    Raises:
+        ValueError: one is no finite number.
+    """
+    shifts = {str(player): float(shift) for player, shift in values.items()}
+    if not np.isfinite(list(shifts.values())).all():
+        raise ValueError("a shift of a player is not finite")
+    return shifts
 
 
 def _calibrated(members: Floats, line: Floats, pessimism: float, shift: Floats | float) -> Floats:

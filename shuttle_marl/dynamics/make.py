@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import torch
-from safetensors.numpy import load_file, save
+from safetensors.numpy import save
 
 from shuttle_marl import __version__
 from shuttle_marl.data import load_strokes
@@ -18,18 +18,16 @@ from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_log_choi
 from shuttle_marl.dynamics.evaluate import evaluate
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
-from shuttle_marl.dynamics.fitted import FittedModels
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.health import extremes, health
 from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import BC, GAME
+from shuttle_marl.game.shipped import BC, GAME, SUPPORT, read_model, read_model_card
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
-
-SUPPORT: Final = "support.safetensors"
-"""What the data carries, beside the models: the torch reference of the tables needs it."""
+from shuttle_marl.tensor_files import checked
 
 _RULE: Final = (
     f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
@@ -62,7 +60,7 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
         report: called with a line before each stage.
 
     Returns:
-        The card.
+        The model card.
     """
     report("reading strokes")
     strokes = load_strokes(data)
@@ -75,7 +73,7 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
     log_choice = pair_log_choices(fitted.models, game)
     report("solving the game")
     solved = health(PairPolicy(game=game, probability=game.normalized(np.exp(log_choice.astype(np.float64)))))
-    weights_hash = fitted.models.save(out)
+    fitted.models.save(out)
     save_support(out, fitted.support)
     game.save(out / GAME)
     choices = fitted.models.choices
@@ -90,7 +88,6 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
         "name": out.name,
         "version": __version__,
         "seed": seed,
-        "weights_hash": weights_hash,
         "game_hash": game.hash,
         "data": {
             "hash": strokes_hash(strokes),
@@ -114,7 +111,7 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
         "citations": ["arXiv:2306.04948 (ShuttleSet)", "arXiv:2306.15664 (ShuttleSet22)"],
     }
     write_card(out, card)
-    return card
+    return read_model_card(out)
 
 
 def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:
@@ -133,11 +130,22 @@ def save_support(folder: Path, support: Support) -> None:
 
 
 def load_support(folder: Path) -> Support:
-    """Read the support of a model."""
-    return Support(**load_file(folder / SUPPORT))
+    """Read the support of a model.
+
+    Raises:
+        ModelError: the file is missing or not the one of the model card, or is no support.
+        GameError: the model card cannot be read.
+    """
+    try:
+        arrays = read_model(folder, SUPPORT).arrays
+        edges = arrays["strokes"].shape[:1]
+        shapes = {"strokes": edges, "faults": edges, "winners": edges, "fault_range": (*edges, 2), "winner_range": (*edges, 2)}
+        return Support(**{name: checked(arrays[name], np.float64, shape) for name, shape in shapes.items()})
+    except (OSError, KeyError, ValueError) as error:
+        raise ModelError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 def reference_game(folder: Path, game: Game, *, pessimism: float = 0.0) -> Game:
-    """Compile the tables anew from the torch models: the reference for the tables in the folder."""
+    """Compile the tables again from the torch models: the reference for the tables in the folder."""
     models = FittedModels.load(folder)
     return compile_game(game, pair_probabilities(models, game, load_support(folder), pessimism=pessimism))

@@ -21,6 +21,7 @@ how little data they have. Products of two and three attributes are scaled down,
 """
 
 import itertools
+import math
 from typing import Final
 
 import numpy as np
@@ -95,6 +96,9 @@ _TRIPLES: Final = (
 _CROSSES: Final = (*((name,) for name in SLOTS), *_PAIRS, *_TRIPLES)
 _SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
 _PENALTY: Final = 2.0
+_SIZES: Final = tuple(math.prod(SLOTS[name] for name in cross) for cross in _CROSSES)
+RIDGE_COLUMNS: Final = sum(_SIZES)
+"""Number of attributes and products of attributes that the ridge regression reads."""
 
 
 def fault_class(rows: Rows) -> npt.NDArray[np.int64]:
@@ -254,7 +258,7 @@ def _ridge_columns(codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
 def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_]) -> Floats:
     """Coefficients ``[1 + columns]``, the intercept first, scales folded in."""
     active = _ridge_columns(codes)
-    n, width = len(active), sum(int(np.prod([SLOTS[name] for name in cross])) for cross in _CROSSES)
+    n, width = len(active), RIDGE_COLUMNS
     indptr = np.arange(0, active.size + 1, active.shape[1])
     x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
     y = label.astype(np.float64)
@@ -269,9 +273,8 @@ def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_]) -> Floats:
     start = np.zeros(1 + width)
     start[0] = np.log(rate / (1 - rate))
     solution = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-10})
-    sizes = [int(np.prod([SLOTS[name] for name in cross])) for cross in _CROSSES]
     weights: Floats = solution.x
-    weights[1:] *= np.repeat(_SCALE, sizes)
+    weights[1:] *= np.repeat(_SCALE, _SIZES)
     return weights
 
 

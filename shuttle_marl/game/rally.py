@@ -22,13 +22,13 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.arrays import frozen
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.tensor_files import parsed, read_tensors
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
 FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)
@@ -337,14 +337,15 @@ class Game:
         """Read tables written by :meth:`save`.
 
         Raises:
-            GameError: the file is missing, damaged, or its hash does not fit.
+            GameError: the file is missing or damaged, its hash does not fit, or an index in its tables leads out of them.
         """
         try:
-            with safe_open(path, framework="numpy") as file:
-                header = file.metadata() or {}
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
-            game = cls(catalogue=Catalogue.from_names(json.loads(header["strokes"])), **arrays)
-        except (OSError, SafetensorError, KeyError, TypeError, ValueError, ShuttleError) as error:
+            header, arrays = read_tensors(path)
+            names = parsed(header["strokes"])
+            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+                raise ValueError("the strokes are no list of names")
+            game = cls(catalogue=Catalogue.from_names(names), **arrays)
+        except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
             raise GameError(f"{path}: no readable game tables ({error}); fit or install the model again") from error
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")

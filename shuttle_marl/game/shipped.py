@@ -2,14 +2,22 @@
 
 import functools
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+from shuttle_marl.files import FileReadError, read_sealed
 from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.tensor_files import Tensors, read_tensors
 
 GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""
 BC: Final = "bc.safetensors"
 """Its behaviour-cloned players."""
+NETWORKS: Final = "networks.safetensors"
+"""The fitted models that the game was compiled from."""
+SUPPORT: Final = "support.safetensors"
+"""What the data carries, beside the models: the torch reference of the tables needs it."""
+CARD: Final = "card.json"
+"""The model card, which holds the hashes of the other files."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
 _FOLDERS: dict[str, Path] = {}
 
@@ -41,6 +49,36 @@ def load_game(name: str = "default") -> Game:
     game = Game.load(folder / GAME)
     _FOLDERS[game.hash] = folder
     return game
+
+
+def read_model_card(folder: Path) -> dict[str, Any]:
+    """The model card in a model folder.
+
+    Raises:
+        GameError: there is none, or it was changed after it was written.
+    """
+    try:
+        return read_sealed(folder / CARD)
+    except FileReadError as error:
+        raise GameError(f"{folder / CARD}: no readable model card ({error}); fit or install the model again") from error
+
+
+def read_model(folder: Path, name: str) -> Tensors:
+    """The arrays of a file of a model folder, whose hash is the one in the model card.
+
+    Args:
+        folder: of the model.
+        name: of the file, such as :data:`BC`.
+
+    Raises:
+        GameError: the model card cannot be read.
+        OSError, ValueError: the file cannot be read, or is not the one of the model card.
+    """
+    hashes = read_model_card(folder).get("sha256")
+    known = hashes.get(name) if isinstance(hashes, dict) else None
+    if not isinstance(known, str):
+        raise ValueError(f"{CARD} does not hold its hash")
+    return read_tensors(folder / name, known)
 
 
 def default_game() -> Game:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.rally import Game
+from shuttle_marl.tensor_files import read_tensors
 
 _CHUNK = 4096
 
@@ -85,10 +85,9 @@ class TabulatedPolicy:
             PolicyError: the file is missing or damaged, or is a policy for another game.
         """
         try:
-            with safe_open(path, framework="numpy") as file:
-                header = file.metadata() or {}
-                cumulative = file.get_tensor("cumulative")
-        except (OSError, SafetensorError, KeyError, ValueError) as error:
+            header, arrays = read_tensors(path)
+            cumulative = arrays["cumulative"]
+        except (OSError, KeyError, ValueError) as error:
             raise PolicyError(f"{path}: no readable table of a policy ({error})") from error
         if header.get("game") != game.hash:
             made_for = str(header.get("game"))[:12]
@@ -96,9 +95,9 @@ class TabulatedPolicy:
                 f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
             )
         last = game.last_pairs
-        falls = np.diff(cumulative.astype(np.int64)) < 0
         if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
             raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
+        falls = np.diff(cumulative.astype(np.int64)) < 0
         if falls[np.setdiff1d(np.arange(len(falls)), last)].any():
             raise PolicyError(f"{path}: a cumulative chance falls; the file is damaged, save the policy again")
         return cls(game=game, cumulative=cumulative)

@@ -7,17 +7,18 @@ it is restricted to the legal strokes.
 
 import dataclasses
 import functools
-import json
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
 
+from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import BC, folder_of, model_folder
+from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.game.shipped import BC, folder_of, model_folder, read_model
+from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.tensor_files import checked, parsed
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,15 +60,20 @@ def clones(folder: Path) -> BehaviourClones:
     """
     path = folder / BC
     try:
-        with safe_open(path, framework="numpy") as file:
-            header = file.metadata() or {}
-            return BehaviourClones(
-                log_choice=file.get_tensor("log_choice"),
-                players=tuple(json.loads(header["players"])),
-                style=file.get_tensor("style"),
-                area=file.get_tensor("area"),
-            )
-    except (OSError, SafetensorError, KeyError, ValueError) as error:
+        header, arrays = read_model(folder, BC)
+        players = parsed(header["players"])
+        if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
+            raise ValueError("the players are no list of names")
+        m = len(players)
+        return BehaviourClones(
+            log_choice=checked(arrays["log_choice"], np.float32, arrays["log_choice"].shape[:1]),
+            players=tuple(players),
+            style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
+            area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
+        )
+    except GameError as error:
+        raise PolicyError(str(error)) from error
+    except (OSError, KeyError, ValueError) as error:
         raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
 
 
@@ -91,6 +97,8 @@ def load(player: str | None, game: Game) -> TabulatedPolicy:
     if folder is None:
         raise PolicyError("behaviour-cloned players belong to a model; this game was not loaded from one")
     known = clones(folder)
+    if known.log_choice.shape != (game.n_pairs,):
+        raise PolicyError(f"{folder / BC}: its players are not of the game beside it; fit or install the model again")
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
     return from_pair_probabilities(game, known.pair_probabilities(game, player))

@@ -1,18 +1,21 @@
 """The model that comes with the package: tables, support, health, card."""
 
 import functools
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shuttle_marl.dynamics import default_game, model_folder
-from shuttle_marl.dynamics.card import as_markdown, read_card
+from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.compile import LEAST_END
-from shuttle_marl.dynamics.fitted import NETWORKS, FittedModels, ModelError
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.health import health
 from shuttle_marl.dynamics.make import load_support, reference_game
 from shuttle_marl.dynamics.support import is_serve_pair
 from shuttle_marl.game.rally import ONE
+from shuttle_marl.game.shipped import NETWORKS, read_model_card
 from shuttle_marl.policy import bc
 
 ULP = 1.0 / ONE
@@ -59,7 +62,7 @@ def test_the_solved_game_is_healthy() -> None:
 
 
 def test_the_card_says_what_the_tables_say() -> None:
-    card = read_card(model_folder())
+    card = read_model_card(model_folder())
     game = default_game()
     assert card["game_hash"] == game.hash
     assert card["game"]["legal_pairs"] == game.n_pairs
@@ -84,7 +87,7 @@ def test_tables_are_the_torch_models_with_one_thread_and_with_two() -> None:
         for threads in (1, 2):
             torch.set_num_threads(threads)
             reference = reference_game(model_folder(), game)
-            assert reference.hash == game.hash == read_card(model_folder())["game_hash"]
+            assert reference.hash == game.hash == read_model_card(model_folder())["game_hash"]
     finally:
         torch.set_num_threads(before)
 
@@ -105,18 +108,22 @@ def test_pessimism_makes_every_stroke_riskier() -> None:
 
 
 @pytest.mark.parametrize("damage", ["missing", "truncated", "nan"])
-def test_damaged_weights_are_refused(tmp_path, damage: str) -> None:
-    source = model_folder() / NETWORKS
-    if damage == "truncated":
-        (tmp_path / NETWORKS).write_bytes(source.read_bytes()[:5000])
-    elif damage == "nan":
+def test_damaged_weights_are_refused(tmp_path: Path, damage: str) -> None:
+    shutil.copytree(model_folder(), tmp_path / "model", ignore=shutil.ignore_patterns("agents"))
+    path = tmp_path / "model" / NETWORKS
+    if damage == "missing":
+        path.unlink()
+    elif damage == "truncated":
+        path.write_bytes(path.read_bytes()[:5000])
+    else:
         models = FittedModels.load(model_folder())
         models.networks["return"].second.data[0, 0, 0] = float("nan")
-        models.save(tmp_path)
+        models.save(path.parent)
+        write_card(path.parent, read_model_card(path.parent))
     with pytest.raises(ModelError, match=NETWORKS):
-        FittedModels.load(tmp_path)
+        FittedModels.load(path.parent)
 
 
-def test_fitted_models_round_trip(tmp_path) -> None:
+def test_fitted_models_round_trip(tmp_path: Path) -> None:
     models = FittedModels.load(model_folder())
-    assert models.save(tmp_path) == read_card(model_folder())["weights_hash"]
+    assert models.save(tmp_path) == read_model_card(model_folder())["sha256"][NETWORKS]

@@ -1,0 +1,197 @@
+"""Files of a model: flipped bits, forged tables, deeply nested JSON, files of others."""
+
+import contextlib
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError
+from shuttle_marl.dynamics.make import load_support
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import seal
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.policy.bc import clones
+from shuttle_marl.tensor_files import read_tensors
+
+NESTED = "[" * 100_000
+SERVE, LIFT = "short-serve:front-centre:below:backhand", "lift:back-centre:below:forehand"
+SMASH = "smash:middle-left:above:forehand"
+    "short-serve:front-centre:below:backhand",
+    "lift:back-centre:below:forehand",
+    "smash:middle-left:above:forehand",
+)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A copy of the shipped model."""
+    return Path(shutil.copytree(model_folder(), tmp_path / "model", ignore=shutil.ignore_patterns("agents")))
+
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    GAME: lambda folder: Game.load(folder / GAME).hash,
+    BC: lambda folder: clones.__wrapped__(folder).style.tobytes(),
+    CARD: lambda folder: json.dumps(read_model_card(folder)),
+    NETWORKS: lambda folder: FittedModels.load(folder).ridge.tobytes(),
+    SUPPORT: lambda folder: load_support(folder).fault_range.tobytes(),
+}
+
+
+@pytest.mark.parametrize(("name", "flips"), [(GAME, 40), (BC, 60), (CARD, 1000), (NETWORKS, 40), (SUPPORT, 100)])
+def test_a_flipped_bit_is_noticed_or_harmless(model: Path, name: str, flips: int) -> None:
+    """Half of the bits are of the header or the end, where a change could hide best."""
+    content, read = (model / name).read_bytes(), READERS[name]
+    before, rng, noticed = read(model), np.random.default_rng(0), 0
+    for i in range(flips):
+        changed = bytearray(content)
+        at = int(rng.integers(len(content) if i % 2 else min(len(content), 600)))
+        changed[at] ^= 1 << int(rng.integers(8))
+        (model / name).write_bytes(changed)
+        try:
+            assert read(model) == before, f"byte {at}"
+        except ShuttleError:
+            noticed += 1
+    assert noticed > 0.9 * flips
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [GAME, BC, NETWORKS, SUPPORT])
+def test_a_thousand_flipped_bits_are_noticed_or_harmless(model: Path, name: str) -> None:
+    test_a_flipped_bit_is_noticed_or_harmless(model, name, 1000)
+
+
+@pytest.mark.parametrize("name", [BC, NETWORKS, SUPPORT])
+def test_files_of_another_model_are_refused(model: Path, name: str) -> None:
+    header, arrays = read_tensors(model / name)
+    save_file({key: array.copy() for key, array in arrays.items()}, model / name, metadata={**header, "note": "another"})
+    with pytest.raises(ShuttleError, match="its checksum does not fit"):
+        READERS[name](model)
+    write_card(model, read_model_card(model))
+    READERS[name](model)
+
+
+def forged(model: Path, name: str, key: str, change: Callable[[Any], Any]) -> None:
+    """Replace an array or a text of a file, and its hash in the model card."""
+    header, arrays = read_tensors(model / name)
+    arrays = {k: array.copy() for k, array in arrays.items()}
+    target: dict[str, Any] = arrays if key in arrays else header
+    target[key] = change(target[key])
+    save_file(arrays, model / name, metadata=header)
+    write_card(model, read_model_card(model))
+
+
+@pytest.mark.parametrize(("name", "key", "change", "error"), [
+    (BC, "players", lambda _: NESTED, PolicyError),
+    (BC, "players", lambda _: '{"a": 1}', PolicyError),
+    (BC, "players", lambda _: "[1]", PolicyError),
+    (BC, "log_choice", lambda a: a * np.nan, PolicyError),
+    (BC, "log_choice", lambda a: a.astype(np.complex64), PolicyError),
+    (BC, "style", lambda a: a[:, :3], PolicyError),
+    (NETWORKS, "model", lambda _: NESTED, ModelError),
+    (NETWORKS, "model", lambda _: "[]", ModelError),
+    (NETWORKS, "model", lambda text: text.replace('"hidden": 64', '"hidden": 1000000000'), ModelError),
+    (NETWORKS, "model", lambda text: text.replace('"contact"', '"../../etc/passwd"'), ModelError),
+    (NETWORKS, "ridge", lambda a: a.astype(np.complex64), ModelError),
+    (NETWORKS, "calibration", lambda a: a + np.inf, ModelError),
+    (NETWORKS, "success.linear", lambda a: a.astype(np.float16), ModelError),
+    (SUPPORT, "strokes", lambda a: a * np.nan, ModelError),
+    (SUPPORT, "fault_range", lambda a: a[:5], ModelError),
+])  # fmt: skip
+def test_forged_files_with_fitting_hashes_are_refused(
+    model: Path, name: str, key: str, change: Callable[[Any], Any], error: type[ShuttleError]
+) -> None:
+    forged(model, name, key, change)
+    with pytest.raises(error, match=name):
+        READERS[name](model)
+
+
+@pytest.mark.parametrize("text", [NESTED, "[]", "{}", '{"sha256": 5}', "", "\0", seal({"sha256": 5}).decode(), seal({}).decode()])
+def test_a_model_card_that_is_none(model: Path, text: str) -> None:
+    (model / CARD).write_text(text)
+    for name in (BC, NETWORKS, SUPPORT):
+        with pytest.raises(ShuttleError, match=r"card\.json"):
+            READERS[name](model)
+
+
+def hand_made() -> dict[str, Any]:
+    """Tables of a serve, a lift and a smash."""
+    arrays = {
+        "edge_own": [3, 3, 0, 0, 1, 1, 2, 2],
+        "edge_incoming": [3, 0, 1, 2, 1, 2, 1, 2],
+        "reply_start": [[2, 3], [4, 5], [6, 7], [1, 2]],
+        "reply_count": [[1, 1], [1, 1], [1, 1], [1, 0]],
+        "pair_start": [0, 1, *range(1, 16)],
+    }
+    return {name: np.array(values, np.int32) for name, values in arrays.items()} | {"threshold": np.full((15, 3), 9, np.uint16)}
+
+
+def saved(path: Path, arrays: dict[str, Any], names: str = json.dumps([SERVE, LIFT, SMASH])) -> Path:
+    """A file whose hash fits whatever it holds."""
+    digest = hashlib.sha256()
+    with contextlib.suppress(RecursionError, ValueError, TypeError, AttributeError, ShuttleError):
+        digest = hashlib.sha256(Catalogue.from_names(json.loads(names)).version.encode())
+    for name, array in arrays.items():
+        digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
+        digest.update(array.tobytes())
+    save_file(arrays, path, metadata={"strokes": names, "hash": digest.hexdigest()})
+    return path
+
+
+def test_a_game_written_down_by_hand_is_read(tmp_path: Path) -> None:
+    game = Game.load(saved(tmp_path / GAME, hand_made()))
+    assert game.legal_count(np.arange(game.n_states)).tolist() == [1, 0, *[1] * 14]
+
+
+@pytest.mark.parametrize("name", ["edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start"])
+@pytest.mark.parametrize("value", [-1, 2, 4, 10**6, -(2**31), 2**31 - 1])
+def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value: int) -> None:
+    for at in range(hand_made()[name].size):
+        arrays = hand_made()
+        if arrays[name].flat[at] != value:
+            arrays[name].flat[at] = value
+            with pytest.raises(GameError, match=r"game\.safetensors"):
+                Game.load(saved(tmp_path / GAME, arrays))
+
+
+@pytest.mark.parametrize(("name", "change"), [
+    ("edge_own", lambda a: a[:-1]),
+    ("edge_own", lambda a: a[:0]),
+    ("edge_own", lambda a: a.astype(np.int64)),
+    ("edge_own", lambda a: a.reshape(2, -1)),
+    ("reply_start", lambda a: a[:-1]),
+    ("reply_count", lambda a: a.astype(np.uint32)),
+    ("pair_start", lambda a: a[:-1]),
+    ("threshold", lambda a: a[:-1]),
+    ("threshold", lambda a: a[:, :2]),
+    ("threshold", lambda a: a.astype(np.int16)),
+    ("threshold", lambda a: a - np.arange(3, dtype=np.uint16)),
+])  # fmt: skip
+def test_tables_of_another_shape_are_refused(tmp_path: Path, name: str, change: Callable[[Any], Any]) -> None:
+    arrays = hand_made()
+    arrays[name] = np.ascontiguousarray(change(arrays[name]))
+    with pytest.raises(GameError, match=r"game\.safetensors"):
+        Game.load(saved(tmp_path / GAME, arrays))
+
+
+@pytest.mark.parametrize("names", [NESTED, "[1, 2, 3]", "5", "{}", "[[]]", json.dumps([LIFT, SMASH, SERVE]), "[]"])
+def test_other_names_are_refused(tmp_path: Path, names: str) -> None:
+    with pytest.raises(GameError, match=r"game\.safetensors"):
+        Game.load(saved(tmp_path / GAME, hand_made(), names))
+
+
+def test_complex_and_unknown_numbers_are_no_tables(tmp_path: Path) -> None:
+    arrays = hand_made() | {"threshold": np.zeros((15, 3), np.complex64)}
+    with pytest.raises(GameError):
+        Game.load(saved(tmp_path / GAME, arrays))
+    assert load_file(tmp_path / GAME)["threshold"].dtype == np.complex64
