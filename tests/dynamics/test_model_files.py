@@ -27,10 +27,6 @@ from shuttle_marl.tensor_files import read_tensors
 NESTED = "[" * 100_000
 SERVE, LIFT = "short-serve:front-centre:below:backhand", "lift:back-centre:below:forehand"
 SMASH = "smash:middle-left:above:forehand"
-    "short-serve:front-centre:below:backhand",
-    "lift:back-centre:below:forehand",
-    "smash:middle-left:above:forehand",
-)
 
 
 @pytest.fixture
