@@ -314,6 +314,10 @@ class Game:
         ends = np.cumsum(counts[self.edge_incoming].ravel())
         if self.pair_start[0] != 0 or (self.pair_start[1:] != ends).any() or ends[-1] != pairs:
             raise GameError("tables pair_start and threshold do not count the legal strokes of the states")
+        if (np.diff(ends, prepend=0)[np.arange(len(ends)) != 1] == 0).any():
+            raise GameError("a state other than the serve from above has no legal stroke")
+        if (self.threshold[:, 1:] < self.threshold[:, :-1]).any():
+            raise GameError("table threshold: the cumulative probabilities of a legal pair fall")
         stroke, contact = np.divmod(np.repeat(np.arange(2 * n + 2), counts.ravel()), 2)
         first = np.repeat(starts.ravel() - np.r_[0, np.cumsum(counts)[:-1]], counts.ravel())
         reply = first + np.arange(len(first))

@@ -154,7 +154,8 @@ def test_a_game_written_down_by_hand_is_read(tmp_path: Path) -> None:
 def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value: int) -> None:
     for at in range(hand_made()[name].size):
         arrays = hand_made()
-        if arrays[name].flat[at] != value:
+        unused = name == "reply_start" and arrays["reply_count"].flat[at] == 0
+        if arrays[name].flat[at] != value and not unused:
             arrays[name].flat[at] = value
             with pytest.raises(GameError, match=r"game\.safetensors"):
                 Game.load(saved(tmp_path / GAME, arrays))
@@ -177,6 +178,18 @@ def test_tables_of_another_shape_are_refused(tmp_path: Path, name: str, change: 
     arrays = hand_made()
     arrays[name] = np.ascontiguousarray(change(arrays[name]))
     with pytest.raises(GameError, match=r"game\.safetensors"):
+        Game.load(saved(tmp_path / GAME, arrays))
+
+
+def test_a_state_without_legal_strokes_is_refused(tmp_path: Path) -> None:
+    """The smash has no reply from above, and the last state would read behind the tables."""
+    arrays = hand_made()
+    arrays["edge_own"], arrays["edge_incoming"] = arrays["edge_own"][:-1], arrays["edge_incoming"][:-1]
+    arrays["reply_count"][2, 1] = 0
+    arrays["reply_start"][2, 1] = 0
+    arrays["pair_start"] = np.r_[0, np.cumsum(arrays["reply_count"][arrays["edge_incoming"]])].astype(np.int32)
+    arrays["threshold"] = np.full((arrays["pair_start"][-1], 3), 9, np.uint16)
+    with pytest.raises(GameError, match="has no legal stroke"):
         Game.load(saved(tmp_path / GAME, arrays))
 
 
