@@ -57,7 +57,8 @@ def _keep(
     ended: _Ended,
     count: int,
 ) -> int:
-    """Keep the one or two strokes that were played in each row since the last call; returns how many rallies ended by now.
+    """Keep the one or two strokes that were played in each row since the last call; returns how many rallies ended by now, or
+    -1 - i where more were played in row i.
 
     The last stroke and the one before it are the edge of the present state. ``given`` ``[E, B]`` belongs to the first of them.
     """
@@ -65,6 +66,8 @@ def _keep(
         new = rows.stroke[i] - kept.running[i]
         if new == 0:
             continue
+        if new < 0 or new > 2:
+            return -1 - i
         edge, at = rows.state[i] >> 1, kept.length[i]
         kept.stroke[i, at] = tables.own[edge] if new == 2 else tables.incoming[edge]
         kept.stroke[i, at + new - 1] = tables.incoming[edge]
@@ -164,7 +167,7 @@ class BatchLog:
                 f"expected ({size}, T) and ({n_figures}, {size}, T)"
             )
         # Step after step in memory.
-        strokes, figures = np.ascontiguousarray(stroke.T, np.int64), np.ascontiguousarray(given.transpose(2, 0, 1), np.float32)
+        strokes, figures = np.ascontiguousarray(stroke.T), np.ascontiguousarray(given.transpose(2, 0, 1), np.float32)
         rewards = np.empty((steps, size), np.float32)
         for t in range(steps):
             rewards[t], over = self.batch.step(strokes[t], reset=False)
@@ -201,4 +204,7 @@ class BatchLog:
         if self._rallies + size > len(self._ended.row):
             self._ended = _Ended(**{name: np.pad(column, (0, len(column))) for name, column in self._ended._asdict().items()})
         rows, tables = self.batch.rows, tables_of(self.batch.game)
-        self._rallies = _keep(tables, rows, self._seat, self._opponent, reward, over, given, kept, self._ended, self._rallies)
+        count = _keep(tables, rows, self._seat, self._opponent, reward, over, given, kept, self._ended, self._rallies)
+        if count < 0:
+            raise KernelError(f"row {-1 - count}: was played past its log; step the batch by play() of the log alone")
+        self._rallies = count

@@ -192,6 +192,14 @@ def test_what_cannot_be_played(opponents) -> None:
             log.play(stroke, extra)
 
 
+def test_a_batch_that_is_played_past_its_log_is_found_out(opponents) -> None:
+    for steps in (1, 70):
+        log = BatchLog(VersusBatch(GAME, 20, opponents=opponents), seed=2)
+        play(log.batch, steps)
+        with pytest.raises(KernelError, match="was played past its log"):
+            log.play(log.batch.random_strokes()[:, None])
+
+
 def test_policies_choose_as_the_batch_that_plays_by_itself(opponents) -> None:
     from shuttle_marl.kernel import pack
 
