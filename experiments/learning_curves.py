@@ -20,7 +20,7 @@ ROOT: Final = Path(__file__).parents[1]
 COLOURS: Final = {"a2c": "#4477aa", "ppo": "#ee6677", "sac": "#228833", "ppo, self-play": "#aa3377"}
 """From Paul Tol's palette for all kinds of colour vision."""
 PANELS: Final = {
-    "match_win": "chance to win a match against bc",
+    "match_win": "probability of winning a match against bc",
     "normalised_score": "normalised score",
     "exploitability": "exploitability",
 }

@@ -3,7 +3,7 @@
     python -m experiments.ship_agents --win-rates runs/win_rates --styles runs/styles
 
 They then play as `ppo`, `a2c`, `sac`, `ppo:self-play`, `ppo:attacking`, `ppo:defensive` and `ppo:cautious` on this game; a model
-that is fitted anew needs agents that are trained anew.
+that is fitted again needs agents that are trained again.
 """
 
 import shutil

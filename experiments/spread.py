@@ -1,4 +1,4 @@
-"""How much a figure varies between training runs: mean and deviation, and the interquartile mean with its interval."""
+"""Spread of a figure over training runs: mean and deviation, and the interquartile mean with its interval."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Agents with a style: PPO with a changed objective, and how differently they then play.
+"""Agents with a style: PPO with shaped rewards, and how differently they then play.
 
     python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
 
@@ -97,7 +97,7 @@ def _metres(game: Game) -> npt.NDArray[np.float64]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Styles:
-    """What to train."""
+    """Settings of the experiment."""
 
     seeds: int = 3
     """Training runs of every style."""
@@ -108,9 +108,9 @@ class Styles:
     out: Path | None = None
     """Run folder; default runs/styles, with a number behind it if that exists."""
     resume: bool = False
-    """Go on with the run in --out."""
+    """Continue the run in --out."""
     overwrite: bool = False
-    """Replace the run that stands in --out."""
+    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
         if self.seeds < 2 or self.jobs < 1:

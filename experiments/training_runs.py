@@ -1,4 +1,4 @@
-"""What experiments with training runs share: many runs side by side, and results that say what made them."""
+"""Training runs of experiments: many side by side, and results that say what made them."""
 
 import dataclasses
 import json
@@ -24,7 +24,7 @@ def _train(config: TrainingConfig) -> None:
 
 
 def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
-    """Run, or go on with, every training run; each ends with the same weights whatever runs beside it.
+    """Start or continue every training run; each ends with the same weights whatever runs beside it.
 
     Args:
         configs: each with a run folder of its own.
@@ -42,7 +42,7 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
 
 
 def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dict[str, Any]:
-    """Finish a run folder: what was found, with what made it in front.
+    """Finish a run folder: the results, with what made them in front.
 
     Args:
         folder: of the experiment.

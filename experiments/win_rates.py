@@ -4,10 +4,10 @@
 
 Every algorithm is trained with its default settings and several seeds against one opponent, the behaviour-cloned average
 player `bc`, then plays 1,000 matches against it, every rally of which is recorded. Beside what was sampled stands what is
-exact: the chance of a rally and of a match, the normalised score (0 for `bc`, 1 for the best response), exploitability, and
-the same against opponents that no agent was trained against. Self-play is trained without any opponent.
+exact: the probability of winning a rally and a match, the normalised score (0 for `bc`, 1 for the best response),
+exploitability, and the same against opponents that no agent was trained against. Self-play is trained without any opponent.
 
-The run folder holds the training runs, the matches, and `results.json`; a run that is broken off goes on with --resume.
+The run folder holds the training runs, the matches, and `results.json`; a run that is broken off continues with --resume.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ AGENTS: Final[dict[str, TrainingConfig]] = {
     "ppo, self-play": PPOConfig(opponent=("self",)),
 }
 FIXED: Final = {"bc": "bc@1", "best response": "best-response:{opponent}", "minimax": "minimax"}
-"""Rows that nobody trains; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:
+"""Rows without training; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:
 each match is played twice with the seats swapped and the same draws."""
 OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
 QUICK_STROKES: Final = {"a2c": 300_000, "ppo": 300_000, "sac": 60_000, "ppo, self-play": 300_000}
@@ -57,10 +57,10 @@ _WIDTH: Final = 130
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WinRates:
-    """What to train and to play."""
+    """Settings of the experiment."""
 
     opponent: str = "bc"
-    """Who the agents are trained against, and play."""
+    """Opponent of the agents, in training and in the matches."""
     agents: tuple[str, ...] = tuple(AGENTS)
     """Which of them to train."""
     seeds: int = 5
@@ -74,9 +74,9 @@ class WinRates:
     out: Path | None = None
     """Run folder; default runs/win_rates, with a number behind it if that exists."""
     resume: bool = False
-    """Go on with the run in --out."""
+    """Continue the run in --out."""
     overwrite: bool = False
-    """Replace the run that stands in --out."""
+    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.agents if name not in AGENTS]
@@ -90,7 +90,7 @@ class WinRates:
         return dataclasses.replace(self, seeds=2, matches=100) if self.quick else self
 
     def fixed(self) -> dict[str, Any]:
-        """What decides the result, as JSON."""
+        """Settings that decide the result, as JSON."""
         return {
             "opponent": self.opponent,
             "agents": list(self.agents),
@@ -201,7 +201,7 @@ def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[l
 
 
 def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Cells of the table: agent, matches won, the paper's figure, exact chances, score, exploitability, training."""
+    """Cells of the table: agent, matches won, the paper's figure, exact probabilities, score, exploitability, training."""
     for row in result["rows"]:
         paper = PAPER.get(row["agent"]) if result["opponent"] == "bc" else None
         iqm = row["normalised_score"].get("iqm")
@@ -260,11 +260,11 @@ def _print(result: dict[str, Any], config: WinRates) -> None:
         table.add_row(*cells)
     out.print(table)
     against = result["exact_match_win_against"]
-    matrix = Table(title="Exact chance to win a match, %, mean of the seeds; nobody was trained against any but the first")
+    matrix = Table(title="Exact probability of winning a match, %, mean of the seeds; agents were trained against the first")
     for heading in ("agent", *next(iter(against.values()))):
         matrix.add_column(heading, justify="left" if heading == "agent" else "right")
     for agent, odds in against.items():
-        matrix.add_row(agent, *(f"{100 * chance:.1f}" for chance in odds.values()))
+        matrix.add_row(agent, *(f"{100 * probability:.1f}" for probability in odds.values()))
     out.print(matrix)
     out.print("The paper's agents played its own models and its own opponent, so its column stands beside, not against, ours.")
 

@@ -216,7 +216,7 @@ def write_json(path: Path, fields: dict[str, Any]) -> None:
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:
-    """What made a run: command, version, commit, machine, and the versions of the packages that decide its results."""
+    """Origin of a run: command, version, commit, machine, and the versions of the packages that decide its results."""
     return {
         "command": ["python", *sys.orig_argv[1:]],
         "shuttle_marl": shuttle_marl.__version__,

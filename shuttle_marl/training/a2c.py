@@ -8,7 +8,7 @@ import dataclasses
 from typing import TYPE_CHECKING, ClassVar
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, FractionOrNone, Positive, TrainingConfig, Weight
+from shuttle_marl.training.config import Count, FractionOrZero, Positive, TrainingConfig, Weight
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner
@@ -32,7 +32,7 @@ class A2CConfig(TrainingConfig):
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
     learning_rate: Positive = 2e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
-    lmbda: FractionOrNone = 0.7
+    lmbda: FractionOrZero = 0.7
     """Lambda of the generalised advantages."""
     entropy: Weight = 0.03
     """Weight of the entropy bonus; falls linearly to 0."""

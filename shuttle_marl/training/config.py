@@ -43,10 +43,10 @@ class Within:
 
 
 Count = Annotated[int, Within(low=1, high=10**15, text="a whole number from 1 to 10^15")]
-CountOrNone = Annotated[int, Within(low=0, high=10**15, text="a whole number from 0 to 10^15")]
+CountOrZero = Annotated[int, Within(low=0, high=10**15, text="a whole number from 0 to 10^15")]
 Positive = Annotated[float, Within(above=0, text="a number above 0")]
 Fraction = Annotated[float, Within(above=0, high=1, text="a number above 0, at most 1")]
-FractionOrNone = Annotated[float, Within(low=0, high=1, text="a number from 0 to 1")]
+FractionOrZero = Annotated[float, Within(low=0, high=1, text="a number from 0 to 1")]
 Weight = Annotated[float, Within(low=0, high=10, text="a number from 0 to 10")]
 
 
@@ -63,7 +63,7 @@ def _bounds(config: type) -> dict[str, tuple[bool, Within]]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """What all algorithms share."""
+    """Settings that all algorithms share."""
 
     algorithm: ClassVar[str]
 
@@ -88,7 +88,7 @@ class TrainingConfig:
     bonus: tuple[str, ...] = ()
     """Reward for playing a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
     fault_cost: Weight = 0.0
-    """How much worse than a loss is a loss by an own fault (not in self-play)."""
+    """Cost of losing by an own fault, beyond that of losing (not in self-play)."""
     risk_aversion: Weight = 0.0
     """Weight b of the entropic risk measure of the return of a rally; changes nothing without --fault-cost."""
     target: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
@@ -99,7 +99,7 @@ class TrainingConfig:
     """Strokes of each row that are collected before the learner learns."""
     width: Count = 128
     """Numbers in a layer of the networks."""
-    hidden: CountOrNone = 1
+    hidden: CountOrZero = 1
     """Layers behind the embedding."""
     evaluate_every: Count = 10
     """Iterations between two exact evaluations."""
@@ -108,7 +108,7 @@ class TrainingConfig:
     processes: Count = 1
     """Processes that collect; with more than one, each plays its share of the rows."""
     collector: Literal["local", "ray"] = "local"
-    """Where the processes run: on this machine, or on those of a Ray cluster."""
+    """Place of the processes: on this machine, or on those of a Ray cluster."""
     device: str = "cpu"
     """Device of the networks, such as cuda; the rallies stay on the CPU."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
@@ -190,7 +190,7 @@ class TrainingConfig:
         }
 
     def fixed(self) -> dict[str, Any]:
-        """What decides the result, as JSON."""
+        """Settings that decide the result, as JSON."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NOT_DECISIVE}
         decisive: dict[str, Any] = json.loads(json.dumps({"algorithm": self.algorithm, **fields}))
         return decisive

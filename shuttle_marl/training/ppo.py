@@ -8,7 +8,7 @@ import dataclasses
 from typing import TYPE_CHECKING, ClassVar
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, Fraction, FractionOrNone, Positive, TrainingConfig, Weight
+from shuttle_marl.training.config import Count, Fraction, FractionOrZero, Positive, TrainingConfig, Weight
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner
@@ -32,7 +32,7 @@ class PPOConfig(TrainingConfig):
     """Learning rate of Adam; falls linearly to a fiftieth."""
     clip: Fraction = 0.2
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    lmbda: FractionOrNone = 0.7
+    lmbda: FractionOrZero = 0.7
     """Lambda of the generalised advantages."""
     entropy: Weight = 0.01
     """Weight of the entropy bonus; falls linearly to 0."""

@@ -24,7 +24,7 @@ from shuttle_marl.training.config import TrainingConfig
 
 
 def fault_penalty(cost: float, aversion: float) -> float:
-    """How much worse than -1 a loss by an own fault counts: k above.
+    """Penalty k above: a loss by an own fault counts -1 - k.
 
     Args:
         cost: c, from 0 on.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, CountOrNone, Fraction, FractionOrNone, Positive, TrainingConfig
+from shuttle_marl.training.config import Count, CountOrZero, Fraction, FractionOrZero, Positive, TrainingConfig
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner, Tensors
@@ -53,9 +53,9 @@ class SACConfig(TrainingConfig):
     """Strokes in one gradient step."""
     updates: Count = 2
     """Gradient steps an iteration."""
-    warm_up: CountOrNone = 20_000
+    warm_up: CountOrZero = 20_000
     """Strokes that are collected before the first gradient step."""
-    polyak: FractionOrNone = 0.99
+    polyak: FractionOrZero = 0.99
     """Share of the old weights that a target network keeps at each step."""
 
     def memory(self, n_strokes: int) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Who gets the credit: advantages under the exact value function, and rallies that the learner never saw."""
+"""Credit assignment: advantages under the exact value function, and rallies that the learner never saw."""
 
 from typing import Any
 
@@ -107,6 +107,6 @@ def test_rallies_that_end_on_the_opponents_serve_count() -> None:
     assert unseen_won > 0
     assert unseen_lost > 0
     total = won + lost + unseen_won + unseen_lost
-    chance = exact.evaluate(BC, RANDOM).odds().rally
-    error = np.sqrt(chance * (1 - chance) / total)
-    assert abs((won + unseen_won) / total - chance) < 4 * error
+    probability = exact.evaluate(BC, RANDOM).odds().rally
+    error = np.sqrt(probability * (1 - probability) / total)
+    assert abs((won + unseen_won) / total - probability) < 4 * error

@@ -16,7 +16,7 @@ def masks(states: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(GAME.mask(states))
 
 
-def test_chances_are_those_of_a_softmax_over_the_legal_strokes() -> None:
+def test_probabilities_are_those_of_a_softmax_over_the_legal_strokes() -> None:
     rng = np.random.default_rng(0)
     mask = masks(rng.integers(2, GAME.n_states, 64))
     logits = torch.from_numpy(rng.normal(size=(64, GAME.n_strokes)) * 5)
@@ -32,7 +32,7 @@ def test_chances_are_those_of_a_softmax_over_the_legal_strokes() -> None:
     assert (distribution.deterministic_sample == stroke).all()
 
 
-def test_a_million_samples_hold_no_illegal_stroke_and_follow_the_chances() -> None:
+def test_a_million_samples_hold_no_illegal_stroke_and_follow_the_probabilities() -> None:
     torch.manual_seed(1)
     mask = masks(np.random.default_rng(1).integers(2, GAME.n_states, 100))
     # Logits so far apart that rounding would show.

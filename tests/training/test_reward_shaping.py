@@ -39,11 +39,11 @@ def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
 @given(
     cost=st.floats(0, 2),
     aversion=st.floats(0.05, 4),
-    chances=st.lists(st.floats(0.01, 1), min_size=6, max_size=6),
+    probabilities=st.lists(st.floats(0.01, 1), min_size=6, max_size=6),
 )
-def test_the_penalty_orders_plays_as_the_entropic_risk_does(cost: float, aversion: float, chances: list[float]) -> None:
-    """Two plays, each with its chances to win, to lose to the opponent, and to lose by an own fault."""
-    plays = np.array(chances).reshape(2, 3)
+def test_the_penalty_orders_plays_as_the_entropic_risk_does(cost: float, aversion: float, probabilities: list[float]) -> None:
+    """Two plays, each with its probabilities to win, to lose to the opponent, and to lose by an own fault."""
+    plays = np.array(probabilities).reshape(2, 3)
     plays /= plays.sum(axis=1, keepdims=True)
     outcomes = np.array([1.0, -1.0, -1.0 - cost])
     risk = np.log(plays @ np.exp(-aversion * outcomes)) / aversion
@@ -71,7 +71,7 @@ def test_the_penalty_without_aversion_is_the_cost() -> None:
         {"fault_cost": 0.5, "opponent": ("self",)},
     ],
 )
-def test_what_cannot_be_an_objective_is_refused(changes) -> None:
+def test_shaping_that_cannot_be_meant_is_refused(changes) -> None:
     with pytest.raises(TrainingError, match=r"--bonus|--fault-cost|--risk-aversion"):
         PPOConfig(**changes)
 

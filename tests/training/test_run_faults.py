@@ -1,4 +1,4 @@
-"""What a training run refuses: damaged files, machines that are too small, networks that diverged, and files from others."""
+"""Refusals of a training run: damaged files, machines that are too small, networks that diverged, and files from others."""
 
 import dataclasses
 import json
@@ -60,7 +60,7 @@ def checkpoint(folder: Path) -> Path:
 
 
 def readers(folder: Path) -> dict[Path, Callable[[], Any]]:
-    """What a resumed run and a league read of each file."""
+    """Readers of each file, of a resumed run and of a league."""
 
     def config() -> None:
         with runs.open_run(folder, "ppo-0", CONFIG.fixed(), resume=True, overwrite=False):
@@ -176,7 +176,7 @@ def test_a_checkpoint_of_another_network_is_named(run: Path) -> None:
 
 
 def test_a_run_folder_runs_no_code(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder that names a module as opponent: the flags say who is met, and the two must agree."""
+    """A folder that names a module as opponent: the flags name the opponent, and the two must agree."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "evil_opponent.py").write_text("raise SystemExit('it ran')\n")
     named = "evil_opponent:Policy"
