@@ -136,10 +136,9 @@ def test_names_reach_the_terminal_without_control_characters(
 
 
 def test_a_file_that_does_not_exist_is_named_without_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
-    assert recording.main(["info", f"/nowhere/{ESCAPES}\udcff"]) == 1
+    assert recording.main(["info", f"/nowhere/{ESCAPES}"]) == 1
     error = capsys.readouterr().err
     assert "\\x1b[31mred" in error
-    assert "\\udcff" in error
     assert [c for c in error if not c.isprintable() and c != "\n"] == []
 
 
@@ -273,18 +272,14 @@ def test_recovering_on_a_full_disk_leaves_nothing_behind(
 
 @pytest.mark.parametrize("name", ["x" * 256 + ".csv", "\udcff.csv", "folder.csv"], ids=["long", "undecodable", "folder"])
 def test_an_impossible_target_is_refused_in_words(
-    log_file: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    log_file: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "folder.csv").mkdir()
     before = sorted(tmp_path.iterdir())
-    for arguments in (["export", str(log_file), str(tmp_path / name)], ["recover", str(log_file), "--out", str(tmp_path / name)]):
-        status = recording.main(arguments)
-        if name == "\udcff.csv":  # a name that this system takes
-            assert status == 0
-            (tmp_path / name).unlink()
-        else:
-            assert status == 1
-            assert "cannot be written" in capsys.readouterr().err
+    target = str(tmp_path / name)
+    for arguments in (["export", str(log_file), target], ["recover", str(log_file), "--out", target]):
+        assert recording.main(arguments) == 1
+        assert ("expected text in UTF-8" if "udcff" in ascii(name) else "cannot be written") in capsys.readouterr().err
     assert sorted(tmp_path.iterdir()) == before
 
 
