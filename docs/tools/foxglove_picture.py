@@ -10,10 +10,10 @@ from typing import Final
 
 from docs.tools.markdown import IMAGES
 from docs.tools.scene_picture import PLAYERS, strokes
+from experiments.pictures.scene_file import SceneFile
 from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.scene.picture import Film
 
 PICTURE: Final = IMAGES / "foxglove.png"
 AFTER: Final = 0.14
@@ -22,7 +22,7 @@ AFTER: Final = 0.14
 
 def smash(scene: Path) -> float:
     """Time of the smash nearest to the middle of a scene [s]."""
-    film = Film(scene)
+    film = SceneFile(scene)
     middle = (film.end - film.start) / 2e9
     return min((seconds for seconds, shot in strokes(scene) if shot == "smash"), key=lambda seconds: abs(seconds - middle))
 

@@ -1,7 +1,7 @@
 """Makes ``docs/images/scene.png`` and ``moments.png``: ``python -m docs.tools.scene_picture``.
 
 Two imitated players play ten matches; the first varied rally of a deciding game that a smash wins becomes a scene file. The
-pictures are drawn from that file by the package itself (``shuttle_marl.scene.picture``), without a viewer.
+pictures are drawn from that file by ``experiments.pictures``, without a viewer.
 """
 
 import json
@@ -14,13 +14,13 @@ import numpy as np
 from mcap.reader import make_reader
 
 from docs.tools.markdown import IMAGES
+from experiments.pictures.raster import Camera
+from experiments.pictures.scene_file import SceneFile
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.game.rally import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.picture import Film
-from shuttle_marl.scene.raster import Camera
 
 PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 SMASH: Final = SHOTS.index("smash")
@@ -44,7 +44,7 @@ def strokes(path: Path) -> list[tuple[float, str]]:
         found = [
             (m.log_time, json.loads(m.data)["shot"]) for _, _, m in make_reader(file).iter_messages(topics=["/rally/stroke"])
         ]
-    start = Film(path).start
+    start = SceneFile(path).start
     return [((time - start) / 1e9, shot) for time, shot in found]
 
 
@@ -57,7 +57,7 @@ def main() -> None:
         with RallyLog(log) as opened:
             number = lively(opened)
         recording(["scene", str(log), "--rally", str(number), "--out", str(path)])
-        film, struck = Film(path), strokes(path)
+        film, struck = SceneFile(path), strokes(path)
         last = struck[-1][0]
         film.save(IMAGES / "scene.png", last + 0.14)
         figure, axes = plt.subplots(2, 2, figsize=(12.8, 7.2), dpi=100)

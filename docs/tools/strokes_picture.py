@@ -10,10 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from docs.tools.markdown import IMAGES
+from experiments.pictures.raster import Camera, Canvas
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.scene import athlete, equipment
-from shuttle_marl.scene.raster import Camera, Canvas
+from shuttle_marl.scene import models
 from shuttle_marl.staging import Motion, play_rallies, stage
 from shuttle_marl.staging.contact import MOTIONS
 from shuttle_marl.staging.rotation import matrix, unit
@@ -39,8 +39,8 @@ def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarra
     for k in range(-6, 7):
         for line in ([(k / 2, -3, 0), (k / 2, 3, 0)], [(-3, k / 2, 0), (3, k / 2, 0)]):
             canvas.line(np.linspace(line[0], line[1], 30) + ground, np.tile([0.5, 0.55, 0.55, 1.0], (30, 1)), 1.0)
-    meshes = athlete.parts(motion.skeletons[seat].name, right_handed=right, shirt=CLOTH[0], shorts=CLOTH[1])
-    meshes = {**meshes, "Racket": equipment.racket(*motion.racket(seat))}
+    meshes = models.athlete(motion.skeletons[seat].name, right_handed=right, shirt=CLOTH[0], shorts=CLOTH[1])
+    meshes = {**meshes, "Racket": models.racket(*motion.racket(seat))}
     for bone, group in meshes.items():
         turn = matrix(motion.rotation[frame, seat, BONE[bone]])
         place = motion.position[frame, seat, BONE[bone]].astype(float)
@@ -48,7 +48,7 @@ def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarra
             canvas.triangles(mesh.vertices @ turn.T + place, mesh.normals @ turn.T, mesh.triangles, np.array([*mesh.colour, 1.0]))
     way = unit(motion.shuttle_velocity[frame].astype(float) + 1e-6)
     turn = np.stack([unit(np.cross([0.01, 1, 0.3], way)), np.cross(way, unit(np.cross([0.01, 1, 0.3], way))), way], axis=1)
-    for mesh in equipment.shuttle():
+    for mesh in models.shuttle():
         place = motion.shuttle[frame].astype(float)
         canvas.triangles(mesh.vertices @ turn.T + place, mesh.normals @ turn.T, mesh.triangles, np.array([*mesh.colour, 1.0]))
     return canvas.image()
@@ -68,7 +68,7 @@ def main() -> None:
     played = play_rallies(game, (policy, policy), 120, seed=args.seed) + play_rallies(game, (random, policy), 120, seed=args.seed)
     for i, rally in enumerate(played):
         motion = stage(rally, seed=i, handedness=(args.hand, args.hand), athletes=("male", "female"))
-        for k, stance in enumerate(motion.plan.stance):
+        for k, stance in enumerate(motion.trajectory.stance):
             at, seat = int(motion.contact_frame[k]), int(rally.striker[k])
             frames = [at + round(seconds * motion.fps) for seconds in INSTANTS]
             if stance.motion in rows or frames[0] < 0:

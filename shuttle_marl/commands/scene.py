@@ -3,19 +3,25 @@
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.console import Console
 
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.scene.errors import SceneError
-from shuttle_marl.scene.selection import select
+from shuttle_marl.scene import SceneError
+from shuttle_marl.text import printable
+
+if TYPE_CHECKING:
+    from shuttle_marl.scene.report import Resolve
 
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
+Meant = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
 
 def scene(
@@ -30,6 +36,8 @@ def scene(
     hands: tuple[Hand, Hand] = ("right", "right"),
     fps: int = 50,
     game: str = "default",
+    policy: Meant = (),
+    trust_policies: bool = False,
     live: bool = False,
     port: int = 8765,
 ) -> None:
@@ -46,30 +54,58 @@ def scene(
         hands: with which seats 0 and 1 play.
         fps: frames a second, 25 to 50.
         game: model on whose game the rallies were played: a shipped one or a folder.
+        policy: the policy that a name in the log stands for; a module or a file may be given here.
+        trust_policies: take policies from the modules and files that the log names, which runs code that they hold.
         live: serve the scene to Foxglove on this machine until interrupted.
         port: to serve it on.
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
     from shuttle_marl.scene.live import check_port, serve  # noqa: PLC0415
-    from shuttle_marl.scene.write import film  # noqa: PLC0415
+    from shuttle_marl.scene.write import select, write_scene  # noqa: PLC0415
 
     if (out is None) != live:
         raise SceneError("say where the scene goes: either --out FILE or --live")
     if live:
         check_port(port)
-    console = Console(stderr=True, soft_wrap=True)
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
 
     def progress(numbers: Sequence[int]) -> Iterable[int]:
         return track(numbers, "staging", console=console, transient=True)
 
     with RallyLog(path) as log:
         numbers = select(log, rally=rally, match=match, pairing=pairing, best=best)
-        content, unknown = film(log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, progress=progress)
+        resolve = _resolver(policy, [player.name for player in log.policies], trust_policies)
+        content, unknown = write_scene(
+            log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, resolve=resolve, progress=progress
+        )
     for name, reason in unknown.items():
-        console.print(f"[yellow]nothing is told of the choices of[/] {name}: {reason}", highlight=False)
+        console.print(f"without probabilities of {name}: {reason}")
+    if unknown and not (trust_policies or policy):
+        console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names")
     if out is not None:
         replace_file(out, content)
-        sys.stdout.write(f"{out}: {len(numbers):,} rallies, {len(content) / 1e6:.1f} MB; open it in Foxglove or Lichtblick\n")
+        sys.stdout.write(f"{printable(str(out))}: {len(numbers):,} rallies, {len(content) / 1e6:.1f} MB; ")
+        sys.stdout.write("open it in Foxglove or Lichtblick\n")
         return
     serve(content, port, console)
+
+
+def _resolver(meant: Sequence[str], names: Sequence[str], trusted: bool) -> "Resolve":
+    """What finds the policies of a log: those that the user names, else by the names in the log, trusted or not."""
+    from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
+
+    given: dict[str, str] = {}
+    for entry in meant:
+        fitting = [name for name in names if entry.startswith(f"{name}=")]
+        if not fitting:
+            raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
+        name = max(fitting, key=len)
+        given[name] = entry.removeprefix(f"{name}=")
+
+    def find(name: str, game: Game) -> Policy:
+        if name in given:
+            return resolve(given[name], game)
+        return (resolve if trusted else resolve_recorded)(name, game)
+
+    return find

@@ -1,4 +1,12 @@
-"""Recorded rallies as scenes for Foxglove and Lichtblick: players, shuttle, score, chances. See ``docs/foxglove.md``.
+"""Recorded rallies as scenes for Foxglove and Lichtblick: players, shuttle, score, probabilities. See ``docs/foxglove.md``.
 
 Needs the extra ``scene``.
 """
+
+from shuttle_marl.errors import ShuttleError
+
+__all__ = ["SceneError"]
+
+
+class SceneError(ShuttleError):
+    """A scene that cannot be made, served or drawn, or an option that is none."""

@@ -1,4 +1,4 @@
-"""What is said about a rally: every stroke as it is struck, the score, chances and values, target areas, the board."""
+"""Commentary of a rally: every stroke as it is struck, the score, probabilities and values, target areas, the board."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -10,10 +10,9 @@ from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimi
 from shuttle_marl.game.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.drawing import at, box, colour, point, stamp, text
+from shuttle_marl.scene.messages import Send, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp, text
 from shuttle_marl.scene.poses import PLAY, WORLD
-from shuttle_marl.scene.report import Story, Telling
-from shuttle_marl.scene.staged import Send, Take, Timed, line, numbers, scene
+from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
 from shuttle_marl.staging import ENDS
 from shuttle_marl.staging.trajectory import facing
 
@@ -27,118 +26,118 @@ _BOARD: Final = colour(0.97, 0.97, 0.97)
 _ACTION: Final = colour(1.0, 0.88, 0.45)
 
 
-def calls(take: Take) -> Iterator[Timed]:
-    """All that is said about a rally."""
-    yield from _strokes(take)
-    yield from _score(take)
+def commentary(staged: StagedRally) -> Iterator[Timed]:
+    """Messages that comment on a rally; not in the order of time."""
+    yield from _strokes(staged)
+    yield from _score(staged)
 
 
-def _strokes(take: Take) -> Iterator[Timed]:
-    story, plan = take.story, take.motion.plan
-    yield take.at(0), scene(topics.STROKE_MARKS, lambda _: [])
-    for i, telling in enumerate(story.tellings):
-        time = take.at(float(plan.time[i]))
-        seat = int(plan.rally.striker[i])
-        content = stroke_message(take, i)
-        yield time, scene(topics.STROKE_MARKS, _Marks(take, i))
-        yield time, numbers(topics.STROKE, content)
-        yield time, scene(topics.BOARD, _Board(score_line(story, after=False), _action(story, i)))
-        yield time, line(_sentence(content), story.names[seat])
-        yield from ((time, send) for send in _chances(story, seat, telling))
-    over = take.at(float(plan.end_time[-1]))
-    words = f"{story.names[story.winner]} wins the rally: {_ending(take)}"
-    yield over, line(words, "umpire")
-    yield over, scene(topics.BOARD, _Board(score_line(story, after=True), words))
-    yield over, scene(topics.STROKE_MARKS, _Landing(take))
+def _strokes(staged: StagedRally) -> Iterator[Timed]:
+    report, trajectory = staged.report, staged.motion.trajectory
+    yield staged.at(0), entities_on(topics.STROKE_MARKS, lambda _: [])
+    for i, annotation in enumerate(report.strokes):
+        time = staged.at(float(trajectory.time[i]))
+        seat = int(trajectory.rally.striker[i])
+        content = stroke_message(staged, i)
+        yield time, entities_on(topics.STROKE_MARKS, _Marks(staged, i))
+        yield time, numbers_on(topics.STROKE, content)
+        yield time, entities_on(topics.BOARD, _Board(score_line(report, after=False), _action(report, i)))
+        yield time, log_line(_sentence(content), report.names[seat])
+        yield from ((time, send) for send in _probabilities(report, seat, annotation))
+    over = staged.at(float(trajectory.end_time[-1]))
+    words = f"{report.names[report.winner]} wins the rally: {_ending(staged)}"
+    yield over, log_line(words, "umpire")
+    yield over, entities_on(topics.BOARD, _Board(score_line(report, after=True), words))
+    yield over, entities_on(topics.STROKE_MARKS, _Landing(staged))
 
 
-def _chances(story: Story, seat: int, telling: Telling) -> Iterator[Send]:
-    if telling.rally_win is not None:
-        yield numbers(
+def _probabilities(report: RallyReport, seat: int, annotation: StrokeAnnotation) -> Iterator[Send]:
+    if annotation.rally_win is not None:
+        yield numbers_on(
             topics.VALUE,
             {
-                "rally_win_0": telling.rally_win,
-                "match_win_0": telling.match_win,
-                "striker": telling.value,
-                "chosen": telling.chosen,
+                "rally_win_0": annotation.rally_win,
+                "match_win_0": annotation.match_win,
+                "striker": annotation.value,
+                "chosen": annotation.chosen,
             },
         )
-    if telling.shots:
-        shots = {shot.replace("-", "_"): p for shot, p in zip(SHOTS, telling.shots, strict=True)}
-        top = [dataclasses.asdict(option) for option in telling.top]
-        yield numbers(topics.POLICY, {"seat": seat, "player": story.names[seat], "top": top, "shots": shots})
+    if annotation.shots:
+        shots = {shot.replace("-", "_"): p for shot, p in zip(SHOTS, annotation.shots, strict=True)}
+        top = [dataclasses.asdict(option) for option in annotation.top]
+        yield numbers_on(topics.POLICY, {"seat": seat, "player": report.names[seat], "top": top, "shots": shots})
 
 
-def stroke_message(take: Take, i: int) -> dict[str, Any]:
+def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
     """What ``/rally/stroke`` says about the i-th stroke."""
-    plan, telling = take.motion.plan, take.story.tellings[i]
-    catalogue, stroke = plan.rally.catalogue, plan.rally.stroke[i]
-    seat = int(plan.rally.striker[i])
+    trajectory, annotation = staged.motion.trajectory, staged.report.strokes[i]
+    catalogue, stroke = trajectory.rally.catalogue, trajectory.rally.stroke[i]
+    seat = int(trajectory.rally.striker[i])
     content = {
         "number": i + 1,
         "seat": seat,
-        "player": take.story.names[seat],
+        "player": staged.report.names[seat],
         "stroke": catalogue.names[stroke],
         "shot": SHOTS[catalogue.shot[stroke]],
         "area": AREAS[catalogue.area[stroke]],
         "height": HEIGHTS[catalogue.height[stroke]],
         "technique": TECHNIQUES[catalogue.technique[stroke]],
-        "p_succ": telling.p_succ,
-        "p_ret": telling.p_ret,
-        "probability": telling.probability,
-        "win_probability": telling.chosen,
-        "contact_height": round(float(plan.contact[i, 2]), 3),
-        "speed_kmh": round(3.6 * float(plan.flight.launch_speed[i]), 1),
-        "flight_time": round(float(plan.end_time[i] - plan.time[i]), 3),
-        "end": ENDS[plan.end[i]],
+        "p_succ": annotation.p_succ,
+        "p_ret": annotation.p_ret,
+        "probability": annotation.probability,
+        "win_probability": annotation.chosen,
+        "contact_height": round(float(trajectory.contact[i, 2]), 3),
+        "speed_kmh": round(3.6 * float(trajectory.flight.launch_speed[i]), 1),
+        "flight_time": round(float(trajectory.end_time[i] - trajectory.time[i]), 3),
+        "end": ENDS[trajectory.end[i]],
     }
     return {name: value for name, value in content.items() if value is not None}
 
 
-def _score(take: Take) -> Iterator[Timed]:
-    story, plan = take.story, take.motion.plan
-    start, over = take.at(0), take.at(float(plan.end_time[-1]))
+def _score(staged: StagedRally) -> Iterator[Timed]:
+    report, trajectory = staged.report, staged.motion.trajectory
+    start, over = staged.at(0), staged.at(float(trajectory.end_time[-1]))
     before = {
-        "rally": story.number,
-        "match": story.match,
-        "name_0": story.names[0],
-        "name_1": story.names[1],
-        "points_0": story.points[0],
-        "points_1": story.points[1],
-        "games_0": story.games[0],
-        "games_1": story.games[1],
-        "server": story.played.server,
+        "rally": report.number,
+        "match": report.match,
+        "name_0": report.names[0],
+        "name_1": report.names[1],
+        "points_0": report.points[0],
+        "points_1": report.points[1],
+        "games_0": report.games[0],
+        "games_1": report.games[1],
+        "server": report.played.server,
     }
-    after = {"points_0": story.points_after[0], "points_1": story.points_after[1]}
-    yield start, numbers(topics.SCORE, before)
-    yield over, numbers(topics.SCORE, {**before, **after, "winner": story.winner, "reason": story.reason})
-    serves = f"{story.names[story.played.server]} serves"
-    yield start, scene(topics.BOARD, _Board(score_line(story, after=False), serves))
-    yield start, line(f"rally {story.number}: {score_line(story, after=False)}, {serves}", "umpire")
-    strokes = [stroke_message(take, i) for i in range(len(story.tellings))]
-    summary = {"rally": story.number, "winner": story.names[story.winner], "reason": story.reason, "strokes": strokes}
-    yield start, numbers(topics.SUMMARY, summary)
-    first = story.tellings[0]
+    after = {"points_0": report.points_after[0], "points_1": report.points_after[1]}
+    yield start, numbers_on(topics.SCORE, before)
+    yield over, numbers_on(topics.SCORE, {**before, **after, "winner": report.winner, "reason": report.reason})
+    serves = f"{report.names[report.played.server]} serves"
+    yield start, entities_on(topics.BOARD, _Board(score_line(report, after=False), serves))
+    yield start, log_line(f"rally {report.number}: {score_line(report, after=False)}, {serves}", "umpire")
+    strokes = [stroke_message(staged, i) for i in range(len(report.strokes))]
+    summary = {"rally": report.number, "winner": report.names[report.winner], "reason": report.reason, "strokes": strokes}
+    yield start, numbers_on(topics.SUMMARY, summary)
+    first = report.strokes[0]
     if first.rally_win is not None:
-        yield start, numbers(topics.VALUE, {"rally_win_0": first.rally_win, "match_win_0": first.match_win})
-        won = {"rally_win_0": float(story.winner == 0), "match_win_0": story.match_win_after}
-        yield over, numbers(topics.VALUE, won)
+        yield start, numbers_on(topics.VALUE, {"rally_win_0": first.rally_win, "match_win_0": first.match_win})
+        won = {"rally_win_0": float(report.winner == 0), "match_win_0": report.match_win_after}
+        yield over, numbers_on(topics.VALUE, won)
 
 
-def score_line(story: Story, *, after: bool) -> str:
+def score_line(report: RallyReport, *, after: bool) -> str:
     """The score in one line, seat 0 first."""
-    points = story.points_after if after else story.points
-    games = f"   games {story.games[0]}-{story.games[1]}" if any(story.games) or story.match or any(story.points) else ""
-    return f"{story.names[0]}  {points[0]} - {points[1]}  {story.names[1]}{games}"
+    points = report.points_after if after else report.points
+    games = f"   games {report.games[0]}-{report.games[1]}" if any(report.games) or report.match or any(report.points) else ""
+    return f"{report.names[0]}  {points[0]} - {points[1]}  {report.names[1]}{games}"
 
 
-def _action(story: Story, i: int) -> str:
-    told, played = story.tellings[i], story.played
+def _action(report: RallyReport, i: int) -> str:
+    told, played = report.strokes[i], report.played
     stroke = played.stroke[i]
     catalogue = played.catalogue
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
-    name = story.names[played.striker[i]]
+    name = report.names[played.striker[i]]
     return f"{name}: {shot} to {area}, {technique}\ngood {percent(told.p_succ)}, returned {percent(told.p_ret)}"
 
 
@@ -150,19 +149,21 @@ def _sentence(content: dict[str, Any]) -> str:
     )
 
 
-def percent(chance: float) -> str:
-    """A chance in whole percent; what may happen is never 0 %, and what may not happen never 100 %."""
-    if 0 < chance < 0.005:
+def percent(probability: float) -> str:
+    """A probability in whole percent; what may happen is never 0 %, and what may not happen never 100 %."""
+    if 0 < probability < 0.005:
         return "under 1 %"
-    if 0.995 < chance < 1:
+    if 0.995 < probability < 1:
         return "over 99 %"
-    return f"{100 * chance:.0f} %"
+    return f"{100 * probability:.0f} %"
 
 
-def _ending(take: Take) -> str:
-    plan = take.motion.plan
-    shot = SHOTS[plan.rally.catalogue.shot[plan.rally.stroke[-1]]].replace("-", " ")
-    return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[ENDS[plan.end[-1]]]
+def _ending(staged: StagedRally) -> str:
+    trajectory = staged.motion.trajectory
+    shot = SHOTS[trajectory.rally.catalogue.shot[trajectory.rally.stroke[-1]]].replace("-", " ")
+    return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[
+        ENDS[trajectory.end[-1]]
+    ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,12 +181,12 @@ class _Board:
 class _Marks:
     """The way that the shuttle will fly, and the area it is meant for."""
 
-    take: Take
+    staged: StagedRally
     stroke: int
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        plan, i = self.take.motion.plan, self.stroke
-        path, _ = plan.flight.at(i, np.linspace(0, plan.end_time[i] - plan.time[i], _PATH_POINTS))
+        trajectory, i = self.staged.motion.trajectory, self.stroke
+        path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
         way = LinePrimitive(
             type=LinePrimitiveLineType.LineStrip,
             pose=at((0, 0, 0)),
@@ -195,9 +196,10 @@ class _Marks:
             color=_PATH,
         )
         area = _area_box(
-            plan.rally.catalogue.area[plan.rally.stroke[i]], bool(plan.rally.catalogue.shot[plan.rally.stroke[i]] < N_SERVES)
+            trajectory.rally.catalogue.area[trajectory.rally.stroke[i]],
+            bool(trajectory.rally.catalogue.shot[trajectory.rally.stroke[i]] < N_SERVES),
         )
-        sign = facing(int(plan.rally.striker[i]))
+        sign = facing(int(trajectory.rally.striker[i]))
         (x0, x1), (y0, y1) = area
         centre = (sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006)
         target = box(centre, (x1 - x0, y1 - y0, 0.004), _TARGET)
@@ -211,12 +213,12 @@ class _Marks:
 class _Landing:
     """Where the last shuttle came down: green in court, red if it is a fault."""
 
-    take: Take
+    staged: StagedRally
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        plan = self.take.motion.plan
-        x, y, _ = plan.end_point[-1]
-        shade: Color = _LANDED[int(ENDS[plan.end[-1]] == "winner")]
+        trajectory = self.staged.motion.trajectory
+        x, y, _ = trajectory.end_point[-1]
+        shade: Color = _LANDED[int(ENDS[trajectory.end[-1]] == "winner")]
         disc = CylinderPrimitive(
             pose=at((x, y, 0.008)),
             size=Vector3(x=0.30, y=0.30, z=0.006),

@@ -20,7 +20,7 @@ from foxglove.websocket import (
 )
 from rich.console import Console
 
-from shuttle_marl.scene.errors import SceneError
+from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.playback import Message, Playback, Status
 
 HOST: Final = "127.0.0.1"

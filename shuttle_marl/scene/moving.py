@@ -1,4 +1,4 @@
-"""What moves: bones and shuttle, the trail, and the states that plots show."""
+"""Messages of all that moves: bones and shuttle, the trail, and the states that plots show."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -17,10 +17,9 @@ from foxglove.messages import (
 )
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.commentary import calls
-from shuttle_marl.scene.drawing import at, colour, point, stamp
+from shuttle_marl.scene.messages import Timed, at, colour, entities_on, numbers_on, point, stamp
 from shuttle_marl.scene.poses import PLAY, poses_of
-from shuttle_marl.scene.staged import Take, Timed, numbers, scene
+from shuttle_marl.scene.report import StagedRally
 
 Floats = npt.NDArray[np.float64]
 
@@ -32,17 +31,18 @@ _EVERY: Final = 2
 _TRAIL_COLOUR: Final = (1.0, 0.85, 0.25)
 
 
-def messages(take: Take) -> list[Timed]:
-    """All messages of a rally in the order of time."""
-    found = [*_transforms(take), *_trail(take), *_states(take), *calls(take)]
-    return sorted(found, key=lambda timed: timed[0])
+def motion_messages(staged: StagedRally) -> Iterator[Timed]:
+    """Messages of all that moves in a rally; each kind in the order of time."""
+    yield from _transforms(staged)
+    yield from _trail(staged)
+    yield from _states(staged)
 
 
-def _transforms(take: Take) -> Iterator[Timed]:
-    poses = poses_of(take.motion, ends_changed=take.story.ends_changed)
+def _transforms(staged: StagedRally) -> Iterator[Timed]:
+    poses = poses_of(staged.motion, ends_changed=staged.report.ends_changed)
     place, turn = poses.translation.tolist(), poses.rotation.tolist()
-    for frame, seconds in enumerate(take.motion.time.tolist()):
-        yield take.at(seconds), _Transforms(poses.child, poses.parent, place[frame], turn[frame])
+    for frame, seconds in enumerate(staged.motion.time.tolist()):
+        yield staged.at(seconds), _Transforms(poses.child, poses.parent, place[frame], turn[frame])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,15 +68,15 @@ class _Transforms:
         to.tf.log(FrameTransforms(transforms=moved), log_time=time)
 
 
-def _trail(take: Take) -> Iterator[Timed]:
-    motion = take.motion
+def _trail(staged: StagedRally) -> Iterator[Timed]:
+    motion = staged.motion
     back = max(1, round(_TRAIL * motion.fps / _TRAIL_POINTS))
     for frame in range(0, len(motion.time), _EVERY):
         rows = np.arange(max(frame - _TRAIL_POINTS * back, motion.contact_frame[0]), frame + 1)[::-1][::back][::-1]
         path = np.round(np.asarray(motion.shuttle[rows], dtype=np.float64), 3).astype(np.float64)
         # What no longer moves leaves no trail.
         shown = len(path) > 1 and float(np.ptp(path, axis=0).max()) > 0.05
-        yield take.at(float(motion.time[frame])), scene(topics.SHUTTLE, _Trail(path if shown else path[:0]))
+        yield staged.at(float(motion.time[frame])), entities_on(topics.SHUTTLE, _Trail(path if shown else path[:0]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,9 +99,9 @@ class _Trail:
         return [SceneEntity(id="trail", timestamp=stamp(time), frame_id=PLAY, lines=[line])]
 
 
-def _states(take: Take) -> Iterator[Timed]:
-    motion, plan = take.motion, take.motion.plan
-    side = -1.0 if take.story.ends_changed else 1.0
+def _states(staged: StagedRally) -> Iterator[Timed]:
+    motion, trajectory = staged.motion, staged.motion.trajectory
+    side = -1.0 if staged.report.ends_changed else 1.0
     hips = side * motion.position[:, :, 0, :2].astype(np.float64)
     shuttle = motion.shuttle * np.array([side, side, 1.0])
     speed = np.linalg.norm(np.gradient(hips, 1 / motion.fps, axis=0), axis=2)
@@ -109,11 +109,17 @@ def _states(take: Take) -> Iterator[Timed]:
     flying = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
     for frame in range(0, len(motion.time), _EVERY):
         seconds, stroke = float(motion.time[frame]), int(flying[frame])
-        over = seconds > float(plan.end_time[-1])
-        phase = "before the serve" if stroke < 0 else "over" if over else f"{take.story.names[plan.rally.striker[stroke]]} struck"
+        over = seconds > float(trajectory.end_time[-1])
+        phase = (
+            "before the serve"
+            if stroke < 0
+            else "over"
+            if over
+            else f"{staged.report.names[trajectory.rally.striker[stroke]]} struck"
+        )
         x, y, z = (round(float(v), 3) for v in shuttle[frame])
         content: dict[str, Any] = {"phase": phase, "shuttle": {"x": x, "y": y, "z": z, "speed": round(float(fast[frame]), 2)}}
         for seat in (0, 1):
             px, py = (round(float(v), 3) for v in hips[frame, seat])
             content[f"player_{seat}"] = {"x": px, "y": py, "speed": round(float(speed[frame, seat]), 2)}
-        yield take.at(seconds), numbers(topics.STATE, content)
+        yield staged.at(seconds), numbers_on(topics.STATE, content)

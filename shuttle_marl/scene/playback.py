@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Schema
 
-from shuttle_marl.scene.errors import SceneError
+from shuttle_marl.scene import SceneError
 
 SLOWEST, FASTEST = 0.01, 100.0
 """Range of speeds; 1 is real time."""

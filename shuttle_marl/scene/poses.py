@@ -106,7 +106,7 @@ def _heading(motion: Motion) -> Floats:
         for k in range(flip):
             if contact + k < len(way):
                 way[contact + k] = _between(before, after, (k + 0.5) / flip)
-    ended = round(float(motion.plan.end_time[-1]) * motion.fps)
+    ended = round(float(motion.trajectory.end_time[-1]) * motion.fps)
     # A shuttle at rest lies on its side.
     flat = way[ended:] * np.array([1.0, 1.0, 0.0])
     share = np.clip(np.arange(len(flat)) / (0.2 * motion.fps), 0, 1)[:, None]

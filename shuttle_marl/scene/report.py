@@ -1,7 +1,8 @@
-"""What a scene tells about recorded rallies: who plays, the score, and what every stroke was worth."""
+"""Report of recorded rallies: players, score, and what every stroke was worth."""
 
 import dataclasses
 import zlib
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -9,24 +10,29 @@ import numpy.typing as npt
 
 from shuttle_marl.exact.profile import ProfileValue, evaluate
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import ONE, OUTCOMES, Game
+from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.rally import OUTCOMES, Game
 from shuttle_marl.game.scoring import count_rally, ends_changed, match_win_probability
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.derived import require_game, states
-from shuttle_marl.recording.header import LogHeader
+from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
-from shuttle_marl.scene.errors import SceneError
-from shuttle_marl.staging import PlayedRally
+from shuttle_marl.scene import SceneError
+from shuttle_marl.staging import Motion, PlayedRally
 from shuttle_marl.staging.recorded import rally_of
+from shuttle_marl.text import printable
 
 Floats = npt.NDArray[np.float64]
+Resolve = Callable[[str, Game], Policy]
+"""Finds the policy of a name; raises PolicyError for one that it does not find or may not."""
 
+SECOND: Final = 1_000_000_000
+"""[ns]"""
 TOP: Final = 5
-"""How many strokes of a policy are told."""
+"""How many strokes of a policy are listed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,7 +42,7 @@ class Option:
     Attributes:
         stroke: its name.
         probability: with which the policy chooses it.
-        win_probability: exact chance of the striker to win the rally with it.
+        win_probability: exact probability that the striker wins the rally with it.
     """
 
     stroke: str
@@ -45,19 +51,19 @@ class Option:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Telling:
-    """What is known about one stroke when it is struck.
+class StrokeAnnotation:
+    """Probabilities and values of one stroke at the moment it is struck.
 
     Attributes:
-        p_succ: chance that it is good.
-        p_ret: chance that the opponent returns it if it is.
+        p_succ: probability that it is good.
+        p_ret: probability that the opponent returns it if it is.
         probability: with which the striker's policy chooses it; None: the policy is not known.
-        top: the strokes that the policy likes best, the likeliest first; empty: it is not known.
-        shots: chance of every shot type, in the order of ``SHOTS``; empty: not known.
-        value: exact chance of the striker to win the rally before they choose, both policies given; None: not known.
+        top: the strokes that the policy prefers, the likeliest first; empty: not known.
+        shots: probability of every shot type, in the order of ``SHOTS``; empty: not known.
+        value: exact probability that the striker wins the rally, before they choose, both policies given; None: not known.
         chosen: the same once the stroke is chosen, before it is decided.
-        rally_win: chance of seat 0 to win the rally before the stroke.
-        match_win: chance of seat 0 to win the match before the stroke.
+        rally_win: probability that seat 0 wins the rally, before the stroke.
+        match_win: probability that seat 0 wins the match, before the stroke.
     """
 
     p_succ: float
@@ -72,20 +78,20 @@ class Telling:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Story:
+class RallyReport:
     """One rally.
 
     Attributes:
         number: of the rally in the log.
         match: number of its match.
-        names: of the policies of seats 0 and 1.
+        names: of the policies of seats 0 and 1, as they are shown: without control characters.
         played: the strokes.
         points: of seats 0 and 1 before the rally.
         games: of seats 0 and 1 before the rally.
         winner: seat that won it.
         reason: how it ended, in words.
-        tellings: one a stroke.
-        match_win_after: chance of seat 0 to win the match after the rally; None: not known.
+        strokes: one annotation a stroke.
+        match_win_after: probability that seat 0 wins the match, after the rally; None: not known.
         points_after: of seats 0 and 1 after the rally, before a new game begins.
         ends_changed: whether the players are at other ends than in the first rally of the match.
         key: names the draws of the staging.
@@ -99,36 +105,66 @@ class Story:
     games: tuple[int, int]
     winner: int
     reason: str
-    tellings: tuple[Telling, ...]
+    strokes: tuple[StrokeAnnotation, ...]
     match_win_after: float | None
     points_after: tuple[int, int]
     ends_changed: bool
     key: int
 
 
-class Teller:
-    """Tells rallies of a log.
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class StagedRally:
+    """One rally, staged, with its place in the scene.
+
+    Attributes:
+        report: score and annotations.
+        motion: of shuttle and players.
+        start: when it begins [ns].
+    """
+
+    report: RallyReport
+    motion: Motion
+    start: int
+
+    def at(self, seconds: float) -> int:
+        """An instant of the rally in the scene [ns]."""
+        return self.start + round(seconds * SECOND)
+
+    @property
+    def end(self) -> int:
+        """When its last frame is shown [ns]."""
+        return self.at(float(self.motion.time[-1]))
+
+
+class Annotator:
+    """Reports rallies of a log.
+
+    Probabilities of a policy are given only if its table is the one that played, by the hash in the log.
 
     Args:
         log: whose rallies they are.
         game: the game that was played on.
+        resolve: finds the policies that the log names. A log comes from anywhere, so by default no module that it names is
+            imported and no file opened.
 
     Attributes:
-        unknown: why a policy is not known, by its name; nothing is told of its choices, nor of any value in its rallies.
+        unknown: why a policy is not known, by its name as it is shown; then nothing is said of its choices, nor of any value in
+            its rallies.
 
     Raises:
         RecordingError: the log was played on another game.
     """
 
-    def __init__(self, log: RallyLog, game: Game) -> None:
+    def __init__(self, log: RallyLog, game: Game, resolve: Resolve = resolve_recorded) -> None:
         require_game(log, game)
         self.unknown: dict[str, str] = {}
-        self._log, self._game = log, game
-        self._chances = game.chances()
-        self._tables: dict[str, TabulatedPolicy | None] = {}
-        self._values: dict[tuple[str, str], ProfileValue] = {}
+        self._log, self._game, self._resolve = log, game, resolve
+        self._p_succ, self._p_ret, _ = game.chances()
+        self._tables: dict[Player, TabulatedPolicy | None] = {}
+        self._probabilities: dict[Player, Floats] = {}
+        self._values: dict[tuple[Player, Player], ProfileValue] = {}
 
-    def tell(self, number: int) -> Story:
+    def report(self, number: int) -> RallyReport:
         """One rally of the log by its number.
 
         Raises:
@@ -137,7 +173,7 @@ class Teller:
         """
         rally = self._log.rally(number)
         header = self._log.files[self._log.file_of(number)].header
-        names = (self._log.policies[int(rally.policy[0, 0])].name, self._log.policies[int(rally.policy[0, 1])].name)
+        first, second = (self._log.policies[int(policy)] for policy in rally.policy[0])
         played = rally_of(self._log, rally)
         state, rank = states(self._game, rally)
         if (state < 0).any():
@@ -148,65 +184,57 @@ class Teller:
         games = (int(rally.score[0, 2]), int(rally.score[0, 3]))
         points = (int(rally.score[0, 0]), int(rally.score[0, 1]))
         winner = int(rally.winner[0])
-        after = (points[0] + (winner == 0), points[1] + (winner == 1))
-        value = self._value(names)
+        value = self._value((first, second))
         match_odds = None if value is None else self._match_odds(header, value, games, points)
-        return Story(
+        return RallyReport(
             number=number,
             match=int(rally.match[0]),
-            names=names,
+            names=(printable(first.name), printable(second.name)),
             played=played,
             points=points,
             games=games,
             winner=winner,
             reason=OUTCOMES[int(rally.reason[0])],
-            tellings=tuple(
-                self._telling(played, names, i, int(state[i]), int(rank[i]), value, match_odds) for i in range(len(played))
+            strokes=tuple(
+                self._annotation((first, second)[seat], seat, int(state[i]), int(rank[i]), value, match_odds)
+                for i, seat in enumerate(played.striker.tolist())
             ),
             match_win_after=None if match_odds is None else match_odds[winner],
-            points_after=after,
+            points_after=(points[0] + (winner == 0), points[1] + (winner == 1)),
             ends_changed=ends_changed(points, games, header.rules),
             key=_key(header, rally),
         )
 
-    def _telling(
+    def _annotation(
         self,
-        played: PlayedRally,
-        names: tuple[str, str],
-        i: int,
+        striker: Player,
+        seat: int,
         state: int,
         rank: int,
         value: ProfileValue | None,
         match_odds: tuple[float, float] | None,
-    ) -> Telling:
-        game, seat = self._game, int(played.striker[i])
-        pairs = slice(int(game.pair_start[state]), int(game.pair_start[state + 1]))
-        told = Telling(
-            p_succ=float(self._chances[0][pairs.start + rank]),
-            p_ret=float(self._chances[1][pairs.start + rank]),
-        )
-        table = self._table(names[seat])
-        if table is None:
-            return told
-        strokes = game.pair_stroke[pairs]
-        p = _chances_of(table, pairs)
+    ) -> StrokeAnnotation:
+        game, pairs = self._game, self._game.pairs_of(state)
+        known = StrokeAnnotation(p_succ=float(self._p_succ[pairs][rank]), p_ret=float(self._p_ret[pairs][rank]))
+        if self._table(striker) is None:
+            return known
+        strokes, p = game.pair_stroke[pairs], self._probabilities[striker][pairs]
         shots = np.bincount(game.catalogue.shot[strokes], weights=p, minlength=len(SHOTS))
-        told = dataclasses.replace(told, probability=float(p[rank]), shots=tuple(shots.tolist()))
+        known = dataclasses.replace(known, probability=float(p[rank]), shots=tuple(shots.tolist()))
         if value is None or match_odds is None:
-            return told
-        wins = (1 + self._stroke_values(value, seat, pairs)) / 2
-        best = np.argsort(-p, kind="stable")[:TOP]
+            return known
+        wins = (1 + game.stroke_values(value.striking[1 - seat], pairs)) / 2
         own = float(1 + value.striking[seat][state]) / 2
         rally_win = own if seat == 0 else 1 - own
         return dataclasses.replace(
-            told,
+            known,
             top=tuple(
                 Option(
                     stroke=game.catalogue.names[strokes[k]],
                     probability=round(float(p[k]), 4),
                     win_probability=round(float(wins[k]), 4),
                 )
-                for k in best
+                for k in np.argsort(-p, kind="stable")[:TOP]
             ),
             value=own,
             chosen=float(wins[rank]),
@@ -214,37 +242,29 @@ class Teller:
             match_win=match_odds[1] + rally_win * (match_odds[0] - match_odds[1]),
         )
 
-    def _stroke_values(self, value: ProfileValue, seat: int, pairs: slice) -> Floats:
-        """``[K]`` what the strokes of a state are worth to the striker, -1 to 1."""
-        game = self._game
-        steps = np.diff(game.threshold[pairs].astype(np.int64), axis=1, prepend=0, append=ONE) / ONE
-        following = 2 * game.pair_edge[pairs].astype(np.int64)
-        theirs = value.striking[1 - seat]
-        fault, winner, below, above = steps.T
-        out: Floats = winner - fault - below * theirs[following] - above * theirs[following + 1]
-        return out
-
-    def _table(self, name: str) -> TabulatedPolicy | None:
-        """A policy as it is played, None if it cannot be had."""
-        if name not in self._tables:
+    def _table(self, player: Player) -> TabulatedPolicy | None:
+        """The policy as it played, None if it cannot be had."""
+        if player not in self._tables:
             try:
-                self._tables[name] = tabulate(resolve(name, self._game), self._game, name)
+                table = tabulate(self._resolve(player.name, self._game), self._game, player.name)
+                _check_same(player, table)
+                self._tables[player], self._probabilities[player] = table, table.pair_probabilities()
             except PolicyError as error:
-                self._tables[name], self.unknown[name] = None, str(error)
-        return self._tables[name]
+                self._tables[player], self.unknown[printable(player.name)] = None, printable(str(error))
+        return self._tables[player]
 
-    def _value(self, names: tuple[str, str]) -> ProfileValue | None:
-        first, second = (self._table(name) for name in names)
+    def _value(self, players: tuple[Player, Player]) -> ProfileValue | None:
+        first, second = (self._table(player) for player in players)
         if first is None or second is None:
             return None
-        if names not in self._values:
-            self._values[names] = evaluate(first, second)
-        return self._values[names]
+        if players not in self._values:
+            self._values[players] = evaluate(first, second)
+        return self._values[players]
 
     def _match_odds(
         self, header: LogHeader, value: ProfileValue, games: tuple[int, int], points: tuple[int, int]
     ) -> tuple[float, float]:
-        """Chance of seat 0 to win the match if it wins this rally, and if it loses it."""
+        """Probability that seat 0 wins the match if it wins this rally, and if it loses it."""
         odds = value.odds(0)
         out = []
         for winner in (0, 1):
@@ -256,7 +276,7 @@ class Teller:
                 continue
             if counted.game_won:
                 score = [0, 0]
-            chance = match_win_probability(
+            probability = match_win_probability(
                 odds.serving,
                 odds.receiving,
                 first_server=winner,
@@ -264,17 +284,21 @@ class Teller:
                 points=(score[0], score[1]),
                 rules=header.rules,
             )
-            out.append(float(chance))
+            out.append(float(probability))
         return out[0], out[1]
 
 
-def _chances_of(table: TabulatedPolicy, pairs: slice) -> Floats:
-    """``[K]`` chances of the legal strokes of one state."""
-    upper = table.cumulative[pairs].astype(np.int64)
-    return np.diff(upper, prepend=0) / upper[-1]
+def _check_same(player: Player, table: TabulatedPolicy) -> None:
+    """Raise PolicyError for a policy that has the name of the one that played, and is another."""
+    if not player.hash:
+        raise PolicyError("the log holds no hash of its table; nothing says that this policy is the one that played")
+    if table.hash != player.hash:
+        raise PolicyError(
+            f"the policy of this name is not the one that played: its table is {table.hash[:12]}, in the log {player.hash[:12]}"
+        )
 
 
 def _key(header: LogHeader, rally: Rallies) -> int:
-    """Names the rally by what it is, wherever in a log it stands."""
+    """Name the rally by its content, wherever in a log it stands."""
     strokes = zlib.crc32(rally.stroke.astype("<u2").tobytes())
     return int(stream(header.seed, int(rally.match[0]), int(rally.rally[0]), strokes)[0] >> np.uint64(1))

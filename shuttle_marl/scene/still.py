@@ -1,4 +1,4 @@
-"""What does not move by itself: the court, the net, and the models that follow their frames of reference."""
+"""Messages of what does not move by itself: the court, the net, and the models that follow their frames of reference."""
 
 from typing import Final
 
@@ -6,13 +6,13 @@ import numpy as np
 from foxglove.messages import LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
-from shuttle_marl.scene import athlete, equipment
-from shuttle_marl.scene.drawing import at, box, colour, model, point, stamp, text
+from shuttle_marl.scene import models
+from shuttle_marl.scene.messages import at, box, colour, model, point, stamp, text
 from shuttle_marl.scene.poses import SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.staging import Motion
 from shuttle_marl.staging.trajectory import net_height
 
-KITS: Final[tuple[tuple[athlete.Colour, athlete.Colour], ...]] = (
+KITS: Final[tuple[tuple[models.Colour, models.Colour], ...]] = (
     ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),
     ((0.03, 0.16, 0.62), (0.80, 0.80, 0.82)),
 )
@@ -76,12 +76,12 @@ def _net(time: int) -> SceneEntity:
 
 def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEntity]:
     """Models that follow the bones of both players and the shuttle, and the names over their heads."""
-    out = [_carried(time, SHUTTLE, models=[model(equipment.shuttle())])]
+    out = [_carried(time, SHUTTLE, models=[model(models.shuttle())])]
     for seat in (0, 1):
         right = motion.handedness[seat] == "right"
         shirt, shorts = KITS[seat]
-        found = athlete.parts(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
-        found = {**found, "Racket": equipment.racket(*motion.racket(seat))}
+        found = models.athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
+        found = {**found, "Racket": models.racket(*motion.racket(seat))}
         out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
         out.append(_carried(time, name_frame(seat), texts=[text(names[seat], (0, 0, 0), 0.20, NAME_COLOURS[seat])]))
     return out

@@ -1,25 +1,27 @@
-"""Writes scenes: an MCAP file with the messages that Foxglove and Lichtblick show."""
+"""Scene files: which rallies they show, and MCAP with the messages that Foxglove and Lichtblick show."""
 
 import io
 import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from shuttle_marl import __version__
 from shuttle_marl.game.rally import Game
+from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
-from shuttle_marl.scene import layout, still, topics
-from shuttle_marl.scene.drawing import SECOND, update
-from shuttle_marl.scene.errors import SceneError
-from shuttle_marl.scene.moving import messages
-from shuttle_marl.scene.report import Teller
-from shuttle_marl.scene.staged import Take
+from shuttle_marl.scene import SceneError, layout, still, topics
+from shuttle_marl.scene.commentary import commentary
+from shuttle_marl.scene.messages import update
+from shuttle_marl.scene.moving import motion_messages
+from shuttle_marl.scene.report import SECOND, Annotator, Resolve, StagedRally
 from shuttle_marl.staging import stage
+from shuttle_marl.text import printable
 
 EPOCH: Final = 1_735_689_600 * SECOND
 """When every scene begins: rallies are played at no date, and viewers want one (2025-01-01)."""
@@ -28,7 +30,40 @@ METADATA: Final = "shuttle_marl.scene"
 _CHUNK: Final = 1 << 20
 
 
-def film(
+def select(log: RallyLog, *, rally: int | None, match: int | None, pairing: int, best: int | None) -> list[int]:
+    """Numbers of the rallies, in the order in which they are shown.
+
+    Args:
+        log: the log.
+        rally: number of one rally.
+        match: number of a match of the pairing: all its rallies.
+        pairing: number of the pairing.
+        best: that many of the longest rallies, the longest last.
+
+    Raises:
+        SceneError: not exactly one of rally, match and best; or the log has no such match.
+        RecordingError: the log is damaged.
+    """
+    if sum(choice is not None for choice in (rally, match, best)) != 1:
+        raise SceneError("say which rallies: one of --rally NUMBER, --match NUMBER, --best COUNT")
+    if rally is not None:
+        return [rally]
+    if match is not None:
+        numbers = log.numbers_of_match(pairing, match)
+        if not len(numbers):
+            raise SceneError(f"{log.path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
+        return [int(number) for number in numbers]
+    if best is None or best < 1:
+        raise SceneError(f"--best {best}: expected 1 or more")
+    found: list[tuple[int, int]] = []
+    for first, rallies in log.batches():
+        longest = np.argsort(-rallies.length, kind="stable")[:best]
+        found += [(int(rallies.length[row]), first + int(row)) for row in longest]
+        found = sorted(found, key=lambda entry: (-entry[0], entry[1]))[:best]
+    return [number for _, number in reversed(found)]
+
+
+def write_scene(
     log: RallyLog,
     numbers: Sequence[int],
     game: Game,
@@ -36,6 +71,7 @@ def film(
     athletes: tuple[str, str] = ("male", "male"),
     handedness: tuple[str, str] = ("right", "right"),
     fps: int = 50,
+    resolve: Resolve = resolve_recorded,
     progress: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> tuple[bytes, dict[str, str]]:
     """Rallies of a log, one after the other, as the bytes of an MCAP file.
@@ -47,10 +83,11 @@ def film(
         athletes: ``male`` or ``female``, of seats 0 and 1.
         handedness: ``right`` or ``left``, of seats 0 and 1.
         fps: frames a second, 25 to 50; viewers warn about more.
+        resolve: finds the policies that the log names; by default neither modules nor files, because a log may come from others.
         progress: wraps the numbers while they are worked through.
 
     Returns:
-        The file, and why a policy could not be loaded, by its name: then the scene says nothing of its choices.
+        The file, and why a policy is not known, by its name: then the scene says nothing of its choices.
 
     Raises:
         RecordingError: the log has no such rally, is damaged, or was played on another game.
@@ -59,25 +96,25 @@ def film(
     """
     if not 25 <= fps <= MOST_FPS:
         raise SceneError(f"{fps} frames a second: expected 25 to {MOST_FPS}; viewers warn about more")
-    teller = Teller(log, game)
+    annotator = Annotator(log, game, resolve)
     context, buffer = Context(), io.BytesIO()
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
     writer = open_mcap(buffer, context=context, writer_options=options)
     to, start = topics.Topics(context), EPOCH
     names: tuple[str, str] | None = None
     for i, number in enumerate(progress(numbers)):
-        story = teller.tell(int(number))
-        motion = stage(story.played, seed=story.key, athletes=athletes, handedness=handedness, fps=fps)
-        take = Take(story=story, motion=motion, start=start)
+        report = annotator.report(int(number))
+        motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
+        staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
             to.scenes[topics.COURT].log(update(start, still.court(start)), log_time=start)
-        if not i or names != story.names:
-            names = story.names
+        if not i or names != report.names:
+            names = report.names
             to.scenes[topics.PLAYERS].log(update(start, still.players(start, motion, names)), log_time=start)
-        for time, send in messages(take):
+        for time, send in sorted([*motion_messages(staged), *commentary(staged)], key=lambda timed: timed[0]):
             send(to, time)
         # The next rally begins a frame later: a cut, as in a broadcast.
-        start = take.end + round(SECOND / fps)
+        start = staged.end + round(SECOND / fps)
     for name, content in layout.FILES.items():
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=name, media_type="application/json", data=content())
     rows = _rows(log, numbers)
@@ -86,7 +123,7 @@ def film(
     )
     writer.write_metadata(METADATA, _facts(log, numbers, game))
     writer.close()
-    return buffer.getvalue(), teller.unknown
+    return buffer.getvalue(), annotator.unknown
 
 
 def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
@@ -105,9 +142,9 @@ def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
     players = [log.policies[i] for i in seated]
     return {
         "software": f"shuttle_marl {__version__}",
-        "log": log.path.name,
+        "log": printable(log.path.name),
         "rallies": " ".join(str(int(number)) for number in numbers),
         "game": game.hash,
         "seeds": " ".join(dict.fromkeys(str(header.seed) for header in headers)),
-        "policies": json.dumps({player.name: player.hash for player in players}, ensure_ascii=False),
+        "policies": json.dumps({player.name: player.hash for player in players}),
     }

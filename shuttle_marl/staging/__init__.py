@@ -20,7 +20,7 @@ from shuttle_marl.staging.skeleton import (
     load_skeleton,
     model_file,
 )
-from shuttle_marl.staging.trajectory import ENDS, Plan
+from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 __all__ = [
     "ATHLETES",
@@ -31,10 +31,10 @@ __all__ = [
     "Joint",
     "Metrics",
     "Motion",
-    "Plan",
     "PlayedRally",
     "Skeleton",
     "StagingError",
+    "Trajectory",
     "finger_pose",
     "joints",
     "load_skeleton",

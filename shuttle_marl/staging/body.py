@@ -22,8 +22,20 @@ from shuttle_marl.staging.legs import legs, reach_of, settle
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import CONTACT, KEYS
 from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
-from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton
-from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_PITCH, HIPS_ROLL, HIPS_YAW, SPINE_LIMITS, SPINE_YAW, collar_of, trunk
+from shuttle_marl.staging.skeleton import (
+    BONE,
+    HIPS_HEIGHT,
+    HIPS_PITCH,
+    HIPS_ROLL,
+    HIPS_YAW,
+    N_BONES,
+    SPINE_LIMITS,
+    SPINE_YAW,
+    SWEET_SPOT,
+    Skeleton,
+    collar_of,
+    trunk,
+)
 from shuttle_marl.staging.timeline import Hit, Timeline
 
 Floats = npt.NDArray[np.float64]

@@ -31,8 +31,7 @@ from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS, hip_angles
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
-from shuttle_marl.staging.skeleton import BONE, MIRROR, Skeleton
-from shuttle_marl.staging.spine import SPINE_LIMITS
+from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.timeline import own_frame
 
 Floats = npt.NDArray[np.float64]

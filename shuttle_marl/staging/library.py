@@ -22,8 +22,17 @@ from shuttle_marl.staging.contact import (
 )
 from shuttle_marl.staging.motions import AIM, CONTACT, KEYS, READY, REST, WAIT, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
-from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
-from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, N_TRUNK, SPINE_PITCH, collar_of, trunk
+from shuttle_marl.staging.skeleton import (
+    HIPS_HEIGHT,
+    HIPS_PITCH,
+    HIPS_YAW,
+    N_TRUNK,
+    SPINE_PITCH,
+    SWEET_SPOT,
+    Skeleton,
+    collar_of,
+    trunk,
+)
 
 Floats = npt.NDArray[np.float64]
 

@@ -59,16 +59,16 @@ class Metrics:
 
 def measure(motion: Motion) -> Metrics:
     """Measure a motion."""
-    plan, frames = motion.plan, motion.contact_frame
-    striker = plan.rally.striker
+    trajectory, frames = motion.trajectory, motion.contact_frame
+    striker = trajectory.rally.striker
     hips = motion.position[:, :, 0, :2].astype(np.float64)
     velocity = np.diff(hips, axis=0) * motion.fps
-    ends = np.rint(plan.end_time * motion.fps).astype(np.int64)
+    ends = np.rint(trajectory.end_time * motion.fps).astype(np.int64)
     worst = max((joint for seat in (0, 1) for joint in joints(motion, seat)), key=lambda joint: joint.excess)
-    shot = plan.rally.catalogue.shot[plan.rally.stroke]
+    shot = trajectory.rally.catalogue.shot[trajectory.rally.stroke]
     low, _, high = load_measured().flight_time[shot].T
-    duration = plan.end_time - plan.time
-    returned = plan.end == RETURN
+    duration = trajectory.end_time - trajectory.time
+    returned = trajectory.end == RETURN
     slide, sunk = _feet(motion)
     return Metrics(
         contact=np.linalg.norm(motion.sweet_spot[frames, striker] - motion.shuttle[frames], axis=1),
@@ -78,8 +78,8 @@ def measure(motion: Motion) -> Metrics:
         acceleration=np.linalg.norm(np.diff(velocity, axis=0), axis=2).max(axis=0) * motion.fps,
         joint_excess=float(np.degrees(worst.excess)) if worst.excess > _ROUNDING else 0.0,
         joint=worst.name,
-        clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(plan.end != NET)]),
-        landing=np.linalg.norm(motion.shuttle[ends] - plan.chosen_point, axis=1),
+        clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(trajectory.end != NET)]),
+        landing=np.linalg.norm(motion.shuttle[ends] - trajectory.chosen_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
         seconds=float(motion.time[-1]),
@@ -138,28 +138,28 @@ def _feet(motion: Motion) -> tuple[Floats, float]:
 
 def _clearance(motion: Motion, i: int) -> float:
     """Height over the net of a stroke that crosses it [m]."""
-    plan = motion.plan
-    since = np.arange(0, plan.end_time[i] - plan.time[i], 1 / _FINE)
-    path, _ = plan.flight.at(i, since)
+    trajectory = motion.trajectory
+    since = np.arange(0, trajectory.end_time[i] - trajectory.time[i], 1 / _FINE)
+    path, _ = trajectory.flight.at(i, since)
     over = np.flatnonzero(np.diff(np.sign(path[:, 1])) != 0)
     return float((path[over, 2] - net_height(path[over, 0])).min()) if len(over) else -np.inf
 
 
 def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
     """Whether a stroke ends as it must."""
-    plan, stroke = motion.plan, motion.plan.rally.stroke[i]
-    x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([facing(int(plan.rally.striker[i]))] * 2 + [1.0])
-    meant = int(area_of(np.array(x), np.array(y))) == plan.rally.catalogue.area[stroke]
-    serve = bool(plan.rally.catalogue.is_serve[stroke])
+    trajectory, stroke = motion.trajectory, motion.trajectory.rally.stroke[i]
+    x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([facing(int(trajectory.rally.striker[i]))] * 2 + [1.0])
+    meant = int(area_of(np.array(x), np.array(y))) == trajectory.rally.catalogue.area[stroke]
+    serve = bool(trajectory.rally.catalogue.is_serve[stroke])
     in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
-    if plan.end[i] == RETURN:
+    if trajectory.end[i] == RETURN:
         # Serves are struck on from where the server may not stand, so their place is moved into the service court.
         return meant or serve
-    if plan.end[i] == WIN:
+    if trajectory.end[i] == WIN:
         return bool((meant or serve) and in_box and z < 0.05)
-    if plan.end[i] == OUT:
+    if trajectory.end[i] == OUT:
         return bool(not in_box and z < 0.05)
     after = motion.shuttle[frame:].astype(np.float64)
     touched = abs(y) < 0.05 and z < float(net_height(x))
-    stays = (after[:, 1] * facing(int(plan.rally.striker[i])) < 0.05).all()
+    stays = (after[:, 1] * facing(int(trajectory.rally.striker[i])) < 0.05).all()
     return bool(touched and stays and after[-1, 2] < 0.05)

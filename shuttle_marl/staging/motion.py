@@ -15,8 +15,8 @@ from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
-from shuttle_marl.staging.timeline import Score, Timeline, own_frame
-from shuttle_marl.staging.trajectory import Plan, Player, plan_rally, with_contacts_moved
+from shuttle_marl.staging.timeline import Timeline, TimelineBuilder, own_frame
+from shuttle_marl.staging.trajectory import Physique, Trajectory, draw_trajectory, with_contacts_moved
 from shuttle_marl.staging.travel import travel
 
 Floats = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ Floats32 = npt.NDArray[np.float32]
 
 HANDS: Final = ("right", "left")
 _ATTEMPTS: Final = 5
-_REPLANS: Final = 3
+_RETRIES: Final = 3
 _TOLERANCE: Final = 3e-3
 _TAIL: Final = 1.4
 """Time after the end of the last flight [s]."""
@@ -50,7 +50,7 @@ class Motion:
         contact_frame: ``[n]`` frame in which each stroke is struck.
         skeletons: of seats 0 and 1.
         handedness: ``right`` or ``left``, of seats 0 and 1.
-        plan: points, times and flights.
+        trajectory: points, times and flights.
     """
 
     fps: int
@@ -63,7 +63,7 @@ class Motion:
     contact_frame: npt.NDArray[np.int64]
     skeletons: tuple[Skeleton, Skeleton]
     handedness: tuple[str, str]
-    plan: Plan
+    trajectory: Trajectory
 
     @functools.cached_property
     def sweet_spot(self) -> Floats:
@@ -113,19 +113,19 @@ def stage(
         raise StagingError(f"{fps} frames a second: expected 25 to 1000")
     skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
     right = (handedness[0] == "right", handedness[1] == "right")
-    players = (_player(skeletons[0], right[0]), _player(skeletons[1], right[1]))
-    plan = plan_rally(rally, load_measured(), players, seed=seed, fps=fps)
-    frames = round((plan.end_time[-1] + _TAIL) * fps) + 1
-    for _ in range(_REPLANS):
-        ready = [_prepared(plan, seat, skeletons[seat], right[seat], frames, fps) for seat in (0, 1)]
+    players = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
+    trajectory = draw_trajectory(rally, load_measured(), players, seed=seed, fps=fps)
+    frames = round((trajectory.end_time[-1] + _TAIL) * fps) + 1
+    for _ in range(_RETRIES):
+        ready = [_prepared(trajectory, seat, skeletons[seat], right[seat], frames, fps) for seat in (0, 1)]
         missed = _missed(ready, right)
         if not missed:
             break
-        plan = with_contacts_moved(plan, missed)
-    shuttle, velocity = shuttle_path(plan, frames, fps)
+        trajectory = with_contacts_moved(trajectory, missed)
+    shuttle, velocity = shuttle_path(trajectory, frames, fps)
     rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
     planted = np.empty((frames, 2, 2), dtype=bool)
-    contacts = np.rint(plan.time * fps).astype(np.int64)
+    contacts = np.rint(trajectory.time * fps).astype(np.int64)
     for seat in (0, 1):
         sign = own_frame(seat, right[seat])
         played = perform(skeletons[seat], *ready[seat], shuttle * sign)
@@ -133,7 +133,7 @@ def stage(
         if seat == rally.server:
             hand = BONE["LeftHand"]
             palm = played.position[:, hand] + played.rotation[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
-            release = int(contacts[0]) - round(HELD[plan.stance[0].motion][1] * fps)
+            release = int(contacts[0]) - round(HELD[trajectory.stance[0].motion][1] * fps)
             held(shuttle, palm * sign, int(contacts[0]), release, fps)
     velocity[: contacts[0]] = np.gradient(shuttle[: contacts[0] + 1], 1 / fps, axis=0)[:-1]
     return Motion(
@@ -147,17 +147,19 @@ def stage(
         contact_frame=contacts,
         skeletons=skeletons,
         handedness=handedness,
-        plan=plan,
+        trajectory=trajectory,
     )
 
 
-def _prepared(plan: Plan, seat: int, skeleton: Skeleton, right_handed: bool, frames: int, fps: int) -> tuple[Timeline, Prepared]:
+def _prepared(
+    trajectory: Trajectory, seat: int, skeleton: Skeleton, right_handed: bool, frames: int, fps: int
+) -> tuple[Timeline, Prepared]:
     """Timeline and feet of one player. Where the racket does not get to the shuttle, the hips are moved and it tries again."""
-    shift, library = np.zeros((len(plan.time), 3)), library_of(skeleton)
+    shift, library = np.zeros((len(trajectory.time), 3)), library_of(skeleton)
     mirror = np.array([1.0 if right_handed else -1.0, 1.0])
     for _ in range(_ATTEMPTS):
-        hips = travel(plan, seat, shift[:, :2] * mirror, frames, fps) * mirror
-        timeline = Score(plan, seat, right_handed, library, hips, shift[:, 2], fps).timeline()
+        hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps) * mirror
+        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps).timeline()
         prepared = prepare(skeleton, timeline, hips, fps)
         missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
         if not missed.any():
@@ -178,8 +180,8 @@ def _missed(ready: list[tuple[Timeline, Prepared]], right: tuple[bool, bool]) ->
     }
 
 
-def _player(skeleton: Skeleton, right_handed: bool) -> Player:
-    return Player(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
+def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
+    return Physique(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
 
 
 def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:

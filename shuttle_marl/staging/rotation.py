@@ -1,7 +1,12 @@
-"""Rotations as matrices and quaternions, for arrays of any leading shape. Quaternions are ``(x, y, z, w)``, as in glTF."""
+"""Rotations as matrices and quaternions, for arrays of any leading shape. Quaternions are ``(x, y, z, w)``, as in glTF.
+
+Conversions are :mod:`scipy`'s. Rotations about fixed axes and the angles of the body are not: on the small arrays of the
+staging its Euler angles take several times as long.
+"""
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 Floats = npt.NDArray[np.float64]
 
@@ -43,9 +48,7 @@ def about(axis: Floats, angle: Floats | float) -> Floats:
 
 def exponential(v: Floats) -> Floats:
     """``[..., 3, 3]`` rotation by the rotation vectors ``[..., 3]`` [rad]."""
-    skew = skewed(v)
-    angle = np.maximum(np.sqrt((v * v).sum(axis=-1)), 1e-9)[..., None, None]
-    return _IDENTITY + np.sin(angle) / angle * skew + (1 - np.cos(angle)) / angle**2 * (skew @ skew)
+    return _shaped(Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix(), v.shape[:-1])
 
 
 def skewed(v: Floats) -> Floats:
@@ -93,35 +96,16 @@ def frame(first: Floats, second: Floats) -> Floats:
 
 def quaternion(rotation: Floats) -> Floats:
     """``[..., 4]`` quaternions (x, y, z, w) of matrices, w not negative."""
-    m = rotation
-    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    # The largest of the four squared components is at least 1/4, so dividing by it is safe (Shepperd 1978).
-    squares = np.stack([1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz], axis=-1)
-    a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    d, e, f = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    columns = np.stack(
-        [
-            np.stack([squares[..., 0], d, e, a], axis=-1),
-            np.stack([d, squares[..., 1], f, b], axis=-1),
-            np.stack([e, f, squares[..., 2], c], axis=-1),
-            np.stack([a, b, c, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    best = np.argmax(squares, axis=-1)
-    q = unit(np.take_along_axis(columns, best[..., None, None], axis=-2)[..., 0, :])
-    return np.where(q[..., 3:] < 0, -q, q)
+    return _shaped(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True), rotation.shape[:-2])
 
 
 def matrix(q: npt.NDArray[np.floating]) -> Floats:
-    """``[..., 3, 3]`` matrices of unit quaternions (x, y, z, w)."""
-    x, y, z, w = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    """``[..., 3, 3]`` matrices of quaternions (x, y, z, w) of any length but 0."""
+    return _shaped(Rotation.from_quat(q.reshape(-1, 4)).as_matrix(), q.shape[:-1])
+
+
+def _shaped(found: Floats, leading: tuple[int, ...]) -> Floats:
+    return found.reshape(*leading, *found.shape[1:])
 
 
 _TURN, _BOW, _LEAN = (Hinge(np.array(axis)) for axis in ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.flight import GRAVITY, fall
-from shuttle_marl.staging.trajectory import NET, Plan
+from shuttle_marl.staging.trajectory import NET, Trajectory
 
 Floats = npt.NDArray[np.float64]
 
@@ -14,18 +14,18 @@ _REST: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 
 
-def shuttle_path(plan: Plan, frames: int, fps: int) -> tuple[Floats, Floats]:
+def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats, Floats]:
     """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
     time = np.arange(frames) / fps
-    position, velocity = np.tile(plan.contact[0], (frames, 1)), np.zeros((frames, 3))
-    for i in range(len(plan.time)):
-        rows = np.flatnonzero((time >= plan.time[i] - 1e-6) & (time <= plan.end_time[i] + 1e-6))
-        position[rows], velocity[rows] = plan.flight.at(i, time[rows] - plan.time[i])
-    rows = np.flatnonzero(time > plan.end_time[-1] + 1e-6)
-    _, hit = plan.flight.at(len(plan.time) - 1, plan.flight.time[-1, -1:])
-    since = time[rows] - plan.end_time[-1]
-    if plan.end[-1] == NET:
-        start = plan.end_point[-1]
+    position, velocity = np.tile(trajectory.contact[0], (frames, 1)), np.zeros((frames, 3))
+    for i in range(len(trajectory.time)):
+        rows = np.flatnonzero((time >= trajectory.time[i] - 1e-6) & (time <= trajectory.end_time[i] + 1e-6))
+        position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
+    rows = np.flatnonzero(time > trajectory.end_time[-1] + 1e-6)
+    _, hit = trajectory.flight.at(len(trajectory.time) - 1, trajectory.flight.time[-1, -1:])
+    since = time[rows] - trajectory.end_time[-1]
+    if trajectory.end[-1] == NET:
+        start = trajectory.end_point[-1]
         back = np.array([-0.04 * hit[0, 0], -0.05 * hit[0, 1], min(0.0, 0.3 * hit[0, 2])])
         drop = fall(start[None], back[None], np.array([2.5]))
         position[rows], velocity[rows] = drop.at(0, since)
@@ -34,7 +34,7 @@ def shuttle_path(plan: Plan, frames: int, fps: int) -> tuple[Floats, Floats]:
             first = rows[landed[0]]
             _roll(position, velocity, first, position[first], velocity[first], time)
     elif len(rows):
-        _roll(position, velocity, int(rows[0]), plan.end_point[-1], hit[0], time)
+        _roll(position, velocity, int(rows[0]), trajectory.end_point[-1], hit[0], time)
     return position, velocity
 
 

@@ -1,4 +1,4 @@
-"""The skeletons of the athletes: which bones move, where they are at rest, and how far their joints go.
+"""Skeletons of the athletes: which bones move, where they are at rest, how far their joints go, and how the trunk bends.
 
 Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
 aligned with these axes at rest, so the rotation of a bone is how far it has turned since then. The bones are those of the
@@ -7,6 +7,7 @@ aligned with these axes at rest, so the rotation of a bone is how far it has tur
 
 import dataclasses
 import functools
+import itertools
 import json
 from pathlib import Path
 from typing import Final
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.rally import StagingError
-from shuttle_marl.staging.rotation import unit
+from shuttle_marl.staging.rotation import apply, unit, yaw_pitch_roll
 
 Floats = npt.NDArray[np.float64]
 
@@ -53,6 +54,13 @@ _FINGERS: Final = {
 }
 """Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
+
+
+HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
+N_TRUNK = 7
+"""Numbers that describe the trunk: height of the hips [m] and six angles [rad], in this order."""
+SPINE_LIMITS: Floats = np.radians([(-45, 45), (-30, 60), (-35, 35)])
+"""``[3, 2]`` how far the chest turns left, bows, and leans right against the hips [rad] (thoracic and lumbar spine)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,3 +179,29 @@ def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
                 half = np.radians(bend) / 2
                 out[f"{side}Hand{finger}{k + 1}"] = np.array([*(np.sin(half) * axis * sign), np.cos(half)])
     return out
+
+
+def trunk(skeleton: Skeleton, hips: Floats, angles: Floats) -> tuple[Floats, Floats]:
+    """Bones of the trunk.
+
+    Args:
+        skeleton: the athlete.
+        hips: ``[N, 3]`` where the hips are.
+        angles: ``[N, 7]``; the height is not used.
+
+    Returns:
+        ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
+    """
+    root = yaw_pitch_roll(angles[:, HIPS_YAW], angles[:, HIPS_PITCH], angles[:, HIPS_ROLL])
+    third = yaw_pitch_roll(*(angles[:, k] / 3 for k in (SPINE_YAW, SPINE_PITCH, SPINE_ROLL)))
+    rotation, position = [root], [hips]
+    names = ("Hips", "Spine", "Spine1", "Spine2")
+    for below, above in itertools.pairwise(names):
+        position.append(position[-1] + apply(rotation[-1], skeleton.at(above) - skeleton.at(below)))
+        rotation.append(rotation[-1] @ third)
+    return np.stack(rotation), np.stack(position)
+
+
+def collar_of(skeleton: Skeleton, rotation: Floats, position: Floats, side: str = "Right") -> Floats:
+    """``[N, 3]`` where the collar bone of a side begins, from rotation and position of Spine2."""
+    return position + apply(rotation, skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2"))

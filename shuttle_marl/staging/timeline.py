@@ -1,6 +1,6 @@
-"""The score that a player performs: key poses, jumps and stands of the feet, on the clock of a planned rally.
+"""Timeline of a player: key poses, jumps and stands of the feet, on the clock of a rally.
 
-All is in the player's own frame, mirrored for a left-hander, so that everybody plays right-handed here.
+All is in the player's own frame, mirrored for a left-hander, so that all play right-handed here.
 """
 
 import dataclasses
@@ -17,13 +17,12 @@ from shuttle_marl.staging.contact import (
     LUNGE_BACKHAND,
     Stance,
 )
-from shuttle_marl.staging.feet import Stand
+from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.flight import GRAVITY
 from shuttle_marl.staging.library import TRUNK, Library, bent
 from shuttle_marl.staging.motions import CONTACT
-from shuttle_marl.staging.spine import HIPS_HEIGHT, HIPS_YAW
-from shuttle_marl.staging.stances import OVERHEADS, feet_at, landing, split, waiting
-from shuttle_marl.staging.trajectory import RETURN, Plan, facing
+from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
+from shuttle_marl.staging.trajectory import RETURN, Trajectory, facing
 
 Floats = npt.NDArray[np.float64]
 
@@ -83,11 +82,11 @@ def own_frame(seat: int, right_handed: bool) -> Floats:
     return np.array([sign if right_handed else -sign, sign, 1.0])
 
 
-class Score:
+class TimelineBuilder:
     """Writes the timeline of one player.
 
     Args:
-        plan: the rally.
+        trajectory: the rally.
         seat: 0 or 1.
         right_handed: whether they are.
         library: the poses of their athlete.
@@ -97,9 +96,9 @@ class Score:
     """
 
     def __init__(
-        self, plan: Plan, seat: int, right_handed: bool, library: Library, hips: Floats, higher: Floats, fps: int
+        self, trajectory: Trajectory, seat: int, right_handed: bool, library: Library, hips: Floats, higher: Floats, fps: int
     ) -> None:
-        self.plan, self.seat, self.library, self.hips, self.fps = plan, seat, library, hips, fps
+        self.trajectory, self.seat, self.library, self.hips, self.fps = trajectory, seat, library, hips, fps
         self.right_handed, self.higher = right_handed, higher
         self.sign = own_frame(seat, right_handed)
         self.frames = len(hips)
@@ -107,13 +106,13 @@ class Score:
         self.fixed: set[int] = set()
         self.stands: list[Stand] = []
         self.lift = np.zeros(self.frames)
-        self.clock = np.rint(plan.time * fps).astype(np.int64)
+        self.clock = np.rint(trajectory.time * fps).astype(np.int64)
 
     def timeline(self) -> Timeline:
         """All of it."""
-        plan, hits = self.plan, []
-        striker = plan.rally.striker
-        over = round(plan.end_time[-1] * self.fps)
+        trajectory, hits = self.trajectory, []
+        striker = trajectory.rally.striker
+        over = round(trajectory.end_time[-1] * self.fps)
         self._begin(striker[0] == self.seat)
         for i, frame in enumerate(self.clock):
             following = self.clock[i + 1] if i + 1 < len(self.clock) else over
@@ -164,7 +163,7 @@ class Score:
     def _facing(self, frame: int) -> float:
         """How far left the player looks to face where the shuttle is struck next [rad]."""
         i = int(np.clip(np.searchsorted(self.clock, frame), 0, len(self.clock) - 1))
-        way = (self.plan.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
+        way = (self.trajectory.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
         return float(0.7 * np.arctan2(-way[0], max(way[1], 1.5)))
 
     def _ready(self, frame: int, low: float = 0.0) -> Floats:
@@ -204,8 +203,8 @@ class Score:
             self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
 
     def _stance(self, i: int) -> Stance:
-        """The planned stance, mirrored for a left-hander."""
-        stance = self.plan.stance[i]
+        """The stance, mirrored for a left-hander."""
+        stance = self.trajectory.stance[i]
         if self.right_handed:
             return stance
         return dataclasses.replace(stance, heading=-stance.heading, root=stance.root * np.array([-1.0, 1.0]))
@@ -213,11 +212,11 @@ class Score:
     def _strike(self, i: int, frame: int, before: int, following: int) -> Hit:
         stance, fps = self._stance(i), self.fps
         motion, heading = stance.motion, stance.heading
-        point, normal = self.plan.contact[i] * self.sign, self._normal(i)
+        point, normal = self.trajectory.contact[i] * self.sign, self._normal(i)
         ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps
         keys = self.library.stroke[motion].copy()
         keys[:, HIPS_YAW] += heading
-        power = float(np.clip(self.plan.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
+        power = float(np.clip(self.trajectory.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
         keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in OVERHEADS else keys[1:CONTACT]
         keys[CONTACT + 1 :] = keys[CONTACT] + max(power, 0.5) * (keys[CONTACT + 1 :] - keys[CONTACT])
         lift = self._rise(keys, stance, float(point[2]), frame, ahead, float(self.higher[i]))
@@ -274,10 +273,10 @@ class Score:
 
     def _normal(self, i: int) -> Floats:
         """Where the strings face: between where the shuttle comes from and where it goes."""
-        _, out = self.plan.flight.at(i, np.array([0.0]))
+        _, out = self.trajectory.flight.at(i, np.array([0.0]))
         n = out[0] / np.linalg.norm(out[0])
         if i:
-            _, into = self.plan.flight.at(i - 1, self.plan.flight.time[i - 1, -1:])
+            _, into = self.trajectory.flight.at(i - 1, self.trajectory.flight.time[i - 1, -1:])
             n = n - 0.4 * into[0] / np.linalg.norm(into[0])
         return n / np.linalg.norm(n) * self.sign
 
@@ -287,7 +286,7 @@ class Score:
         last = max(over, int(self.clock[-1]) + round(0.5 * fps))
         rest = self.library.rest.copy()
         rest[HIPS_YAW] += self._facing(last)
-        if self.plan.rally.striker[-1] != self.seat and self.plan.end[-1] != RETURN:
+        if self.trajectory.rally.striker[-1] != self.seat and self.trajectory.end[-1] != RETURN:
             self._key(over - round(0.05 * fps), self._ready(over, 0.02))
         self._key(min(last + round(0.75 * fps), self.frames - 1), rest, fixed=True)
         self._key(self.frames - 1, rest)

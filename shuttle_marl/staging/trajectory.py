@@ -1,4 +1,4 @@
-"""When and where every stroke of a rally is struck, and how the shuttle flies.
+"""Trajectory of a rally: times and places of all strokes, and the flights of the shuttle.
 
 Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
 the strokes up to it. Several points and times are drawn for each stroke, and the first one that clears the net and that the
@@ -42,7 +42,7 @@ _SLOT: Final = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Plan:
+class Trajectory:
     """A rally in time and space; n strokes, in the frame of the court.
 
     Attributes:
@@ -70,24 +70,24 @@ class Plan:
     base: Floats
 
 
-def with_contacts_moved(plan: Plan, by: dict[int, Floats]) -> Plan:
-    """A plan in which some strokes are met elsewhere, at the same time; the flights to and from there follow.
+def with_contacts_moved(trajectory: Trajectory, by: dict[int, Floats]) -> Trajectory:
+    """The same rally, in which some strokes are met elsewhere, at the same time; the flights to and from there follow.
 
     Args:
-        plan: the rally.
+        trajectory: the rally.
         by: ``[3]`` in the frame of the court, by number of the stroke [m].
     """
-    contact, end_point = plan.contact.copy(), plan.end_point.copy()
+    contact, end_point = trajectory.contact.copy(), trajectory.end_point.copy()
     for k, change in by.items():
         contact[k] += change
         if k:
             end_point[k - 1] += change
     rows = sorted({row for k in by for row in (k - 1, k) if row >= 0})
-    again = shoot(contact[rows], end_point[rows], (plan.end_time - plan.time)[rows])
-    fields = {f.name: getattr(plan.flight, f.name).copy() for f in dataclasses.fields(Flights)}
+    again = shoot(contact[rows], end_point[rows], (trajectory.end_time - trajectory.time)[rows])
+    fields = {f.name: getattr(trajectory.flight, f.name).copy() for f in dataclasses.fields(Flights)}
     for name, value in fields.items():
         value[rows] = getattr(again, name)
-    return dataclasses.replace(plan, contact=contact, end_point=end_point, flight=Flights(**fields))
+    return dataclasses.replace(trajectory, contact=contact, end_point=end_point, flight=Flights(**fields))
 
 
 def facing(seat: int) -> float:
@@ -101,8 +101,8 @@ def net_height(x: Floats | float) -> Floats:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Player:
-    """What a plan needs to know about a player.
+class Physique:
+    """Hand, size and poses of a player, which decide where they meet a shuttle.
 
     Attributes:
         right_handed: which hand holds the racket.
@@ -115,7 +115,9 @@ class Player:
     library: Library
 
 
-def plan_rally(rally: PlayedRally, measured: Measured, players: tuple[Player, Player], *, seed: int, fps: int) -> Plan:
+def draw_trajectory(
+    rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], *, seed: int, fps: int
+) -> Trajectory:
     """Draw points and times of a rally.
 
     Args:
@@ -125,7 +127,7 @@ def plan_rally(rally: PlayedRally, measured: Measured, players: tuple[Player, Pl
         seed: names all draws.
         fps: contacts fall on multiples of 1/fps seconds.
     """
-    return _Planner(rally, measured, players, draws.stream(seed), fps).plan()
+    return _TrajectoryBuilder(rally, measured, players, draws.stream(seed), fps).build()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,9 +152,9 @@ class _Try:
     late: float
 
 
-class _Planner:
+class _TrajectoryBuilder:
     def __init__(
-        self, rally: PlayedRally, measured: Measured, players: tuple[Player, Player], key: draws.UInt64s, fps: int
+        self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: draws.UInt64s, fps: int
     ) -> None:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         self.drawn: dict[int, list[float]] = {}
@@ -167,7 +169,7 @@ class _Planner:
             self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
         return float(self.drawn[stroke][number])
 
-    def plan(self) -> Plan:
+    def build(self) -> Trajectory:
         rally, n = self.rally, len(self.rally)
         base = np.zeros((n, 2, 2))
         contact, stance = self._serve(base)
@@ -188,7 +190,7 @@ class _Planner:
                 times.append(end_times[i])
         sign = np.array([facing(seat) for seat in rally.striker])
         turn = np.stack([sign, sign, np.ones(n)], axis=1)
-        return Plan(
+        return Trajectory(
             rally=rally,
             time=np.array(times),
             contact=np.array(contacts) * turn,

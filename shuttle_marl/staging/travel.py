@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from shuttle_marl.staging.trajectory import WIN, Plan, facing
+from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
 
 Floats = npt.NDArray[np.float64]
 
@@ -27,21 +27,21 @@ _ROUNDS, _MOST_ROUNDS = 240, 4000
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
 
-def travel(plan: Plan, seat: int, shift: Floats, frames: int, fps: int) -> Floats:
+def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int) -> Floats:
     """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
 
     Args:
-        plan: the rally.
+        trajectory: the rally.
         seat: 0 or 1.
         shift: ``[n, 2]`` added to the root of each stance [m].
         frames: length of the staging.
         fps: frames a second.
     """
-    q, target, still = _wishes(plan, seat, shift, frames, fps)
+    q, target, still = _wishes(trajectory, seat, shift, frames, fps)
     return _solve(q, target, still, fps)
 
 
-def _wishes(plan: Plan, seat: int, shift: Floats, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
+def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
     """``[frames]`` weight of a place, ``[frames, 2]`` weight times place, ``[frames - 1]`` weight against speed."""
     weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
 
@@ -53,28 +53,28 @@ def _wishes(plan: Plan, seat: int, shift: Floats, frames: int, fps: int) -> tupl
     def slow(frame: int, w: float, half: int) -> None:
         still[max(frame - half, 0) : min(frame + half + 1, frames - 1)] += w
 
-    striker = plan.rally.striker
-    hits = np.rint(plan.time * fps).astype(np.int64)
-    target += 1e-3 * plan.base[0, seat]
+    striker = trajectory.rally.striker
+    hits = np.rint(trajectory.time * fps).astype(np.int64)
+    target += 1e-3 * trajectory.base[0, seat]
     if striker[0] == seat:
-        wish(0, plan.stance[0].root + shift[0], 50.0)
+        wish(0, trajectory.stance[0].root + shift[0], 50.0)
     else:
-        wish(0, plan.base[0, seat], 50.0)
+        wish(0, trajectory.base[0, seat], 50.0)
     still[: hits[0]] += 3.0
     for i, frame in enumerate(hits):
         if striker[i] == seat:
-            wish(frame, plan.stance[i].root + shift[i], _CONTACT)
+            wish(frame, trajectory.stance[i].root + shift[i], _CONTACT)
             slow(frame, _BRAKE, 4)
         else:
-            wish(frame, plan.base[i, seat], _BASE, 3)
+            wish(frame, trajectory.base[i, seat], _BASE, 3)
             slow(frame, _STILL, 5)
-    if striker[-1] != seat and plan.end[-1] == WIN:
+    if striker[-1] != seat and trajectory.end[-1] == WIN:
         # The receiver goes for a winner, but does not get there.
-        landing = facing(seat) * plan.end_point[-1, :2]
-        begun = plan.base[-1, seat]
+        landing = facing(seat) * trajectory.end_point[-1, :2]
+        begun = trajectory.base[-1, seat]
         place = begun + 0.55 * (landing - begun)
         place[1] = min(place[1], -0.8)
-        wish(min(round(plan.end_time[-1] * fps), frames - 1), place, 60.0)
+        wish(min(round(trajectory.end_time[-1] * fps), frames - 1), place, 60.0)
     still[-round(0.3 * fps) :] += 5.0
     return weight, target, still
 

@@ -16,7 +16,7 @@ FORBIDDEN = {
     ("exact/minimax.py", "shuttle_marl.dynamics.health"): "import {}",
     ("data/clean.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
     ("policy/registry.py", "shuttle_marl.commands.cli"): "import {}",
-    ("league/run.py", "shuttle_marl.scene.picture"): "import {}",
+    ("league/run.py", "shuttle_marl.scene.write"): "import {}",
     ("recording/reader.py", "torch"): "def late():\n    import {}",
 }
 """Module and what it must not import; how the import is written."""

@@ -13,8 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.selection import select
-from shuttle_marl.scene.write import film
+from shuttle_marl.scene.write import select, write_scene
 
 RALLIES = 3
 
@@ -61,7 +60,7 @@ def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reel(log_path: Path) -> Reel:
     with RallyLog(log_path) as log:
         numbers = select(log, rally=None, match=0, pairing=0, best=None)[:RALLIES]
-        content, unknown = film(log, numbers, default_game(), athletes=("male", "female"), handedness=("right", "left"))
+        content, unknown = write_scene(log, numbers, default_game(), athletes=("male", "female"), handedness=("right", "left"))
     assert unknown == {}
     return Reel(content, numbers, read(content))
 
@@ -71,7 +70,7 @@ def second_game(log_path: Path) -> Reel:
     """The first rally of a second game."""
     with RallyLog(log_path) as log:
         number = next(number for number in range(log.n_rallies) if log.rally(number).score[0, 2:].sum() == 1)
-        content, _ = film(log, [number], default_game())
+        content, _ = write_scene(log, [number], default_game())
     return Reel(content, [number], read(content))
 
 

@@ -1,19 +1,28 @@
 """``python -m shuttle_marl.recording scene``, and which rallies it shows."""
 
 import dataclasses
+import io
+import json
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
+from shuttle_marl.scene import topics
 from shuttle_marl.scene.playback import Playback
-from shuttle_marl.scene.selection import select
-from shuttle_marl.scene.write import film
-from shuttle_marl.staging import StagingError, play_rallies
+from shuttle_marl.scene.write import select, write_scene
+from shuttle_marl.staging import PlayedRally, StagingError, play_rallies
+from tests.scene.conftest import read
 
 
 def test_one_rally_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,44 +84,175 @@ def test_the_best_are_the_longest(log_path: Path) -> None:
     assert lengths[chosen].tolist() == sorted(np.sort(lengths)[-7:].tolist())
 
 
-def test_without_its_policy_a_rally_is_told_without_values(tmp_path: Path) -> None:
-    """A log of a policy that this machine does not have: what follows from the game alone is still told."""
+def rallies_of(played: list[PlayedRally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
+    """Rallies that stand for themselves, between policies 0 and 1 of the log."""
+    n = len(played)
+    kinds = (("pairing", "u4"), ("rally", "u2"))
+    return Rallies(
+        **{name: np.zeros(n, dtype=kind) for name, kind in kinds},
+        match=np.arange(n, dtype=np.uint32),
+        policy=np.tile(np.array([0, 1], dtype=np.uint16), (n, 1)),
+        server=np.array([rally.server for rally in played], dtype=np.uint8),
+        winner=np.array([(rally.striker[-1] + (rally.ending == 0)) % 2 for rally in played], dtype=np.uint8),
+        reason=np.array([rally.ending for rally in played], dtype=np.uint8),
+        score=np.zeros((n, 4), dtype=np.uint8),
+        length=np.array([len(rally) for rally in played], dtype=np.int32),
+        stroke=np.concatenate([rally.stroke for rally in played]).astype(dtype),
+    )
+
+
+@pytest.fixture(scope="module")
+def short_rally() -> PlayedRally:
     game = default_game()
     policy = resolve("bc", game)
-    (rally,) = play_rallies(game, (policy, policy), 1, seed=2)
-    n = len(rally)
-    header = LogHeader(
-        seed=1,
-        game=game.hash,
-        strokes=game.catalogue.names,
-        policies=(Player(name="agent:runs/gone"), Player(name="bc")),
-        rules=SINGLE_RALLY,
-        draws="unknown",
+    return min(play_rallies(game, (policy, policy), 20, seed=2), key=lambda rally: (len(rally) < 2, len(rally)))
+
+
+@pytest.fixture(scope="module")
+def bc_hash() -> str:
+    game = default_game()
+    return tabulate(resolve("bc", game), game).hash
+
+
+@pytest.fixture
+def log_of(short_rally: PlayedRally, tmp_path: Path) -> Callable[..., Path]:
+    """Writes a log of one rally between two policies, of which only the header is anything special."""
+
+    def write(*players: Player, rally: PlayedRally = short_rally, name: str = "rallies.mcap") -> Path:
+        game = default_game()
+        header = LogHeader(
+            seed=1, game=game.hash, strokes=game.catalogue.names, policies=players, rules=SINGLE_RALLY, draws="unknown"
+        )
+        path = tmp_path / name
+        with RallyLogWriter(path, header) as writer:
+            writer.append(rallies_of([rally]))
+        return path
+
+    return write
+
+
+def shown(path: Path, *flags: str) -> dict[str, list[dict[str, Any]]]:
+    """The JSON messages of the scene that the command makes of the one rally of a log, by topic."""
+    out = path.with_name("scene.mcap")
+    assert main(["scene", str(path), "--rally", "0", "--fps", "25", "--out", str(out), *flags]) == 0
+    found: dict[str, list[dict[str, Any]]] = {}
+    for _, channel, message in make_reader(io.BytesIO(out.read_bytes())).iter_messages():
+        if channel.message_encoding == "json":
+            found.setdefault(channel.topic, []).append(json.loads(message.data))
+    return found
+
+
+def test_a_policy_that_is_not_there_leaves_its_probabilities_out(
+    log_of: Callable[..., Path], bc_hash: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log of a policy that this machine does not have: what follows from the game alone is still shown."""
+    found = shown(log_of(Player(name="no-such-policy", hash="0" * 64), Player(name="bc", hash=bc_hash)))
+    assert "without probabilities of no-such-policy: no policy" in capsys.readouterr().err
+    assert "/rally/value" not in found
+    for stroke in found["/rally/stroke"]:
+        assert 0 <= stroke["p_succ"] <= 1
+        assert ("probability" in stroke) == (stroke["player"] == "bc")
+
+
+def test_a_rally_that_cannot_be_is_refused(log_of: Callable[..., Path], short_rally: PlayedRally, bc_hash: str) -> None:
+    wrong = dataclasses.replace(short_rally, stroke=np.full(2, short_rally.stroke[0]))
+    player = Player(name="bc", hash=bc_hash)
+    with RallyLog(log_of(player, player, rally=wrong)) as log, pytest.raises(StagingError, match="has no other"):
+        write_scene(log, [0], default_game())
+
+
+@pytest.fixture
+def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A module in the current folder that leaves a trace when it is imported; its policy plays at random."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "trap_of_a_log", raising=False)
+    trace = tmp_path / "trace"
+    (tmp_path / "trap_of_a_log.py").write_text(
+        f"open({str(trace)!r}, 'w').close()\nfrom shuttle_marl.game.uniform import UniformPolicy as Policy\n"
     )
-    small = {name: np.zeros(1, dtype=kind) for name, kind in (("pairing", "u4"), ("match", "u4"), ("rally", "u2"))}
-    winner = (rally.striker[-1] + (rally.ending == 0)) % 2
-    rallies = Rallies(
-        **small,
-        policy=np.array([[0, 1]], dtype=np.uint16),
-        server=np.array([rally.server], dtype=np.uint8),
-        winner=np.array([winner], dtype=np.uint8),
-        reason=np.array([rally.ending], dtype=np.uint8),
-        score=np.zeros((1, 4), dtype=np.uint8),
-        length=np.array([n], dtype=np.int32),
-        stroke=rally.stroke.astype(np.uint8 if game.n_strokes <= 256 else np.uint16),
-    )
-    path = tmp_path / "rallies.mcap"
-    with RallyLogWriter(path, header) as writer:
-        writer.append(rallies)
-    with RallyLog(path) as log:
-        content, unknown = film(log, [0], game)
-        assert list(unknown) == ["agent:runs/gone"]
-        wrong = dataclasses.replace(rallies, stroke=np.full(n, rally.stroke[0], dtype=rallies.stroke.dtype))
-    topics = Playback(content).topics
-    assert "/rally/stroke" in topics
-    assert "/rally/value" not in topics
-    if n > 1:
-        with RallyLogWriter(tmp_path / "wrong.mcap", header) as writer:
-            writer.append(wrong)
-        with RallyLog(tmp_path / "wrong.mcap") as log, pytest.raises(StagingError, match="has no other"):
-            film(log, [0], game)
+    return trace
+
+
+TRAPS = (
+    "trap_of_a_log:Policy",
+    "best-response:trap_of_a_log:Policy",
+    "trap_of_a_log:Policy@0.5",
+    "best-response:bc@trap_of_a_log:x",
+)
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_a_log_never_runs_code(
+    name: str, log_of: Callable[..., Path], trap: Path, bc_hash: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = shown(log_of(Player(name=name, hash="0" * 64), Player(name="bc", hash=bc_hash)))
+    assert not trap.exists()
+    assert "/rally/value" not in found
+    said = capsys.readouterr().err
+    assert f"without probabilities of {name}: " in said
+    assert "--trust-policies" in said
+
+
+def test_a_log_opens_no_file_of_its_choice(
+    log_of: Callable[..., Path], bc_hash: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    game = default_game()
+    table = tabulate(resolve("random", game), game)
+    table.save(tmp_path / "secret.safetensors")
+    name = f"table:{tmp_path / 'secret.safetensors'}"
+    found = shown(log_of(Player(name=name, hash=table.hash), Player(name="bc", hash=bc_hash)))
+    assert "/rally/value" not in found
+    assert "no modules and no files" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flags", [("--trust-policies",), ("--policy", "trap_of_a_log:Policy=random")], ids=["trusted", "named"])
+def test_the_user_may_say_which_policy_is_meant(
+    flags: tuple[str, ...], log_of: Callable[..., Path], trap: Path, bc_hash: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    game = default_game()
+    table = tabulate(resolve("random", game), game)
+    found = shown(log_of(Player(name="trap_of_a_log:Policy", hash=table.hash), Player(name="bc", hash=bc_hash)), *flags)
+    assert trap.exists() == (flags == ("--trust-policies",))
+    assert "without probabilities" not in capsys.readouterr().err
+    assert all("probability" in stroke for stroke in found["/rally/stroke"])
+    assert found["/rally/value"]
+
+
+def test_a_name_that_the_log_does_not_have(
+    log_of: Callable[..., Path], bc_hash: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = log_of(Player(name="bc", hash=bc_hash), Player(name="random"))
+    assert main(["scene", str(path), "--rally", "0", "--out", str(tmp_path / "x.mcap"), "--policy", "safe=minimax"]) == 1
+    assert "--policy safe=minimax: expected NAME=POLICY with a name of the log, which has bc, random" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("recorded", "said"), [("1" * 64, "not the one that played"), ("", "holds no hash of its table")])
+def test_another_policy_of_the_same_name_is_not_taken_for_the_one_that_played(
+    recorded: str, said: str, log_of: Callable[..., Path], bc_hash: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An agent that was trained again has other probabilities under its old name."""
+    found = shown(log_of(Player(name="bc", hash=bc_hash), Player(name="random", hash=recorded)))
+    assert f"without probabilities of random: {'' if recorded else 'the log '}" in (err := capsys.readouterr().err)
+    assert said in err
+    assert "/rally/value" not in found
+    assert all(("probability" in stroke) == (stroke["player"] == "bc") for stroke in found["/rally/stroke"])
+
+
+def test_names_from_a_log_are_shown_without_control_characters_and_never_read_as_markup(
+    log_of: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "[bold]a[/x]\x1b[31m\n\u202e<b>"
+    path = log_of(Player(name=name), Player(name="[/]"))
+    found = shown(path)
+    clean = "[bold]a[/x]\\x1b[31m\\n\\u202e<b>"
+    assert found["/rally/score"][0]["name_0"] == clean
+    said = capsys.readouterr().err
+    assert f"without probabilities of {clean}: " in said
+    assert "without probabilities of [/]: " in said
+    content = (tmp_path / "scene.mcap").read_bytes()
+    words = [message.message for _, topic, message in read(content) if topic == "/log"]
+    texts = [t.text for _, topic, m in read(content) if topic in topics.SCENES for e in m.entities for t in e.texts]
+    assert clean in texts
+    assert all(character not in text for text in (*words, *texts) for character in "\x1b\u202e")
+    (facts,) = (found.metadata for found in make_reader(io.BytesIO(content)).iter_metadata())
+    assert list(json.loads(facts["policies"])) == [name, "[/]"]

@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.scene import athlete, equipment
+from experiments.pictures.raster import Camera, Canvas, linear
+from experiments.pictures.scene_file import SceneFile
+from shuttle_marl.scene import SceneError, models
 from shuttle_marl.scene.commentary import percent
-from shuttle_marl.scene.errors import SceneError
 from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
-from shuttle_marl.scene.picture import Film
-from shuttle_marl.scene.raster import Camera, Canvas, linear
 from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
 
 RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
@@ -57,7 +56,7 @@ def test_joined_meshes_keep_their_triangles() -> None:
 def test_parts_put_together_make_an_athlete(name: str, right_handed: bool) -> None:
     skeleton = load_skeleton(name)
     rest = skeleton.rest_pose(right_handed=right_handed)
-    found = athlete.parts(name, right_handed=right_handed, shirt=RED, shorts=DARK)
+    found = models.athlete(name, right_handed=right_handed, shirt=RED, shorts=DARK)
     assert set(found) == set(BONES) - {"Racket"}
     whole = np.concatenate([mesh.vertices + rest[BONES.index(bone)] for bone, group in found.items() for mesh in group])
     assert abs(whole[:, 2].min()) < 0.01
@@ -73,12 +72,12 @@ def test_parts_put_together_make_an_athlete(name: str, right_handed: bool) -> No
 
 def test_racket_and_shuttle_have_the_size_of_the_laws() -> None:
     shaft, normal = load_skeleton("male").racket(right_handed=True)
-    racket = np.concatenate([mesh.vertices for mesh in equipment.racket(shaft, normal)])
+    racket = np.concatenate([mesh.vertices for mesh in models.racket(shaft, normal)])
     assert abs(np.ptp(racket @ shaft) - RACKET_LENGTH) < 0.02
     assert np.ptp(racket @ np.cross(shaft, normal)) <= 0.23
     head = racket[racket @ shaft > SWEET_SPOT - 0.1]
     assert np.ptp(head @ normal) < 0.02
-    shuttle = np.concatenate([mesh.vertices for mesh in equipment.shuttle()]) / equipment.SHUTTLE_SCALE
+    shuttle = np.concatenate([mesh.vertices for mesh in models.shuttle()]) / models.SHUTTLE_SCALE
     assert 0.062 + 0.015 < np.ptp(shuttle[:, 2]) < 0.1
     assert 0.058 <= np.ptp(shuttle[:, 0]) <= 0.068
 
@@ -122,7 +121,7 @@ def test_colours_of_screens_are_made_linear(colour: list[float]) -> None:
 
 def test_players_are_drawn_where_they_stand(reel: Any, scene_file: Path) -> None:
     """Red shirts on the half of seat 0, blue ones on that of seat 1, at the place that the transforms say."""
-    film = Film(scene_file)
+    film = SceneFile(scene_file)
     camera = Camera()
     states = dict(reel.of("/rally/state"))
     for seconds in (0.0, 1.6):
@@ -138,7 +137,7 @@ def test_players_are_drawn_where_they_stand(reel: Any, scene_file: Path) -> None
 
 
 def test_a_picture_is_written_with_its_texts(scene_file: Path, tmp_path: Path) -> None:
-    film = Film(scene_file)
+    film = SceneFile(scene_file)
     film.save(tmp_path / "a.png", 1.5, width=320, height=180)
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
     assert film.end > film.start
@@ -146,12 +145,12 @@ def test_a_picture_is_written_with_its_texts(scene_file: Path, tmp_path: Path) -
 
 def test_what_is_no_scene_cannot_be_drawn(log_path: Path, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="cannot be read"):
-        Film(tmp_path / "none.mcap")
+        SceneFile(tmp_path / "none.mcap")
     (tmp_path / "text.mcap").write_text("no")
     with pytest.raises(SceneError, match="no scene"):
-        Film(tmp_path / "text.mcap")
+        SceneFile(tmp_path / "text.mcap")
     with pytest.raises(SceneError, match="holds no scene"):
-        Film(log_path)
+        SceneFile(log_path)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.poses import PLAY, WORLD
-from shuttle_marl.scene.write import EPOCH, film
+from shuttle_marl.scene.write import EPOCH, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.rotation import matrix
 
@@ -247,6 +247,6 @@ def test_attachments_and_origin(reel: Any, log_path: Path) -> None:
 
 def test_the_same_rallies_give_the_same_file(reel: Any, log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        again, _ = film(log, reel.numbers[:1], default_game())
-        once_more, _ = film(log, reel.numbers[:1], default_game())
+        again, _ = write_scene(log, reel.numbers[:1], default_game())
+        once_more, _ = write_scene(log, reel.numbers[:1], default_game())
     assert again == once_more

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from websockets.sync.client import ClientConnection, connect
 
-from shuttle_marl.scene.errors import SceneError
+from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.live import HOST, LiveScene
 from shuttle_marl.scene.playback import FASTEST, SLOWEST, Playback, Status
 

@@ -18,8 +18,7 @@ from experiments.studio import NO_PROBLEMS, StudioError, install, visit
 from experiments.studio.__main__ import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.selection import select
-from shuttle_marl.scene.write import film
+from shuttle_marl.scene.write import select, write_scene
 
 COURT = np.array([34, 115, 83]) / 255
 """Colour of the mat as Studio lights it."""
@@ -58,7 +57,7 @@ def counted(content: bytes) -> dict[str, int]:
 
 def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_path: Path) -> None:
     with RallyLog(log_path) as log:
-        content, _ = film(log, select(log, rally=None, match=0, pairing=0, best=None), default_game())
+        content, _ = write_scene(log, select(log, rally=None, match=0, pairing=0, best=None), default_game())
     path = tmp_path / "match.mcap"
     path.write_bytes(content)
     seen = visit(folder, path, tmp_path / "match.png", 5.0)

@@ -66,17 +66,17 @@ def test_the_same_arguments_give_the_same_motion(played: list[PlayedRally]) -> N
 
 def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
     for motion in motions:
-        plan = motion.plan
-        assert len(motion.contact_frame) == len(plan.rally)
+        trajectory = motion.trajectory
+        assert len(motion.contact_frame) == len(trajectory.rally)
         assert (np.diff(motion.contact_frame) > 0).all()
-        side = np.array([facing(int(seat)) for seat in plan.rally.striker])
-        assert (plan.contact[:, 1] * side < 0).all(), "a stroke is struck on the striker's half"
-        above = plan.rally.catalogue.height[plan.rally.stroke].astype(bool)
-        assert (plan.contact[above, 2] > net_height(plan.contact[above, 0])).all()
-        assert (plan.contact[~above, 2] < net_height(plan.contact[~above, 0])).all()
-        assert (plan.end[:-1] == RETURN).all()
-        assert (plan.end[-1] == WIN) == (plan.rally.ending == WINNER)
-        assert (plan.end[-1] in (OUT, NET)) == (plan.rally.ending == FAULT)
+        side = np.array([facing(int(seat)) for seat in trajectory.rally.striker])
+        assert (trajectory.contact[:, 1] * side < 0).all(), "a stroke is struck on the striker's half"
+        above = trajectory.rally.catalogue.height[trajectory.rally.stroke].astype(bool)
+        assert (trajectory.contact[above, 2] > net_height(trajectory.contact[above, 0])).all()
+        assert (trajectory.contact[~above, 2] < net_height(trajectory.contact[~above, 0])).all()
+        assert (trajectory.end[:-1] == RETURN).all()
+        assert (trajectory.end[-1] == WIN) == (trajectory.rally.ending == WINNER)
+        assert (trajectory.end[-1] in (OUT, NET)) == (trajectory.rally.ending == FAULT)
 
 
 def test_players_stay_on_their_half(motions: list[Motion]) -> None:
@@ -104,7 +104,7 @@ def test_a_left_hander_is_the_mirror_image(played: list[PlayedRally]) -> None:
     right = stage(played[1], seed=2)
     left = stage(played[1], seed=2, handedness=("left", "left"))
     for motion, hand, other in ((right, "RightHand", "LeftHand"), (left, "LeftHand", "RightHand")):
-        seat = int(motion.plan.rally.striker[-1])
+        seat = int(motion.trajectory.rally.striker[-1])
         frame = int(motion.contact_frame[-1])
         racket = motion.position[frame, seat, BONE["Racket"]]
         near, far = (np.linalg.norm(racket - motion.position[frame, seat, BONE[name]]) for name in (hand, other))
@@ -114,7 +114,7 @@ def test_a_left_hander_is_the_mirror_image(played: list[PlayedRally]) -> None:
 
 def test_spoilt_motions_are_found_out(motions: list[Motion]) -> None:
     motion = motions[0]
-    at, seat = int(motion.contact_frame[0]), int(motion.plan.rally.striker[0])
+    at, seat = int(motion.contact_frame[0]), int(motion.trajectory.rally.striker[0])
     shuttle = motion.shuttle.copy()
     shuttle[at] += (0.03, 0, 0)
     assert measure(spoilt(motion, shuttle=shuttle)).contact[0] > 0.02
@@ -136,11 +136,11 @@ def test_spoilt_motions_are_found_out(motions: list[Motion]) -> None:
 
 def test_a_contact_that_is_moved_counts_as_a_miss_of_the_chosen_point(motions: list[Motion]) -> None:
     """The last resort of the staging, where a racket does not get to the shuttle, is not hidden by the measure."""
-    motion = next(motion for motion in motions if len(motion.plan.rally) > 2)
-    moved = with_contacts_moved(motion.plan, {1: np.array([0.2, 0.0, 0.0])})
-    np.testing.assert_allclose(moved.end_point[0], motion.plan.end_point[0] + (0.2, 0, 0))
-    np.testing.assert_allclose(moved.contact[1], motion.plan.contact[1] + (0.2, 0, 0))
-    np.testing.assert_array_equal(moved.chosen_point, motion.plan.chosen_point)
+    motion = next(motion for motion in motions if len(motion.trajectory.rally) > 2)
+    moved = with_contacts_moved(motion.trajectory, {1: np.array([0.2, 0.0, 0.0])})
+    np.testing.assert_allclose(moved.end_point[0], motion.trajectory.end_point[0] + (0.2, 0, 0))
+    np.testing.assert_allclose(moved.contact[1], motion.trajectory.contact[1] + (0.2, 0, 0))
+    np.testing.assert_array_equal(moved.chosen_point, motion.trajectory.chosen_point)
     there, _ = moved.flight.at(0, np.array([moved.end_time[0] - moved.time[0]]))
     np.testing.assert_allclose(there[0], moved.end_point[0], atol=1e-3)
     assert np.linalg.norm(there[0] - moved.chosen_point[0]) > 0.19
@@ -165,7 +165,7 @@ def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:
     for i, rally in enumerate(played):
         short = dataclasses.replace(rally, stroke=rally.stroke[:3])
         motion = stage(short, seed=i)
-        end = ENDS[motion.plan.end[-1]]
+        end = ENDS[motion.trajectory.end[-1]]
         if end not in seen:
             assert measure(motion).true_end.all()
             seen.add(end)

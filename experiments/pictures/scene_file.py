@@ -1,4 +1,4 @@
-"""Pictures of a scene file, drawn by the package itself from the messages alone: for pages, and to check what viewers get.
+"""Pictures of a scene file, drawn from its messages alone: for pages, and to check what viewers get.
 
 It knows what the scenes of this package use: models, boxes, cylinders, lines, texts, and transforms.
 """
@@ -16,10 +16,10 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from shuttle_marl.scene.errors import SceneError
+from experiments.pictures.raster import Camera, Canvas, linear
+from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
 from shuttle_marl.scene.poses import WORLD
-from shuttle_marl.scene.raster import Camera, Canvas, linear
 from shuttle_marl.staging.rotation import matrix
 
 Floats = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ _LIST: Final = 2
 """Number of line lists in the schema; 0 are strips."""
 
 
-class Film:
+class SceneFile:
     """A scene file, opened to be looked at.
 
     Args:

@@ -1,12 +1,15 @@
-"""Short ways to make the messages of scenes."""
+"""Messages of scenes: short ways to make them, and to send them later."""
 
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from foxglove.messages import (
     Color,
     CubePrimitive,
+    Log,
+    LogLevel,
     ModelPrimitive,
     Point3,
     Pose,
@@ -20,10 +23,14 @@ from foxglove.messages import (
     Vector3,
 )
 
+from shuttle_marl.scene import topics
 from shuttle_marl.scene.mesh import Mesh, glb
+from shuttle_marl.scene.report import SECOND
 
 Vector = npt.NDArray[np.floating] | tuple[float, float, float]
-SECOND: Final = 1_000_000_000
+Send = Callable[[topics.Topics, int], None]
+Timed = tuple[int, Send]
+"""A message: when [ns], and what sends it then."""
 _UPRIGHT: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
@@ -78,3 +85,32 @@ def update(nanoseconds: int, entities: list[SceneEntity]) -> SceneUpdate:
     """All that a topic shows from now on: what it showed before goes, so that the message stands for itself after a seek."""
     everything = SceneEntityDeletion(timestamp=stamp(nanoseconds), type=SceneEntityDeletionType.All, id="")
     return SceneUpdate(deletions=[everything], entities=entities)
+
+
+def entities_on(topic: str, entities: Callable[[int], list[SceneEntity]]) -> Send:
+    """Send all that a topic of the 3D panel shows."""
+
+    def send(to: topics.Topics, time: int) -> None:
+        message: SceneUpdate = update(time, entities(time))
+        to.scenes[topic].log(message, log_time=time)
+
+    return send
+
+
+def numbers_on(topic: str, content: dict[str, Any]) -> Send:
+    """Send numbers and words on a topic of the plots, without what is None."""
+    kept = {name: value for name, value in content.items() if value is not None}
+
+    def send(to: topics.Topics, time: int) -> None:
+        to.json[topic].log(kept, log_time=time)
+
+    return send
+
+
+def log_line(words: str, name: str) -> Send:
+    """Send a line of the log."""
+
+    def send(to: topics.Topics, time: int) -> None:
+        to.log.log(Log(timestamp=stamp(time), level=LogLevel.Info, message=words, name=name), log_time=time)
+
+    return send
