@@ -26,6 +26,7 @@ _EXTRAS: Final = {
     "pygame": "render",
     "pygltflib": "scene",
     "torch": "train",
+    "websockets": "scene",
 }
 """Which extra of the package installs a library that not every command needs."""
 _WIDTH: Final = 160

@@ -1,5 +1,6 @@
 """``python -m shuttle_marl.recording scene``."""
 
+import contextlib
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 Meant = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
+Origins = Annotated[tuple[str, ...], tyro.conf.arg(metavar="ORIGIN")]
 
 
 def scene(
@@ -40,6 +42,7 @@ def scene(
     trust_policies: bool = False,
     live: bool = False,
     port: int = 8765,
+    origin: Origins = (),
 ) -> None:
     """Stage rallies in 3D for Foxglove or Lichtblick: write a file, or serve them.
 
@@ -58,37 +61,37 @@ def scene(
         trust_policies: take policies from the modules and files that the log names, which runs code that they hold.
         live: serve the scene to Foxglove on this machine until interrupted.
         port: to serve it on.
+        origin: further web pages that may connect, such as https://viewer.example.org, beside those of Foxglove and this machine.
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.scene.live import check_port, serve  # noqa: PLC0415
+    from shuttle_marl.scene.live import bind, show_live  # noqa: PLC0415
     from shuttle_marl.scene.write import select, write_scene  # noqa: PLC0415
 
     if (out is None) != live:
         raise SceneError("say where the scene goes: either --out FILE or --live")
-    if live:
-        check_port(port)
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
 
     def progress(numbers: Sequence[int]) -> Iterable[int]:
         return track(numbers, "staging", console=console, transient=True)
 
-    with RallyLog(path) as log:
-        numbers = select(log, rally=rally, match=match, pairing=pairing, best=best)
-        resolve = _resolver(policy, [player.name for player in log.policies], trust_policies)
-        content, unknown = write_scene(
-            log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, resolve=resolve, progress=progress
-        )
-    for name, reason in unknown.items():
-        console.print(f"without probabilities of {name}: {reason}")
-    if unknown and not (trust_policies or policy):
-        console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names")
+    with bind(port) if live else contextlib.nullcontext() as listener:
+        with RallyLog(path) as log:
+            numbers = select(log, rally=rally, match=match, pairing=pairing, best=best)
+            resolve = _resolver(policy, [player.name for player in log.policies], trust_policies)
+            content, unknown = write_scene(
+                log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, resolve=resolve, progress=progress
+            )
+        for name, reason in unknown.items():
+            console.print(f"without probabilities of {name}: {reason}")
+        if unknown and not (trust_policies or policy):
+            console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names")
+        if listener is not None:
+            show_live(content, listener, console, origins=origin)
     if out is not None:
         replace_file(out, content)
-        sys.stdout.write(f"{printable(str(out))}: {len(numbers):,} rallies, {len(content) / 1e6:.1f} MB; ")
-        sys.stdout.write("open it in Foxglove or Lichtblick\n")
-        return
-    serve(content, port, console)
+        size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
+        sys.stdout.write(f"{printable(str(out))}: {size}; open it in Foxglove or Lichtblick\n")
 
 
 def _resolver(meant: Sequence[str], names: Sequence[str], trusted: bool) -> "Resolve":

@@ -1,184 +1,366 @@
-"""Serves a scene through Foxglove's WebSocket protocol, with the controls of its playback bar."""
+"""Serves a scene through Foxglove's WebSocket protocol (``foxglove.sdk.v1``), with the controls of its playback bar.
 
+The server of Foxglove's SDK cannot check who connects, so the protocol, as far as a scene needs it, stands here on top of
+:mod:`websockets`. A scene is served to programs and pages of this machine: the address is a loopback one, a request for another
+host name is refused (a name of somebody else that leads here, DNS rebinding), and so is a page of an origin that is not known.
+"""
+
+import asyncio
+import base64
+import collections
+import contextlib
+import http
+import json
+import logging
+import os
 import socket
+import struct
 import threading
-import time
-from typing import Final
+import urllib.parse
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
 
-import foxglove
-from foxglove import Channel, Context, Schema
-from foxglove.websocket import (
-    Capability,
-    ChannelView,
-    Client,
-    PlaybackCommand,
-    PlaybackControlRequest,
-    PlaybackState,
-    PlaybackStatus,
-    ServerListener,
-    WebSocketServer,
-)
 from rich.console import Console
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
 
 from shuttle_marl.scene import SceneError
-from shuttle_marl.scene.playback import Message, Playback, Status
+from shuttle_marl.scene.playback import Message, Playback, Status, Topic
+from shuttle_marl.text import printable
 
 HOST: Final = "127.0.0.1"
 """Scenes are served to this machine only."""
+ORIGINS: Final = ("https://app.foxglove.dev", "https://studio.foxglove.dev", "file://")
+"""Pages that may connect, beside those of this machine: Foxglove's, and those of desktop programs (Foxglove, Lichtblick)."""
+SUBPROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
+
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+_SECOND: Final = 1_000_000_000
 _TICK: Final = 0.01
 _BACKLOG: Final = 8192
-_STATUS: Final = {
-    Status.PLAYING: PlaybackStatus.Playing,
-    Status.PAUSED: PlaybackStatus.Paused,
-    Status.ENDED: PlaybackStatus.Ended,
-}
+"""Messages that wait for a slow viewer; older ones are dropped."""
+_LARGEST: Final = 1 << 16
+"""Bytes of a message from a viewer."""
+_HANDSHAKE: Final = 5.0
+"""Time that a connection has to say what it wants [s]."""
+_FAREWELL: Final = 1.0
+"""Time that viewers have to close their connections when the server stops [s]."""
+_MESSAGE, _TIME, _STATE = 1, 2, 5
+"""First bytes of binary messages to viewers."""
+_CONTROL: Final = 3
+"""First byte of a request to play, pause, seek or change the speed."""
+_REQUEST: Final = struct.Struct("<BfBQI")
+"""Command (0 play, 1 pause), speed, whether to seek, where to [ns], length of the name of the request."""
+_ERROR: Final = 2
+_STATUS: Final = {Status.PLAYING: 0, Status.PAUSED: 1, Status.ENDED: 3}
+
+_LOGGER: Final = logging.getLogger(__name__)
+_LOGGER.addHandler(logging.NullHandler())
+_LOGGER.propagate = False
 
 
-class LiveScene(ServerListener):
-    """A scene that is being served; a context manager that stops it.
+class LiveScene:
+    """A scene that is being served; a context manager that serves it, in a thread of its own, until it is left.
 
     Args:
         content: a scene file.
-        port: to serve on; 0 takes a free one.
+        listener: what :func:`bind` returned; closed in the end.
+        origins: further pages that may connect, such as ``https://viewer.example.org``.
+        say: told once why connections of a kind are refused.
 
     Attributes:
         playback: where the scene is.
         port: on which it is served.
 
     Raises:
-        SceneError: the port is taken or cannot be used, or the file holds no scene.
+        SceneError: the file holds no scene; on entering, that somebody else took the port.
     """
 
-    def __init__(self, content: bytes, port: int) -> None:
+    def __init__(
+        self, content: bytes, listener: socket.socket, *, origins: Sequence[str] = (), say: Callable[[str], None] | None = None
+    ) -> None:
         self.playback = Playback(content)
-        self._lock = threading.Lock()
-        self._show = threading.Event()
-        self._context = Context()
-        self._channels = {
-            topic.name: Channel(
-                topic.name,
-                message_encoding=topic.encoding,
-                schema=Schema(name=topic.schema.name, encoding=topic.schema.encoding, data=topic.schema.data),
-                context=self._context,
-            )
-            for topic in self.playback.topics.values()
-        }
-        check_port(port)
-        try:
-            self._server: WebSocketServer = foxglove.start_server(
-                name="shuttle_marl",
-                host=HOST,
-                port=port,
-                server_listener=self,
-                capabilities=[Capability.PlaybackControl, Capability.Time],
-                playback_time_range=(self.playback.start, self.playback.end),
-                message_backlog_size=_BACKLOG,
-                context=self._context,
-            )
-        except (OSError, RuntimeError, ValueError) as error:
-            raise SceneError(f"port {port}: cannot be served on ({error}); choose another with --port") from error
-        self.port = self._server.port
+        self.port = int(listener.getsockname()[1])
+        self._listener, self._origins, self._say = listener, (*ORIGINS, *origins), say
+        self._topics = dict(enumerate(self.playback.topics.values(), start=1))
+        self._number = {topic.name: number for number, topic in self._topics.items()}
+        self._viewers: set[_Viewer] = set()
+        self._refused: set[str] = set()
+        self._ready, self._ended = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._main, name="live scene", daemon=True)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._failure: OSError | None = None
 
     def __enter__(self) -> "LiveScene":
+        self._thread.start()
+        self._ready.wait()
+        if self._failure is not None:
+            raise SceneError(f"port {self.port}: {self._failure.strerror}; choose another with --port") from self._failure
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.stop()
+        if self._loop is not None and not self._ended.is_set():
+            with contextlib.suppress(RuntimeError):  # it has just ended by itself
+                self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join()
 
-    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002  the protocol of the listener
-        """Show a new viewer what is there; the next step does, because nothing may be sent from in here."""
-        self._show.set()
-
-    def on_playback_control_request(self, request: PlaybackControlRequest) -> PlaybackState:
-        """Play, pause, seek or change the speed."""
-        with self._lock:
-            self.playback.set_speed(request.playback_speed)
-            if request.seek_time is not None:
-                self.playback.seek(request.seek_time)
-                self._show.set()
-            if request.playback_command == PlaybackCommand.Play:
-                if self.playback.status is Status.ENDED:
-                    self._show.set()
-                self.playback.play()
-            else:
-                self.playback.pause()
-            return self._state(did_seek=request.seek_time is not None, request_id=request.request_id)
-
-    def step(self, seconds: float) -> None:
-        """Let time pass and send what is due.
-
-        Args:
-            seconds: of the clock on the wall.
-        """
-        with self._lock:
-            before = self.playback.status
-            if self._show.is_set():
-                self._show.clear()
-                self._send(list(self.playback.latest()))
-            self._send(self.playback.advance(seconds))
-            if before is Status.PLAYING:
-                self._server.broadcast_time(self.playback.position)
-            ended = before is Status.PLAYING and self.playback.status is Status.ENDED
-            state = self._state(did_seek=False, request_id=None) if ended else None
-        if state is not None:
-            self._server.broadcast_playback_state(state)
-
-    def run(self, seconds: float = float("inf")) -> None:
-        """Play by the clock on the wall.
+    def run(self, seconds: float | None = None) -> None:
+        """Wait while the scene is served.
 
         Args:
             seconds: for how long; by default until an interrupt.
         """
-        begun = last = time.monotonic()
-        while last - begun < seconds:
-            time.sleep(_TICK)
-            now = time.monotonic()
-            self.step(now - last)
+        self._ended.wait(seconds)
+
+    def _main(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except OSError as error:
+            self._failure = error
+        finally:
+            self._listener.close()
+            self._ended.set()
+            self._ready.set()
+
+    async def _serve(self) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        server = await serve(
+            self._attend,
+            sock=self._listener,
+            process_request=self._admit,
+            subprotocols=[SUBPROTOCOL],
+            compression=None,
+            max_size=_LARGEST,
+            open_timeout=_HANDSHAKE,
+            close_timeout=_FAREWELL,
+            logger=_LOGGER,
+        )
+        clock = asyncio.create_task(self._play())
+        self._ready.set()
+        await self._stop.wait()
+        clock.cancel()
+        server.close()
+        # A connection that never said anything is not waited for: it is cut off with what is left of the loop.
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), _FAREWELL)
+
+    async def _play(self) -> None:
+        """Play by the clock on the wall."""
+        last = asyncio.get_running_loop().time()
+        while True:
+            await asyncio.sleep(_TICK)
+            now = asyncio.get_running_loop().time()
+            self._step(now - last)
             last = now
 
-    def _send(self, messages: list[Message]) -> None:
+    def _step(self, seconds: float) -> None:
+        playing = self.playback.status is Status.PLAYING
+        due = self.playback.advance(seconds)
+        for viewer in self._viewers:
+            self._send(viewer, due)
+            if playing:
+                viewer.send(struct.pack("<BQ", _TIME, self.playback.position))
+                if self.playback.status is Status.ENDED:
+                    viewer.send(self._state())
+
+    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Refuse what is no viewer of this machine's own."""
+        reason = refusal(request.headers.get_all("Host"), request.headers.get_all("Origin"), self._origins)
+        if reason is None:
+            return None
+        if self._say is not None and reason not in self._refused:
+            self._refused.add(reason)
+            self._say(reason)
+        return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+
+    async def _attend(self, connection: ServerConnection) -> None:
+        """Talk to one viewer until it leaves."""
+        viewer = _Viewer()
+        viewer.send(self._info())
+        viewer.send(json.dumps({"op": "advertise", "channels": [_channel(n, topic) for n, topic in self._topics.items()]}))
+        viewer.send(self._state())
+        self._viewers.add(viewer)
+        sender = asyncio.create_task(viewer.deliver(connection))
+        try:
+            async for message in connection:
+                try:
+                    self._answer(viewer, message)
+                except (ValueError, ArithmeticError, LookupError, TypeError, struct.error, RecursionError) as error:
+                    words = f"this message is not understood ({type(error).__name__})"
+                    viewer.send(json.dumps({"op": "status", "level": _ERROR, "message": words}))
+        except ConnectionClosed:
+            pass
+        finally:
+            self._viewers.discard(viewer)
+            sender.cancel()
+
+    def _answer(self, viewer: "_Viewer", message: str | bytes) -> None:
+        """Do what a viewer asks for; raises one of the errors above for what is no request."""
+        if isinstance(message, bytes):
+            if message[0] != _CONTROL:
+                raise ValueError(message[0])
+            self._control(message[1:])
+            return
+        request = json.loads(message)
+        if request["op"] == "subscribe":
+            wanted = {int(entry["channelId"]): int(entry["id"]) for entry in request["subscriptions"]}
+            if not wanted.keys() <= self._topics.keys() or any(not 0 <= number < 1 << 32 for number in wanted.values()):
+                raise ValueError(wanted)
+            viewer.subscriptions |= wanted
+            # A new viewer is shown what is there.
+            self._send(viewer, (m for m in self.playback.latest() if self._number[m.topic] in wanted))
+        elif request["op"] == "unsubscribe":
+            gone = set(request["subscriptionIds"])
+            viewer.subscriptions = {k: v for k, v in viewer.subscriptions.items() if v not in gone}
+
+    def _control(self, request: bytes) -> None:
+        """Play, pause, seek or change the speed."""
+        command, speed, seeks, time, length = _REQUEST.unpack_from(request)
+        name = request[_REQUEST.size :]
+        if command not in (0, 1) or len(name) != length:
+            raise ValueError(command)
+        self.playback.set_speed(speed)
+        again = bool(seeks)
+        if seeks:
+            self.playback.seek(time)
+        if command == 0:
+            again |= self.playback.status is Status.ENDED
+            self.playback.play()
+        else:
+            self.playback.pause()
+        shown = list(self.playback.latest()) if again else []
+        for viewer in self._viewers:
+            viewer.send(self._state(did_seek=bool(seeks), name=name))
+            self._send(viewer, shown)
+
+    def _send(self, viewer: "_Viewer", messages: Iterable[Message]) -> None:
         for message in messages:
-            self._channels[message.topic].log(message.data, log_time=message.time)
+            subscription = viewer.subscriptions.get(self._number[message.topic])
+            if subscription is not None:
+                viewer.send(struct.pack("<BIQ", _MESSAGE, subscription, message.time) + message.data)
 
-    def _state(self, *, did_seek: bool, request_id: str | None) -> PlaybackState:
-        return PlaybackState(
-            status=_STATUS[self.playback.status],
-            current_time=self.playback.position,
-            playback_speed=self.playback.speed,
-            did_seek=did_seek,
-            request_id=request_id,
-        )
+    def _info(self) -> str:
+        start, end = ({"sec": time // _SECOND, "nsec": time % _SECOND} for time in (self.playback.start, self.playback.end))
+        info = {
+            "op": "serverInfo",
+            "name": "shuttle_marl",
+            "capabilities": ["playbackControl", "time"],
+            "metadata": {},
+            # A viewer that connects again after the server was started again must forget the old scene.
+            "sessionId": f"{os.getpid()}-{id(self):x}",
+            "dataStartTime": start,
+            "dataEndTime": end,
+        }
+        return json.dumps(info)
+
+    def _state(self, *, did_seek: bool = False, name: bytes = b"") -> bytes:
+        status, play = _STATUS[self.playback.status], self.playback
+        return struct.pack("<BBQfBI", _STATE, status, play.position, play.speed, did_seek, len(name)) + name
 
 
-def serve(content: bytes, port: int, console: Console) -> None:
+class _Viewer:
+    """What a viewer has subscribed to, and what is on its way to it."""
+
+    def __init__(self) -> None:
+        self.subscriptions: dict[int, int] = {}
+        self._waiting: collections.deque[str | bytes] = collections.deque(maxlen=_BACKLOG)
+        self._more = asyncio.Event()
+
+    def send(self, message: str | bytes) -> None:
+        """Send a message as soon as those before it are sent."""
+        self._waiting.append(message)
+        self._more.set()
+
+    async def deliver(self, connection: ServerConnection) -> None:
+        """Send what waits, until the connection is closed."""
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                await self._more.wait()
+                self._more.clear()
+                while self._waiting:
+                    await connection.send(self._waiting.popleft())
+
+
+def _channel(number: int, topic: Topic) -> dict[str, Any]:
+    """A topic as it is advertised: schemas that are no text are encoded as base64."""
+    schema = topic.schema
+    binary = schema.encoding == "protobuf"
+    return {
+        "id": number,
+        "topic": topic.name,
+        "encoding": topic.encoding,
+        "schemaName": schema.name,
+        "schemaEncoding": schema.encoding,
+        "schema": base64.b64encode(schema.data).decode() if binary else schema.data.decode(),
+    }
+
+
+def refusal(hosts: Sequence[str], origins: Sequence[str], allowed: Sequence[str]) -> str | None:
+    """Why a connection is refused, None if it is not.
+
+    Args:
+        hosts: the Host headers of its request.
+        origins: the Origin headers, which every web page has to send and no other program does.
+        allowed: origins of pages that may connect, beside those of this machine.
+    """
+    if len(hosts) != 1 or _name(f"//{hosts[0]}") not in _LOOPBACK:
+        return f"refused a connection to the host {printable(', '.join(hosts)) or 'of no name'}: expected localhost"
+    if len(origins) > 1:
+        return "refused a connection with several origins"
+    if origins and origins[0] not in allowed and not _is_local(origins[0]):
+        origin = printable(origins[0])
+        return f"refused a page of {origin}: --origin {origin} would let it connect"
+    return None
+
+
+def _is_local(origin: str) -> bool:
+    return origin.startswith(("http://", "https://")) and _name(origin) in _LOOPBACK
+
+
+def _name(url: str) -> str | None:
+    """The host name of a URL, None if it has none."""
+    try:
+        return urllib.parse.urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+def show_live(content: bytes, listener: socket.socket, console: Console, *, origins: Sequence[str] = ()) -> None:
     """Serve a scene until an interrupt.
 
     Args:
         content: a scene file.
-        port: to serve on.
-        console: says where it is to be seen.
-
-    Raises:
-        SceneError: the port is taken or cannot be used.
+        listener: what :func:`bind` returned.
+        console: says where it is to be seen, and who is refused.
+        origins: further pages that may connect.
     """
-    with LiveScene(content, port) as live:
-        live.playback.play()
-        console.print(
-            f"ws://{HOST}:{live.port} serves the scene: open this connection in Foxglove; Ctrl-C ends it", highlight=False
-        )
+    live = LiveScene(content, listener, origins=origins, say=lambda words: console.print(words, markup=False, highlight=False))
+    live.playback.play()
+    with live:
+        address = f"ws://{HOST}:{live.port}"
+        console.print(f"{address} serves the scene: open this connection in Foxglove; Ctrl-C ends it", highlight=False)
         live.run()
 
 
-def check_port(port: int) -> None:
-    """Refuse a port before any work is done; the server's own message would not say why.
+def bind(port: int) -> socket.socket:
+    """Take a port, before any work is done; nothing is answered on it until a scene is served.
+
+    Args:
+        port: to take, 0 for a free one.
 
     Raises:
         SceneError: it is taken, or cannot be served on.
     """
     if not 0 <= port < 1 << 16:
         raise SceneError(f"port {port}: expected 0 (any free one) to 65535")
-    with socket.socket() as probe:
-        try:
-            probe.bind((HOST, port))
-        except OSError as error:
-            raise SceneError(f"port {port}: {error.strerror}; choose another with --port, or 0 for any free one") from error
+    listener = socket.socket()
+    if os.name == "posix":  # connections that were just closed do not keep the port
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+    except OSError as error:
+        listener.close()
+        raise SceneError(f"port {port}: {error.strerror}; choose another with --port, or 0 for any free one") from error
+    return listener
