@@ -4,11 +4,11 @@ import contextlib
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
-from rich.console import Console
 
+from shuttle_marl.commands import cli
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally import Game
@@ -24,6 +24,8 @@ Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 Meant = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 Origins = Annotated[tuple[str, ...], tyro.conf.arg(metavar="ORIGIN")]
+
+_HINT: Final = "--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names"
 
 
 def scene(
@@ -70,7 +72,7 @@ def scene(
 
     if (out is None) != live:
         raise SceneError("say where the scene goes: either --out FILE or --live")
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = cli.console(stderr=True)
 
     def progress(numbers: Sequence[int]) -> Iterable[int]:
         return track(numbers, "staging", console=console, transient=True)
@@ -83,9 +85,9 @@ def scene(
                 log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, resolve=resolve, progress=progress
             )
         for name, reason in unknown.items():
-            console.print(f"without probabilities of {name}: {reason}")
+            console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
         if unknown and not (trust_policies or policy):
-            console.print("--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names")
+            console.print(_HINT, soft_wrap=True)
         if listener is not None:
             show_live(content, listener, console, origins=origin)
     if out is not None:

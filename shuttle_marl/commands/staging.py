@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
-from rich.console import Console
 
 from shuttle_marl.commands import cli
 from shuttle_marl.game.rally import Game
@@ -74,7 +73,7 @@ def measure(
     tables = load_game(game)
     played = _simulated(tables, policies, rallies, seed) if path is None else _recorded(path, tables, rallies)
     found = []
-    for i, rally in enumerate(track(played, "staging", console=Console(stderr=True), transient=True)):
+    for i, rally in enumerate(track(played, "staging", console=cli.console(stderr=True), transient=True)):
         found.append(measured(stage(rally, seed=seed + i, athletes=athletes, handedness=hands, fps=fps)))
     if not found:
         raise StagingError(f"{path}: holds no rallies")
@@ -84,7 +83,7 @@ def measure(
         return
     rows = {label: text.format(figures[name]) for name, (label, text) in _LABELS.items() if name in figures}
     staged = f"{figures['rallies']:,} rallies, {figures['strokes']:,} strokes, {figures['seconds']:,.1f} s"
-    Console(soft_wrap=True, highlight=False).print(facts({"staged": staged, **rows}))
+    cli.console().print(facts({"staged": staged, **rows}))
 
 
 def _simulated(game: Game, policies: tuple[str, str], rallies: int, seed: int) -> "Sequence[PlayedRally]":

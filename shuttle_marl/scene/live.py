@@ -333,14 +333,14 @@ def show_live(content: bytes, listener: socket.socket, console: Console, *, orig
     Args:
         content: a scene file.
         listener: what :func:`bind` returned.
-        console: says where it is to be seen, and who is refused.
+        console: says where it is to be seen, and who is refused; one that reads no markup.
         origins: further pages that may connect.
     """
-    live = LiveScene(content, listener, origins=origins, say=lambda words: console.print(words, markup=False, highlight=False))
+    live = LiveScene(content, listener, origins=origins, say=lambda words: console.print(words, soft_wrap=True))
     live.playback.play()
     with live:
         address = f"ws://{HOST}:{live.port}"
-        console.print(f"{address} serves the scene: open this connection in Foxglove; Ctrl-C ends it", highlight=False)
+        console.print(f"{address} serves the scene: open this connection in Foxglove; Ctrl-C ends it", soft_wrap=True)
         live.run()
 
 

@@ -168,7 +168,7 @@ def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delitem(sys.modules, "trap_of_a_log", raising=False)
     trace = tmp_path / "trace"
     (tmp_path / "trap_of_a_log.py").write_text(
-        f"open({str(trace)!r}, 'w').close()\nfrom shuttle_marl.game.uniform import UniformPolicy as Policy\n"
+        f"open({str(trace)!r}, 'w').close()\nfrom shuttle_marl.game.policy import UniformPolicy as Policy\n"
     )
     return trace
 
