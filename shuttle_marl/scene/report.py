@@ -22,7 +22,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion, PlayedRally
-from shuttle_marl.staging.recorded import rally_of
+from shuttle_marl.staging.rally import rally_of
 from shuttle_marl.text import printable
 
 Floats = npt.NDArray[np.float64]

@@ -12,6 +12,8 @@ from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER, Game
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.table import tabulate
+from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.schema import Rallies
 
 
 class StagingError(ShuttleError):
@@ -117,3 +119,31 @@ def play_rallies(game: Game, policies: tuple[Policy, Policy], n: int, *, seed: i
         PlayedRally(catalogue=game.catalogue, server=int(played.server[k]), stroke=strokes[k], ending=int(played.reason[k]))
         for k in np.flatnonzero(played.rally < n)
     ]
+
+
+def recorded_rally(log: RallyLog, number: int) -> PlayedRally:
+    """One rally of a log by its number.
+
+    Raises:
+        RecordingError: there is no such rally, or the log is damaged.
+        StagingError: its strokes make no rally.
+    """
+    return rally_of(log, log.rally(number))
+
+
+def rally_of(log: RallyLog, rally: Rallies) -> PlayedRally:
+    """A rally that was read from a log.
+
+    Args:
+        log: where it was read.
+        rally: the one rally.
+
+    Raises:
+        StagingError: its strokes make no rally.
+    """
+    return PlayedRally(
+        catalogue=log.catalogue,
+        server=int(rally.server[0]),
+        stroke=rally.stroke.astype(np.int64),
+        ending=int(rally.reason[0]),
+    ).checked()

@@ -10,7 +10,7 @@ from shuttle_marl.commands.staging import main
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.staging import Motion, PlayedRally, measure, stage, summary
-from shuttle_marl.staging.recorded import recorded_rally
+from shuttle_marl.staging.rally import recorded_rally
 
 
 @pytest.fixture(scope="module")
