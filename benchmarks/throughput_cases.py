@@ -65,11 +65,11 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
-    seen, steps = rows.new_seen(), _steps(batch)
+    seen, steps = rows.new_observations(), _steps(batch)
 
     def play() -> int:
         for _ in range(steps):
-            rows.step(rows.random_strokes(), seen=seen)
+            rows.step(rows.random_strokes(), observed=seen)
         return steps * batch
 
     return play

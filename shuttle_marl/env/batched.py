@@ -17,7 +17,7 @@ from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
-from shuttle_marl.kernel.rows import Seen, Server
+from shuttle_marl.kernel.rows import Observations, Server
 
 TOKENS = 3
 """Numbers in an observation: own last stroke, incoming stroke, contact."""
@@ -87,7 +87,7 @@ class _BatchedEnv(EnvBase):
         else:
             self._batch.reset(rows=which.view(-1).numpy())
         none = torch.zeros(len(self._batch), 1, dtype=torch.bool)
-        seen = self._batch.new_seen()
+        seen = self._batch.new_observations()
         self._batch.observe(seen)
         return TensorDict({**_tensors(seen), "done": none, "terminated": none.clone()}, self.batch_size)
 
@@ -108,13 +108,13 @@ class _BatchedEnv(EnvBase):
 
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
         """Observation, reward and done after a stroke in every row, and done once more."""
-        seen = self._batch.new_seen()
-        reward, over = self._batch.step(tensordict.get("action").numpy(), reset=reset, seen=seen)
+        seen = self._batch.new_observations()
+        reward, over = self._batch.step(tensordict.get("action").numpy(), reset=reset, observed=seen)
         done = torch.from_numpy(over).unsqueeze(-1)
         return {**_tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
 
 
-def _tensors(seen: Seen) -> dict[str, torch.Tensor]:
+def _tensors(seen: Observations) -> dict[str, torch.Tensor]:
     return {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)}
 
 

@@ -157,7 +157,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         ended = np.flatnonzero(terminated)
         state = np.where(illegal, before, rows.state)[ended]
         # The learner looks from the other side where the last stroke was theirs.
-        own = illegal[ended] | (rows.striker[ended] == batch.duel.seat[ended])
+        own = illegal[ended] | (rows.striker[ended] == batch.opponents.seat[ended])
         won_by_stroke = (rewards[ended] > 0) != own
         reasons = _REASONS[np.where(illegal[ended], 2, won_by_stroke.astype(np.intp))]
         final = self._final(state, own)
@@ -176,7 +176,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
             raise ResetNeeded("no rally has begun; call reset() first")
 
     def _seen(self) -> Arrays:
-        seen = self._batch.new_seen()
+        seen = self._batch.new_observations()
         self._batch.observe(seen)
         observation = seen.tokens if self._features is None else self._features.take(self._batch.rows.state, axis=0)
         return {"observation": observation, "action_mask": seen.mask.view(np.int8)}
@@ -195,4 +195,4 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         return [{"observation": o, "action_mask": m} for o, m in zip(observation, nothing, strict=True)]
 
     def _infos(self) -> dict[str, Any]:
-        return {"unseen": self._batch.duel.unseen.copy(), "_unseen": np.ones(self.num_envs, np.bool_)}
+        return {"unseen": self._batch.opponents.unseen.copy(), "_unseen": np.ones(self.num_envs, np.bool_)}

@@ -9,16 +9,15 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.batch_log import BatchLog
-    from shuttle_marl.kernel.core import KernelError, Players, pack
+    from shuttle_marl.kernel.checks import KernelError
+    from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.played import Matches, Played, SingleRallies
     from shuttle_marl.kernel.rally import RallyBatch, Tally
-    from shuttle_marl.kernel.rows import IllegalStrokeError
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
     "BatchLog",
-    "IllegalStrokeError",
     "KernelError",
     "Matches",
     "Played",
@@ -35,11 +34,11 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "batch_log": ("BatchLog",),
-        "core": ("KernelError", "Players", "pack"),
+        "checks": ("KernelError",),
+        "core": ("Players", "pack"),
         "matches": ("play_matches",),
         "played": ("Matches", "Played", "SingleRallies"),
         "rally": ("RallyBatch", "Tally"),
-        "rows": ("IllegalStrokeError",),
         "versus": ("VersusBatch",),
     },
 )

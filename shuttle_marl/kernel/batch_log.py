@@ -6,7 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game.rally import FAULT, WINNER
-from shuttle_marl.kernel.core import KernelError, Tables, compiled, tables_of
+from shuttle_marl.kernel.checks import KernelError
+from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.kernel.core import Tables, tables_of
 from shuttle_marl.kernel.played import SingleRallies, stroke_type
 from shuttle_marl.kernel.rally import RallyBatch
 from shuttle_marl.kernel.rows import Rows
@@ -124,7 +126,7 @@ class BatchLog:
         self.batch, size = batch, len(batch)
         self._seat, self._opponent = np.full(size, -1, np.int8), np.zeros(size, np.int32)
         if isinstance(batch, VersusBatch):
-            self._seat, self._opponent = batch.duel.seat, batch.duel.opponent
+            self._seat, self._opponent = batch.opponents.seat, batch.opponents.opponent
         self._kept = _Strokes(
             length=np.zeros(size, np.int32),
             running=np.zeros(size, np.int32),

@@ -1,45 +1,34 @@
-"""One stroke of one row, compiled: draws, the table read that decides a stroke, and the choice of a tabulated policy.
+"""One stroke, compiled: draws, the table read that decides a stroke, the choice of a tabulated policy, and passes over rows.
+
+A stroke reads tables at two places that no one can foresee, and each of them may be far from the processor. So a pass is a
+tight loop over all rows of a block that does one thing: the reads of many rows are then under way at once, and arithmetic is
+done for several rows in one instruction. A loop that did everything for one row after the other takes twice as long.
 
 Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.game.rally.strike`, the draws
 are those of :mod:`shuttle_marl.game.draws`; tests hold them equal bit for bit.
 """
 
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple, TypeVar, cast
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-
-F = TypeVar("F", bound=Callable[..., Any])
+from shuttle_marl.kernel.checks import KernelError, checked_array
+from shuttle_marl.kernel.compiling import compiled, inlined
 
 _GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2: Final = np.uint64(0x94D049BB133111EB)
 _LOW_16: Final = np.uint64(0xFFFF)
-_CHOICE_ONE: Final = np.uint64(65535)
+_CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
 _VECTOR: Final = 32
 _GUIDES: Final = 16
 _GUIDE_SHIFT: Final = np.uint16(12)
-
-
-class KernelError(ShuttleError):
-    """An argument that the kernel cannot take."""
-
-
-def compiled(function: F) -> F:
-    """Compile without Python objects and without the interpreter's lock, and keep the machine code on disk."""
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def inlined(function: F) -> F:
-    """Compile to be inlined by LLVM into a caller."""
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 class Tables(NamedTuple):
@@ -68,9 +57,10 @@ def tables_of(game: Game) -> Tables:
     """The packed tables of a game, made once."""
     t = game.threshold.astype(np.uint64)
     states = np.arange(game.n_states)
-    incoming = game.edge_incoming[states >> 1]
     head = np.stack(
-        [game.pair_start[:-1], np.diff(game.pair_start), game.first_reply, 2 * incoming + (states & 1)], axis=1, dtype=np.int32
+        [game.pair_start[:-1], np.diff(game.pair_start), game.first_reply, 2 * game.incoming(states) + game.contact(states)],
+        axis=1,
+        dtype=np.int32,
     )
     return Tables(
         limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
@@ -104,7 +94,7 @@ def draw(key: Any, counter: Any) -> Any:
 
 @inlined
 def first_server(bits: Any) -> Any:
-    """Who serves a rally that is drawn by lot: bit 16 of its first draw."""
+    """The seat that serves a rally where it is drawn at random: bit 16 of its first draw."""
     return np.int64((bits >> np.uint64(16)) & np.uint64(1))
 
 
@@ -185,11 +175,132 @@ def put(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> N
     """Write a policy in the place of one of them.
 
     Raises:
-        KernelError: a policy of another game, or no such place.
+        KernelError: a policy of another game or without a table of its states, or no such place.
     """
     if policy.game.hash != game.hash:
         raise KernelError("a policy was tabulated for another game; tabulate it for this one")
     if not 0 <= number < len(players.cumulative):
         raise KernelError(f"policy number {number}: expected 0 to {len(players.cumulative) - 1}")
-    players.cumulative[number] = policy.cumulative
+    cumulative = checked_array("table of a policy", policy.cumulative, np.uint16, (game.n_pairs,))
+    if (cumulative[game.last_pairs] != CHOICE_ONE).any():
+        raise KernelError("table of a policy: the last legal stroke of each state needs the cumulative probability 65535")
+    players.cumulative[number] = cumulative
     _write_guide(players.cumulative[number], game.pair_start, players.guide[number])
+
+
+BLOCK: Final = 256
+"""Rows of a block: few enough that what one pass leaves is in the first cache for the next."""
+
+
+def check_players(players: Players, game: Game, count: int | None = None) -> None:
+    """Refuse packed policies by which a stroke could be chosen that does not exist.
+
+    Args:
+        players: as :func:`pack` makes them.
+        game: for which they were packed.
+        count: how many there must be; None: any number.
+
+    Raises:
+        KernelError: another number or another game, or tables that :func:`pack` never makes.
+    """
+    number = len(players.cumulative) if count is None else count
+    cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
+    guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, _GUIDES))
+    if cumulative is not players.cumulative or guide is not players.guide:
+        raise KernelError("packed policies: expected arrays whose numbers lie one behind the other, as pack() makes them")
+    last = np.maximum(np.diff(game.pair_start) - 1, 0)
+    if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any():
+        raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")
+
+
+class Block(NamedTuple):
+    """What the passes leave for each other, ``[BLOCK]`` each.
+
+    Attributes:
+        bits: uint64 draw of the stroke.
+        pair: int32 legal pair that is played.
+        edge: int32 edge that follows it.
+        limits: uint64 thresholds of the pair.
+        outcome: int64 outcome, 0 to 3.
+        listed: int64 rows that are to be looked at once more.
+    """
+
+    bits: npt.NDArray[np.uint64]
+    pair: npt.NDArray[np.int32]
+    edge: npt.NDArray[np.int32]
+    limits: npt.NDArray[np.uint64]
+    outcome: npt.NDArray[np.int64]
+    listed: npt.NDArray[np.int64]
+
+
+@inlined
+def new_block() -> Any:
+    """Room for a block."""
+    return Block(
+        np.empty(BLOCK, np.uint64),
+        np.empty(BLOCK, np.int32),
+        np.empty(BLOCK, np.int32),
+        np.empty(BLOCK, np.uint64),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+    )
+
+
+@inlined
+def draw_strokes(part: Any, bits: Any) -> None:
+    """Write the draw of the stroke that is due in each row of a part."""
+    for j in range(part.key.size):
+        bits[j] = draw(part.key[j], part.stroke[j])
+
+
+@inlined
+def find_pair(tables: Any, block: Any, j: Any, s: Any, k: Any) -> None:
+    """Note that the k-th legal stroke of state s is played."""
+    # An index without a sign need not be checked for counting from the end.
+    at = np.uint64(s)
+    block.pair[j] = tables.head[at, 0] + k
+    block.edge[j] = tables.head[at, 2] + k
+
+
+@inlined
+def read_limits(tables: Any, block: Any, count: Any) -> None:
+    """Read the thresholds of the pairs that are played."""
+    for j in range(count):
+        block.limits[j] = tables.limits[np.uint64(block.pair[j])]
+
+
+@inlined
+def next_state(edge: Any, outcome: Any) -> Any:
+    """State of who strikes next; where the rally is over, the state after its last stroke, contact below."""
+    return 2 * edge + max(outcome - 2, 0)
+
+
+@inlined
+def play(part: Any, block: Any) -> None:
+    """Decide the stroke of every row of a part, and go on to the next."""
+    for j in range(part.state.size):
+        outcome = outcome_of(block.limits[j], block.bits[j])
+        block.outcome[j] = outcome
+        part.state[j] = next_state(block.edge[j], outcome)
+        part.stroke[j] += 1
+        part.striker[j] ^= 1
+
+
+@inlined
+def strike(tables: Any, part: Any, rank: Any, block: Any) -> None:
+    """Play, in every row of a part, the legal stroke whose rank is given."""
+    draw_strokes(part, block.bits)
+    for j in range(rank.size):
+        find_pair(tables, block, j, part.state[j], rank[j])
+    read_limits(tables, block, rank.size)
+    play(part, block)
+
+
+@inlined
+def list_where(block: Any, count: Any, over: Any) -> Any:
+    """List the rows whose rally is over, or those whose rally goes on; returns their number."""
+    listed = 0
+    for j in range(count):
+        block.listed[listed] = j
+        listed += (block.outcome[j] < 2) == over
+    return listed

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
 from shuttle_marl.kernel.played import Matches, Played, stroke_type
@@ -49,11 +49,11 @@ def play(
         keep_strokes: whether to return the strokes, or only their number.
         progress: called now and then with the number of strokes played since the last call.
     """
-    diary = _Diary(len(matches), rules.max_rallies, stroke_type(game))
+    log = _MatchLog(len(matches), rules.max_rallies, stroke_type(game))
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
-    names = 2 * (diary.longest + 1)
+    names = 2 * (log.longest + 1)
     rally_key = draws.extend(keys[:, None], np.arange(names)).ravel()  # by 2 * rally + server
     key_row = key_row * names
 
@@ -68,20 +68,20 @@ def play(
         bits = draws.draw(key, stroke)
         k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
         if keep_strokes:
-            diary.write_strokes(match, game.edge_incoming[game.first_reply[state] + k])
+            log.write_strokes(match, game.stroke_at(state, k))
         outcome, following = strike(game, state, k, draws.outcome_draw(bits))
         stroke += 1
         ended = np.flatnonzero(following < 0)
         if len(ended):
             now = slots[:, ended]
             won_by = np.where(outcome[ended] == WINNER, now[_STRIKER], 1 - now[_STRIKER])
-            diary.write_rallies(now, won_by, outcome[ended])
+            log.write_rallies(now, won_by, outcome[ended])
             over = _count_rally(now, won_by, rules)
             slots[:, ended] = now
             key[ended] = rally_key[key_row[now[_MATCH]] + 2 * now[_RALLY] + now[_SERVER]]
-        goes_on = following >= 0
-        np.copyto(state, following, where=goes_on)
-        striker ^= goes_on
+        continues = following >= 0
+        np.copyto(state, following, where=continues)
+        striker ^= continues
         if len(ended) and over.any():
             games[now[_MATCH, over]] = now[_GAMES:, over].T
             slots, key = _without(ended[over], slots, key)
@@ -89,7 +89,7 @@ def play(
         if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not slots.shape[1]):
             progress(unreported)
             unreported = 0
-    return diary.read(games)
+    return log.read(games)
 
 
 def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
@@ -102,8 +102,10 @@ def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker:
     seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
     seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
     states = States(game=game, state=state, score=seen)
-    stroke = drawn_strokes(checked_probabilities(policy, states, name), draw)
-    return game.reply_rank[states.incoming, states.contact, stroke].astype(np.intp)
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states, name), draw))
+    if (rank < 0).any():
+        raise PolicyError(f"policy {name!r}: no legal stroke was drawn")
+    return rank.astype(np.intp)
 
 
 def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:
@@ -129,7 +131,7 @@ def _without(gone: npt.NDArray[np.intp], slots: Ints, key: draws.UInt64s) -> tup
     return slots[:, :alive], key[:alive]
 
 
-class _Diary:
+class _MatchLog:
     """Collects rallies at (match, rally) and strokes at (step, match), and reads them out in order."""
 
     def __init__(self, n_matches: int, longest: int, type_: np.dtype[np.unsignedinteger]) -> None:

@@ -16,8 +16,24 @@ import numpy.typing as npt
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, extend, inlined, pack, table_choice, tables_of
-from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits
+from shuttle_marl.kernel.checks import checked_array, checked_number
+from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.kernel.core import (
+    BLOCK,
+    Players,
+    Tables,
+    check_players,
+    draw_strokes,
+    extend,
+    find_pair,
+    list_where,
+    new_block,
+    pack,
+    play,
+    read_limits,
+    table_choice,
+    tables_of,
+)
 from shuttle_marl.kernel.played import Matches, Played, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
 
@@ -202,9 +218,9 @@ def play_matches(
         KernelError: a policy of another game, or a match between entrants that do not exist.
     """
     players = policies if isinstance(policies, Players) else pack(policies, game)
-    count = len(players.cumulative)
-    if len(matches) and not (matches.entrant.min() >= 0 and matches.entrant.max() < count):
-        raise KernelError(f"entrants {matches.entrant.min()} to {matches.entrant.max()}: expected 0 to {count - 1}")
+    check_players(players, game)
+    checked_array("entrant", matches.entrant, np.int32, (len(matches), 2), 0, len(players.cumulative) - 1)
+    workers = os.cpu_count() if threads is None else checked_number("threads", threads, 1)
     tables = tables_of(game)
     type_ = stroke_type(game)
 
@@ -214,7 +230,7 @@ def play_matches(
 
     parts = []
     starts = range(0, len(matches), BLOCK)
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         for played in _in_order(pool, block, starts):
             parts.append(played)
             if progress is not None:

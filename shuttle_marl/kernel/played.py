@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.draws import UInt64s
 from shuttle_marl.game.rally import Game
+from shuttle_marl.kernel.checks import checked_array
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -14,14 +15,24 @@ class Matches:
     """M matches to be played.
 
     Attributes:
-        entrant: ``[M, 2]`` int32, who plays at each seat: position in the list of policies.
+        entrant: ``[M, 2]`` int32, the policy at each seat: position in the list of policies.
         first_server: ``[M]`` int8, the seat that serves first.
         key: ``[M]`` uint64, names the draws of a match; matches with one key share their draws.
+
+    Raises:
+        KernelError: arrays of other shapes or kinds of numbers, a negative entrant, or a server that is neither 0 nor 1.
     """
 
     entrant: npt.NDArray[np.int32]
     first_server: npt.NDArray[np.int8]
     key: UInt64s
+
+    def __post_init__(self) -> None:
+        size = len(self.key)
+        for name, type_, shape, high in (
+            ("entrant", np.int32, (size, 2), None), ("first_server", np.int8, (size,), 1), ("key", np.uint64, (size,), None),
+        ):  # fmt: skip
+            object.__setattr__(self, name, checked_array(name, getattr(self, name), type_, shape, 0, high))
 
     def __len__(self) -> int:
         return len(self.key)

@@ -8,11 +8,28 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, pack, table_choice, uniform_choice
-from shuttle_marl.kernel.passes import BLOCK, draw_strokes, find_pair, list_where, new_block, play, read_limits, strike
-from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
+from shuttle_marl.kernel.checks import checked_number
+from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.kernel.core import (
+    BLOCK,
+    Players,
+    Tables,
+    check_players,
+    draw,
+    draw_strokes,
+    find_pair,
+    list_where,
+    new_block,
+    pack,
+    play,
+    read_limits,
+    strike,
+    table_choice,
+    uniform_choice,
+)
+from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
 
-_NOBODY: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
+_NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
 
 
 @compiled
@@ -37,7 +54,7 @@ def _step(
     rank: npt.NDArray[np.int16],
     reward: npt.NDArray[np.float32],
     done: npt.NDArray[np.bool_],
-    seen: Seen,
+    observed: Observations,
     seed_key: np.uint64,
     server: int,
     reset: bool,
@@ -59,8 +76,8 @@ def _step(
         if reset:
             for j in range(list_where(block, count, over=True)):
                 begin(rows, begin_block + block.listed[j], seed_key, server)
-        if seen.mask.shape[0] > 0:
-            show(tables, rows, seen, begin_block, end_block)
+        if observed.mask.shape[0] > 0:
+            show(tables, rows, observed, begin_block, end_block)
 
 
 @compiled
@@ -148,7 +165,7 @@ class RallyBatch(Batch):
         """
         if seed is not None:
             self.reseed(seed)
-        _reset(self.rows, np.ones(len(self), np.bool_) if rows is None else rows, self._seed_key, self._server)
+        _reset(self.rows, self._chosen_rows(rows), self._seed_key, self._server)
 
     def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Start the next rally in some rows; returns rewards and which rows are over, as :meth:`step` does: none.
@@ -168,21 +185,20 @@ class RallyBatch(Batch):
         Raises:
             KernelError: not two policies of this game.
         """
-        if players.cumulative.shape != (2, self.game.n_pairs):
-            raise KernelError(f"{len(players.cumulative)} policies: expected two that are packed for this game")
+        check_players(players, self.game, 2)
         stroke = np.empty(len(self), np.int64)
         in_slices(lambda a, b: _choose(self._tables, self.rows, players, stroke, a, b), len(self), self.threads)
         return stroke
 
     def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, seen: Seen | None = None
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, observed: Observations | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Play one stroke in every row.
 
         Args:
             stroke: ``[B]`` catalogue index of each striker's stroke.
             reset: whether rows whose rally is over begin their next one at once.
-            seen: room for what each striker then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
+            observed: room for what each striker then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
 
         Returns:
             ``[B]`` float32 reward of the striker (+1 winner, -1 fault, 0 returned) and ``[B]`` whether the rally is over.
@@ -191,11 +207,11 @@ class RallyBatch(Batch):
             IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
             KernelError: a wrong number of strokes, or room of another shape; nothing has changed.
         """
-        if seen is not None:
-            self._check(seen)
+        if observed is not None:
+            self._check(observed)
         rank = self._ranks(stroke)
         reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        args = (self._tables, self.rows, rank, reward, done, seen or UNSEEN, self._seed_key, self._server, reset)
+        args = (self._tables, self.rows, rank, reward, done, observed or NO_OBSERVATIONS, self._seed_key, self._server, reset)
         in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
         return reward, done
 
@@ -206,7 +222,8 @@ class RallyBatch(Batch):
             strokes: strokes a row.
             policies: who plays at seats 0 and 1; None: both choose equally among the legal strokes.
         """
-        players = pack(policies, self.game) if policies else _NOBODY
+        strokes = checked_number("strokes", strokes, 0)
+        players = pack(policies, self.game) if policies else _NO_PLAYERS
         tallies: list[npt.NDArray[np.int64]] = []
 
         def work(first: int, last: int) -> None:

@@ -1,4 +1,4 @@
-"""What a batch of rallies consists of, and how a row begins its next rally."""
+"""A batch of rallies: its rows, how a row begins its next rally, and what the strikers observe."""
 
 import itertools
 import os
@@ -10,29 +10,19 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
-from shuttle_marl.kernel.core import KernelError, Tables, compiled, draw, extend, first_server, inlined, tables_of, uniform_choice
-from shuttle_marl.kernel.passes import BLOCK, draw_strokes, new_block
+from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
+from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.kernel.core import BLOCK, Tables, draw, draw_strokes, extend, first_server, new_block, tables_of, uniform_choice
 
-BY_LOT: Final = -1
-"""Who serves: drawn by lot."""
+DRAWN: Final = -1
+"""The seat that serves is drawn at random."""
 _LEAST_ROWS: Final = 1024
 """A slice of fewer rows costs less than handing it to a thread."""
 
 Server = Literal[0, 1] | None
-
-
-class IllegalStrokeError(KernelError):
-    """A stroke that is not legal in the state of its row; nothing has changed.
-
-    Attributes:
-        row: the first such row.
-    """
-
-    def __init__(self, message: str, row: int) -> None:
-        super().__init__(message)
-        self.row = row
 
 
 class Rows(NamedTuple):
@@ -61,8 +51,7 @@ def new_rows(batch: int) -> Rows:
     Raises:
         KernelError: fewer than one row.
     """
-    if batch < 1:
-        raise KernelError(f"batch {batch}: expected 1 or more")
+    batch = checked_number("batch", batch, 1)
     return Rows(
         state=np.zeros(batch, np.int32),
         striker=np.zeros(batch, np.int8),
@@ -115,8 +104,8 @@ def find_ranks(
     return -1
 
 
-class Seen(NamedTuple):
-    """What the strikers of B rows see; without rows where nobody looks.
+class Observations(NamedTuple):
+    """What the strikers of B rows observe; without rows where no one asks.
 
     Attributes:
         tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
@@ -127,20 +116,20 @@ class Seen(NamedTuple):
     mask: npt.NDArray[np.bool_]
 
 
-UNSEEN: Final = Seen(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
-"""Where nobody looks."""
+NO_OBSERVATIONS: Final = Observations(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
+"""Where no one asks."""
 
 
 @inlined
-def show(tables: Any, rows: Any, seen: Any, first: Any, last: Any) -> None:
+def show(tables: Any, rows: Any, observed: Any, first: Any, last: Any) -> None:
     """Write what the strikers of rows ``first`` up to ``last`` see."""
-    n = seen.mask.shape[1]
-    flat = seen.mask.reshape(seen.mask.size)
+    n = observed.mask.shape[1]
+    flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
         edge = np.uint64(rows.state[i] >> 1)
-        seen.tokens[i, 0] = tables.own[edge]
-        seen.tokens[i, 1] = tables.incoming[edge]
-        seen.tokens[i, 2] = rows.state[i] & 1
+        observed.tokens[i, 0] = tables.own[edge]
+        observed.tokens[i, 1] = tables.incoming[edge]
+        observed.tokens[i, 2] = rows.state[i] & 1
     # Whole vectors, of which the next row overwrites what is too much; what lies behind the last row is not ours to write.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)
@@ -154,8 +143,8 @@ def show(tables: Any, rows: Any, seen: Any, first: Any, last: Any) -> None:
 
 
 @compiled
-def _show(tables: Tables, rows: Rows, seen: Seen, first: int, last: int) -> None:
-    show(tables, rows, seen, first, last)
+def _show(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+    show(tables, rows, observed, first, last)
 
 
 @compiled
@@ -196,14 +185,12 @@ class Batch:
 
     def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
         if server not in (None, 0, 1):
-            raise KernelError(f"server {server!r}: expected 0, 1, or None for a draw by lot")
-        if threads < 1:
-            raise KernelError(f"threads {threads}: expected 1 or more")
+            raise KernelError(f"server {server!r}: expected 0, 1, or None to draw it at random")
         self.game = game
         self._tables = tables_of(game)
         self.rows = new_rows(batch)
-        self.threads = threads
-        self._server = BY_LOT if server is None else int(server)
+        self.threads = checked_number("threads", threads, 1)
+        self._server = DRAWN if server is None else int(server)
 
     def __len__(self) -> int:
         return len(self.rows.state)
@@ -213,29 +200,30 @@ class Batch:
         self._seed_key = draws.stream(seed)[0]
         self.rows.rally[:] = np.arange(len(self)) - len(self)
 
-    def new_seen(self) -> Seen:
+    def new_observations(self) -> Observations:
         """Room for what the strikers see."""
-        return Seen(np.empty((len(self), 3), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
+        return Observations(np.empty((len(self), 3), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
 
-    def observe(self, seen: Seen) -> None:
+    def observe(self, observed: Observations) -> None:
         """Write what each striker sees now.
 
         Raises:
             KernelError: room of another shape or type.
         """
-        self._check(seen)
-        in_slices(lambda a, b: _show(self._tables, self.rows, seen, a, b), len(self), self.threads)
+        self._check(observed)
+        in_slices(lambda a, b: _show(self._tables, self.rows, observed, a, b), len(self), self.threads)
 
-    def _check(self, seen: Seen) -> None:
-        for array, shape, type_ in (
-            (seen.tokens, (len(self), 3), np.int32),
-            (seen.mask, (len(self), self.game.n_strokes), np.bool_),
-        ):
-            if array.shape != shape or array.dtype != type_ or not array.flags.c_contiguous:
-                raise KernelError(
-                    f"room for what is seen, {array.dtype} of shape {array.shape}: expected {np.dtype(type_)} of shape {shape}, "
-                    "one row behind the other, as new_seen() makes it"
-                )
+    def _check(self, observed: Observations) -> None:
+        check_room("tokens", observed.tokens, np.int32, (len(self), 3))
+        check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
+
+    def _chosen_rows(self, rows: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_]:
+        """``[B]`` which rows were asked for, all for None.
+
+        Raises:
+            KernelError: no mask of the rows.
+        """
+        return np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
 
     def random_strokes(self) -> npt.NDArray[np.int64]:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
@@ -247,12 +235,10 @@ class Batch:
         """``[B]`` position of each stroke among the legal ones.
 
         Raises:
-            KernelError: a wrong number of strokes.
+            KernelError: a wrong number of strokes, or numbers that are not whole.
             IllegalStrokeError: a stroke that is not legal.
         """
-        wanted = np.ascontiguousarray(stroke, dtype=np.int64)
-        if wanted.shape != (len(self),):
-            raise KernelError(f"strokes of shape {wanted.shape}: expected ({len(self)},), one catalogue index a row")
+        wanted = checked_array("strokes", stroke, np.int64, (len(self),))
         rank = np.empty(len(self), np.int16)
         found: list[int] = []
 
@@ -267,9 +253,9 @@ class Batch:
 
     def _refuse(self, row: int, stroke: int) -> None:
         if not self.rows.live[row]:
-            raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", row)
+            raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", stroke, row)
         names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", row)
+            raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", stroke, row)
         where = self.game.describe(int(self.rows.state[row]))
-        raise IllegalStrokeError(f"row {row}: stroke {stroke} ({names[stroke]}) is not legal in state: {where}", row)
+        raise IllegalStrokeError(f"row {row}: stroke {stroke} ({names[stroke]}) is not legal in state: {where}", stroke, row)

@@ -8,13 +8,29 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, Players, Tables, compiled, draw, inlined, outcome_of, pack, put, table_choice
-from shuttle_marl.kernel.passes import BLOCK, find_pair, list_where, new_block, next_state, read_limits, strike
-from shuttle_marl.kernel.rows import UNSEEN, Batch, Rows, Seen, Server, begin, in_slices, part_of, show
+from shuttle_marl.kernel.checks import KernelError, checked_array
+from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.kernel.core import (
+    BLOCK,
+    Players,
+    Tables,
+    draw,
+    find_pair,
+    list_where,
+    new_block,
+    next_state,
+    outcome_of,
+    pack,
+    put,
+    read_limits,
+    strike,
+    table_choice,
+)
+from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
 
 
-class Duel(NamedTuple):
-    """Who plays whom in each row.
+class Opponents(NamedTuple):
+    """Opponents of a learner, row by row.
 
     Attributes:
         players: the K opponents.
@@ -32,44 +48,46 @@ class Duel(NamedTuple):
 
 
 @inlined
-def _begin_rally(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> Any:
+def _begin_rally(tables: Any, rows: Any, opponents: Any, i: Any, seed_key: Any, server: Any) -> Any:
     """Begin the next rally of a row, up to the learner's first stroke; returns the outcome of the stroke before it, which is
     that of an opponent's serve, or 2 where there is none."""
     bits = begin(rows, i, seed_key, server)
-    duel.opponent[i] = duel.following[i]
-    if rows.striker[i] == duel.seat[i]:
+    opponents.opponent[i] = opponents.following[i]
+    if rows.striker[i] == opponents.seat[i]:
         return np.int64(2)
     start = tables.head[0, 0]
-    k = table_choice(duel.players, duel.opponent[i], 0, start, bits)
+    k = table_choice(opponents.players, opponents.opponent[i], 0, start, bits)
     outcome = outcome_of(tables.limits[start + k], bits)
     rows.state[i] = next_state(tables.head[0, 2] + k, outcome)
     rows.stroke[i] = 1
-    rows.striker[i] = duel.seat[i]
+    rows.striker[i] = opponents.seat[i]
     rows.live[i] = outcome >= 2
     if outcome < 2:
-        duel.unseen[i, outcome] += 1
+        opponents.unseen[i, outcome] += 1
     return outcome
 
 
 @inlined
-def _begin_duel(tables: Any, rows: Any, duel: Any, i: Any, seed_key: Any, server: Any) -> None:
+def _begin_learner(tables: Any, rows: Any, opponents: Any, i: Any, seed_key: Any, server: Any) -> None:
     """Begin rallies until one comes to the learner."""
-    while _begin_rally(tables, rows, duel, i, seed_key, server) < 2:
+    while _begin_rally(tables, rows, opponents, i, seed_key, server) < 2:
         pass
 
 
 @compiled
-def _reset(tables: Tables, rows: Rows, duel: Duel, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int) -> None:
+def _reset(
+    tables: Tables, rows: Rows, opponents: Opponents, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int
+) -> None:
     for i in range(rows.state.size):
         if which[i]:
-            _begin_duel(tables, rows, duel, i, seed_key, server)
+            _begin_learner(tables, rows, opponents, i, seed_key, server)
 
 
 @compiled
 def _serve(
     tables: Tables,
     rows: Rows,
-    duel: Duel,
+    opponents: Opponents,
     which: npt.NDArray[np.bool_],
     reward: npt.NDArray[np.float32],
     done: npt.NDArray[np.bool_],
@@ -77,7 +95,7 @@ def _serve(
     server: int,
 ) -> None:
     for i in range(rows.state.size):
-        outcome = _begin_rally(tables, rows, duel, i, seed_key, server) if which[i] else 2
+        outcome = _begin_rally(tables, rows, opponents, i, seed_key, server) if which[i] else 2
         done[i] = outcome < 2
         reward[i] = (1 - 2 * outcome) * done[i]
 
@@ -86,11 +104,11 @@ def _serve(
 def _step(
     tables: Tables,
     rows: Rows,
-    duel: Duel,
+    opponents: Opponents,
     rank: npt.NDArray[np.int16],
     reward: npt.NDArray[np.float32],
     done: npt.NDArray[np.bool_],
-    seen: Seen,
+    observed: Observations,
     seed_key: np.uint64,
     server: int,
     reset: bool,
@@ -102,7 +120,7 @@ def _step(
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         count = end_block - begin_block
-        opponent = duel.opponent[begin_block:end_block]
+        opponent = opponents.opponent[begin_block:end_block]
         rewards, over = reward[begin_block:end_block], done[begin_block:end_block]
         strike(tables, part, rank[begin_block:end_block], block)
         for j in range(count):
@@ -117,7 +135,7 @@ def _step(
         for r in range(replies):
             at = np.uint64(block.listed[r])
             s = part.state[at]
-            k = table_choice(duel.players, opponent[at], s, tables.head[np.uint64(s), 0], block.bits[r])
+            k = table_choice(opponents.players, opponent[at], s, tables.head[np.uint64(s), 0], block.bits[r])
             find_pair(tables, block, r, s, k)
         read_limits(tables, block, replies)
         for r in range(replies):
@@ -132,9 +150,9 @@ def _step(
         for j in range(count):
             part.live[j] = not over[j]
             if reset and over[j]:
-                _begin_duel(tables, rows, duel, begin_block + j, seed_key, server)
-        if seen.mask.shape[0] > 0:
-            show(tables, rows, seen, begin_block, end_block)
+                _begin_learner(tables, rows, opponents, begin_block + j, seed_key, server)
+        if observed.mask.shape[0] > 0:
+            show(tables, rows, observed, begin_block, end_block)
 
 
 class VersusBatch(Batch):
@@ -175,7 +193,7 @@ class VersusBatch(Batch):
             raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
         players = pack(opponents, game)
         assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
-        self.duel = Duel(
+        self.opponents = Opponents(
             players=players,
             seat=np.broadcast_to(seats, batch).astype(np.int8),
             opponent=assigned.copy(),
@@ -187,12 +205,12 @@ class VersusBatch(Batch):
     @property
     def n_opponents(self) -> int:
         """Number of opponents K."""
-        return len(self.duel.players.cumulative)
+        return len(self.opponents.players.cumulative)
 
     @property
     def unseen(self) -> tuple[int, int]:
         """Rallies that ended on the opponent's serve since the last seed was given: won and lost by the learner."""
-        won, lost = self.duel.unseen.sum(axis=0).tolist()
+        won, lost = self.opponents.unseen.sum(axis=0).tolist()
         return won, lost
 
     def assign(self, opponent: npt.NDArray[np.integer]) -> None:
@@ -204,10 +222,7 @@ class VersusBatch(Batch):
         Raises:
             KernelError: a number that is none of an opponent.
         """
-        opponent = np.asarray(opponent)
-        if opponent.shape != (len(self),) or not ((opponent >= 0) & (opponent < self.n_opponents)).all():
-            raise KernelError(f"opponents {opponent!r}: expected {len(self)} numbers from 0 to {self.n_opponents - 1}")
-        self.duel.following[:] = opponent
+        self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
         """Put another policy in the place of an opponent; rallies that are being played go on against it.
@@ -215,12 +230,12 @@ class VersusBatch(Batch):
         Raises:
             KernelError: a policy of another game, or no such opponent.
         """
-        put(self.duel.players, number, policy, self.game)
+        put(self.opponents.players, number, policy, self.game)
 
     def reseed(self, seed: int) -> None:
         """Let every row begin with the first of its rallies of another seed when it begins its next one."""
         super().reseed(seed)
-        self.duel.unseen[:] = 0
+        self.opponents.unseen[:] = 0
 
     def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Start the next rally in some rows, also one that ends on the opponent's serve and that :meth:`reset` passes over.
@@ -232,7 +247,7 @@ class VersusBatch(Batch):
             ``[B]`` float32 reward of the learner and ``[B]`` whether the rally is over, as from :meth:`step`.
         """
         reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        _serve(self._tables, self.rows, self.duel, rows, reward, done, self._seed_key, self._server)
+        _serve(self._tables, self.rows, self.opponents, self._chosen_rows(rows), reward, done, self._seed_key, self._server)
         return reward, done
 
     def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
@@ -244,18 +259,18 @@ class VersusBatch(Batch):
         """
         if seed is not None:
             self.reseed(seed)
-        which = np.ones(len(self), np.bool_) if rows is None else rows
-        _reset(self._tables, self.rows, self.duel, which, self._seed_key, self._server)
+        which = self._chosen_rows(rows)
+        _reset(self._tables, self.rows, self.opponents, which, self._seed_key, self._server)
 
     def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, seen: Seen | None = None
+        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, observed: Observations | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Play the learner's stroke and the opponent's reply in every row.
 
         Args:
             stroke: ``[B]`` catalogue index of the learner's stroke.
             reset: whether rows whose rally is over begin their next one at once.
-            seen: room for what the learner then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
+            observed: room for what the learner then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
 
         Returns:
             ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally goes on) and ``[B]`` whether it is over.
@@ -264,10 +279,21 @@ class VersusBatch(Batch):
             IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
             KernelError: a wrong number of strokes, or room of another shape; nothing has changed.
         """
-        if seen is not None:
-            self._check(seen)
+        if observed is not None:
+            self._check(observed)
         rank = self._ranks(stroke)
         reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        args = (self._tables, self.rows, self.duel, rank, reward, done, seen or UNSEEN, self._seed_key, self._server, reset)
+        args = (
+            self._tables,
+            self.rows,
+            self.opponents,
+            rank,
+            reward,
+            done,
+            observed or NO_OBSERVATIONS,
+            self._seed_key,
+            self._server,
+            reset,
+        )
         in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
         return reward, done

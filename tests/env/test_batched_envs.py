@@ -14,10 +14,11 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.rally_v0 import ShuttleEnv
 from shuttle_marl.env.strokes import stroke_features
+from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import tabulate
-from shuttle_marl.kernel import IllegalStrokeError, KernelError
+from shuttle_marl.kernel import KernelError
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
 
@@ -155,7 +156,7 @@ def test_opponents_by_name_by_object_and_several() -> None:
     for opponents in ("bc", bc, [resolve("bc", GAME)], ("bc", bc)):
         env = VersusEnv(4, opponents=opponents)
         assert env.versus.n_opponents == (2 if isinstance(opponents, tuple) else 1)
-        assert (env.versus.duel.players.cumulative == bc.cumulative).all()
+        assert (env.versus.opponents.players.cumulative == bc.cumulative).all()
 
 
 def test_other_games_are_played() -> None:

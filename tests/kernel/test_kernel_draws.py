@@ -13,7 +13,7 @@ from shuttle_marl.game.policy import States, drawn_strokes
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import Players, core, pack
-from shuttle_marl.kernel.core import compiled
+from shuttle_marl.kernel.compiling import compiled
 from tests.exact.exact_games import random_game, random_policy
 
 words = st.integers(0, 2**64 - 1)

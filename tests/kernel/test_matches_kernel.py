@@ -89,9 +89,9 @@ def test_room_for_strokes_grows(monkeypatch: pytest.MonkeyPatch, room: int) -> N
 
 def test_entrants_that_do_not_exist_are_refused() -> None:
     wanted = some_matches(4, 3, 5)
-    with pytest.raises(KernelError, match="entrants 0 to 2: expected 0 to 1"):
+    with pytest.raises(KernelError, match="entrant: 0 to 2; expected 0 to 1"):
         play_matches(GAME, dataclasses.replace(wanted, entrant=np.array([[0, 2]] * 4, np.int32)), TABLES[:2])
-    with pytest.raises(KernelError, match="entrants -1 to 0"):
+    with pytest.raises(KernelError, match="entrant: -1 to 0; expected 0 to"):
         play_matches(GAME, dataclasses.replace(wanted, entrant=np.array([[0, -1]] * 4, np.int32)), TABLES[:2])
     with pytest.raises(KernelError, match="tabulated for another game"):
         play_matches(GAME, wanted, [random_policy(random_game(1), 0)])

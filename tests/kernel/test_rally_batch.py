@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, strike
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import IllegalStrokeError, KernelError, RallyBatch, Tally
-from shuttle_marl.kernel.rows import Rows, Seen, _show
+from shuttle_marl.kernel import KernelError, RallyBatch, Tally
+from shuttle_marl.kernel.rows import Observations, Rows, _show
 from shuttle_marl.policy.bc import load
 from tests.exact.exact_games import random_game, random_policy
 
@@ -63,8 +64,8 @@ def test_steps_are_those_of_the_pure_rules(
         k = rng.integers(0, game.legal_count(state))
         played = game.pair_stroke[game.pair_start[state] + k]
         outcome, following = strike(game, state, k, draws.outcome_draw(draws.draw(key, stroke)))
-        seen = batch.new_seen()
-        reward, done = batch.step(played, reset=False, seen=seen)
+        seen = batch.new_observations()
+        reward, done = batch.step(played, reset=False, observed=seen)
         assert done.tolist() == (following < 0).tolist()
         assert reward.tolist() == np.select([outcome == FAULT, outcome == WINNER], [-1.0, 1.0], 0.0).tolist()
         edge = game.pair_edge[game.pair_start[state] + k]
@@ -100,8 +101,8 @@ def test_reset_in_the_same_step_changes_nothing_else(game_seed: int, size: int, 
     for _ in range(10):
         strokes = fused.random_strokes()
         assert np.array_equal(strokes, stock.random_strokes())
-        seen, seen_after = fused.new_seen(), stock.new_seen()
-        reward, done = fused.step(strokes, seen=seen)
+        seen, seen_after = fused.new_observations(), stock.new_observations()
+        reward, done = fused.step(strokes, observed=seen)
         reward_too, done_too = stock.step(strokes, reset=False)
         stock.reset(rows=done_too)
         stock.observe(seen_after)
@@ -207,7 +208,7 @@ def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, la
     batch = RallyBatch(game, 50, seed=1)
     batch.run(7)
     for before in (False, True):
-        seen = Seen(np.full((50, 3), -1, np.int32), np.full((50, game.n_strokes), before))
+        seen = Observations(np.full((50, 3), -1, np.int32), np.full((50, game.n_strokes), before))
         _show(batch._tables, batch.rows, seen, first, last)
         inside = np.zeros(50, np.bool_)
         inside[first:last] = True
@@ -232,13 +233,13 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
         wrong[7] = number
         with pytest.raises(IllegalStrokeError, match=f"row 7: {number} is no stroke; expected 0 to {GAME.n_strokes - 1}"):
             batch.step(wrong)
-    with pytest.raises(KernelError, match=r"strokes of shape \(2,\): expected \(3000,\)"):
+    with pytest.raises(KernelError, match=r"strokes: int64 of shape \(2,\); expected int64 of shape \(3000,\)"):
         batch.step(strokes[:2])
     small = RallyBatch(GAME, 2)
-    for room in (small.new_seen(), Seen(*(array[::-1] for array in batch.new_seen()))):
-        with pytest.raises(KernelError, match="as new_seen\\(\\) makes it"):
-            batch.step(strokes, seen=room)
-        with pytest.raises(KernelError, match="as new_seen\\(\\) makes it"):
+    for room in (small.new_observations(), Observations(*(array[::-1] for array in batch.new_observations()))):
+        with pytest.raises(KernelError, match=r"room for (tokens|mask), .*: expected"):
+            batch.step(strokes, observed=room)
+        with pytest.raises(KernelError, match=r"room for (tokens|mask), .*: expected"):
             batch.observe(room)
     assert state_of(batch) == before
     batch.step(strokes)
@@ -269,9 +270,9 @@ def test_a_seed_begins_anew_and_none_goes_on() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"batch": 0}, "batch 0: expected 1 or more"),
+        ({"batch": 0}, "batch 0: expected a whole number, 1 or more"),
         ({"server": 2}, "server 2: expected 0, 1, or None"),
-        ({"threads": 0}, "threads 0: expected 1 or more"),
+        ({"threads": 0}, "threads 0: expected a whole number, 1 or more"),
     ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, int], message: str) -> None:

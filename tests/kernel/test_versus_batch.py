@@ -9,10 +9,11 @@ import pytest
 
 from shuttle_marl import rally_v0
 from shuttle_marl.dynamics import default_game
+from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import IllegalStrokeError, KernelError, VersusBatch
+from shuttle_marl.kernel import KernelError, VersusBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
 
@@ -78,7 +79,7 @@ def by_kernel(batch: VersusBatch, rallies: int, *, fused: bool = True) -> tuple[
     found: dict[int, list[Turn]] = {}
     met: dict[int, int] = {}
     while batch.rows.rally.min() < rallies:
-        state, rally, opponent = batch.rows.state.copy(), batch.rows.rally.copy(), batch.duel.opponent.copy()
+        state, rally, opponent = batch.rows.state.copy(), batch.rows.rally.copy(), batch.opponents.opponent.copy()
         strokes = batch.random_strokes()
         reward, done = batch.step(strokes, reset=fused)
         assert np.array_equal(done, reward != 0)
@@ -151,13 +152,13 @@ def test_rows_meet_their_opponents_from_their_seats() -> None:
 def test_assigned_opponents_come_with_the_next_rally() -> None:
     opponents = [table(name) for name in NAMES]
     batch = VersusBatch(GAME, 50, opponents=opponents, seed=6)
-    assert batch.duel.opponent.tolist() == [row % 3 for row in range(50)]
+    assert batch.opponents.opponent.tolist() == [row % 3 for row in range(50)]
     batch.assign(np.full(50, 2))
     unchanged = np.ones(50, np.bool_)
     for _ in range(15):
         _, done = batch.step(batch.random_strokes())
         unchanged &= ~done
-        assert np.array_equal(batch.duel.opponent, np.where(unchanged, np.arange(50) % 3, 2))
+        assert np.array_equal(batch.opponents.opponent, np.where(unchanged, np.arange(50) % 3, 2))
     assert not unchanged.all()
 
 
@@ -178,8 +179,8 @@ def test_another_policy_in_the_place_of_an_opponent() -> None:
 def test_what_is_seen_in_the_step_is_what_is_seen_after_it() -> None:
     batch = VersusBatch(GAME, 600, opponents=[table("bc")], seed=9)
     for _ in range(8):
-        seen, after = batch.new_seen(), batch.new_seen()
-        batch.step(batch.random_strokes(), seen=seen)
+        seen, after = batch.new_observations(), batch.new_observations()
+        batch.step(batch.random_strokes(), observed=seen)
         batch.observe(after)
         assert np.array_equal(seen.tokens, after.tokens)
         assert np.array_equal(seen.mask, after.mask)
@@ -189,12 +190,12 @@ def test_what_is_seen_in_the_step_is_what_is_seen_after_it() -> None:
 
 def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     batch = VersusBatch(GAME, 40, opponents=[table("bc")], seed=1)
-    before = [array.copy() for array in (*batch.rows, batch.duel.opponent, batch.duel.unseen)]
+    before = [array.copy() for array in (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)]
     strokes = batch.random_strokes()
     strokes[31] = int(np.flatnonzero(~GAME.mask(batch.rows.state[31]))[0])
     with pytest.raises(IllegalStrokeError, match="row 31: stroke"):
         batch.step(strokes)
-    after = (*batch.rows, batch.duel.opponent, batch.duel.unseen)
+    after = (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
 
@@ -209,7 +210,7 @@ other_game = random_game(1)
         ({"seat": 2}, "seat 2: expected 0 or 1"),
         ({"seat": np.array([0, 1, 0])}, r"an array of them of shape \(4,\)"),
         ({"server": 3}, "server 3: expected 0, 1, or None"),
-        ({"batch": 0}, "batch 0: expected 1 or more"),
+        ({"batch": 0}, "batch 0: expected a whole number, 1 or more"),
     ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, object], message: str) -> None:
@@ -221,7 +222,7 @@ def test_options_out_of_range_are_refused(options: dict[str, object], message: s
 @pytest.mark.parametrize("numbers", [np.array([0, 0, 0]), np.array([0, 0, 0, 1]), np.array([0, 0, 0, -1])])
 def test_opponents_that_do_not_exist_cannot_be_assigned(numbers: npt.NDArray[np.int64]) -> None:
     batch = VersusBatch(GAME, 4, opponents=[table("bc")])
-    with pytest.raises(KernelError, match="expected 4 numbers from 0 to 0"):
+    with pytest.raises(KernelError, match=r"opponents: .*expected (int32 of shape|0 to 0)"):
         batch.assign(numbers)
 
 

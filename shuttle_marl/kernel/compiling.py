@@ -1,0 +1,138 @@
+"""Compiles functions with numba and keeps the machine code on disk, whatever the disk does.
+
+What numba does by itself stops with an error where neither the package nor the home is writable, reads a damaged file as if it
+were whole, and keeps the code of a function when another one that is inlined into it has changed.
+"""
+
+# mypy: allow-untyped-calls
+
+import functools
+import hashlib
+import io
+import logging
+import pickle
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar, cast
+
+import numba
+from numba.core import caching
+
+from shuttle_marl.game import scoring
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_DIGEST: Final = 32
+"""Bytes of the SHA-256 behind everything that is kept."""
+_LOG: Final = logging.getLogger(__name__)
+
+
+def cached(function: F, **options: Any) -> F:
+    """``numba.njit(**options)`` of a function, its machine code kept on disk."""
+    dispatcher = numba.njit(**options)(function)
+    dispatcher._cache = _cache_of(function)
+    return cast(F, dispatcher)
+
+
+def compiled(function: F) -> F:
+    """Compile without Python objects and without the interpreter's lock, and keep the machine code on disk."""
+    return cached(function, nogil=True, error_model="numpy")
+
+
+def inlined(function: F) -> F:
+    """Compile to be inlined by LLVM into a caller."""
+    return cached(function, nogil=True, error_model="numpy", forceinline=True)
+
+
+def _cache_of(function: Callable[..., Any]) -> Any:
+    try:
+        return _Cache(function)
+    except RuntimeError:  # numba has found no folder to write to
+        if _temporary_folder() is None:
+            return caching.NullCache()
+        return _Cache(function)
+
+
+@functools.cache
+def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
+    """A folder for the machine code of this process, which it removes at its end; None where there can be none."""
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="shuttle_marl-compiled-", ignore_cleanup_errors=True)
+    except OSError:
+        _LOG.warning("no folder is writable: the kernel is compiled again in every process; set NUMBA_CACHE_DIR to one that is")
+        return None
+    numba.config.CACHE_DIR = folder.name  # type: ignore[attr-defined]
+    _LOG.warning(
+        "neither the folder of the package nor that of the user's caches is writable: the kernel is compiled for this process "
+        "alone, in %s; set NUMBA_CACHE_DIR to a writable folder to keep it", folder.name,
+    )  # fmt: skip
+    return folder
+
+
+@functools.cache
+def _sources() -> str:
+    """Digest of all that may be inlined into a compiled function: the kernel, and the rule of a match."""
+    files = [Path(str(scoring.__file__)), *sorted(Path(__file__).parent.glob("*.py"))]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+class _SealedFile(caching.IndexDataCacheFile):
+    """numba's files of one function, with a digest behind each that notices every changed bit."""
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return content + hashlib.sha256(content).digest()
+
+    def _load_index(self) -> Any:
+        try:
+            content = Path(self._index_path).read_bytes()
+        except FileNotFoundError:
+            return {}
+        stream = io.BytesIO(content)
+        if pickle.load(stream) != self._version:
+            return {}
+        stamp, overloads = pickle.loads(_unsealed(stream.read()))
+        return overloads if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        return pickle.loads(_unsealed(Path(self._data_path(name)).read_bytes()))
+
+
+def _unsealed(content: bytes) -> bytes:
+    content, digest = content[:-_DIGEST], content[-_DIGEST:]
+    if hashlib.sha256(content).digest() != digest:
+        raise ValueError("the digest does not fit")
+    return content
+
+
+class _Cache(caching.FunctionCache):
+    """numba's cache of one function, in which whatever cannot be read is compiled again."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _SealedFile(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=(self._impl.locator.get_source_stamp(), _sources()),
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for a signature, None where there is none that is whole."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # damaged pickles raise errors of all kinds
+            _LOG.debug("%s: compiled again (%s)", self._name, error)
+            self._keep(self.flush)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep machine code if the disk takes it."""
+        self._keep(lambda: super(_Cache, self).save_overload(sig, data))
+
+    def _keep(self, write: Callable[[], Any]) -> None:
+        try:
+            write()
+        except OSError as error:
+            _LOG.debug("%s: not kept (%s)", self._name, error)
+            self.disable()

@@ -1,0 +1,111 @@
+"""Machine code is kept on disk where that is possible, and whatever is damaged or out of date is compiled again."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+import logging, sys
+from shuttle_marl.kernel.compiling import compiled, inlined
+{definitions}
+print(twice(21), *twice._cache_hits.values(), sep=",")
+"""
+DEFINITIONS = """
+@inlined
+def factor(): return {factor}
+
+@compiled
+def twice(x): return factor() * x
+"""
+ROOT = Path(__file__).parents[2]
+
+
+def run(folder: Path, *, factor: int = 2, **environment: str) -> tuple[str, str]:
+    """Run a module of two compiled functions that stands in ``folder``; returns what it printed and what it warned of."""
+    folder.mkdir(exist_ok=True)
+    script = folder / "numbers_of_two.py"
+    text = SCRIPT.format(definitions=DEFINITIONS.format(factor=factor))
+    if not script.exists() or script.read_text() != text:
+        script.write_text(text)
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    # The module is imported, as numba keeps nothing for a main script of another run.
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder)!r}); import numbers_of_two"],
+        env={**inherited, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    return done.stdout.strip(), done.stderr
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc"))
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("machine") / "code"
+    assert run(folder) == ("42", "")
+    assert run(folder) == ("42,1", ""), "the second run reads what the first one kept"
+    return folder
+
+
+def test_machine_code_without_any_writable_folder_lasts_for_the_process(tmp_path: Path) -> None:
+    folder, temporary = tmp_path / "code", tmp_path / "temporary"
+    folder.mkdir()
+    temporary.mkdir()
+    # Files in the places of folders: even the superuser cannot write below them.
+    for blocked in (folder / "__pycache__", tmp_path / "home"):
+        blocked.write_text("")
+    home = {name: str(tmp_path / "home" / "cache") for name in ("HOME", "XDG_CACHE_HOME")}
+    found, warned = run(folder, **home, TMPDIR=str(temporary))
+    assert found == "42"
+    assert warned.count("writable") == 2, "one line, with its advice"
+    assert len(warned.splitlines()) == 1
+    assert str(temporary) in warned
+    assert not list(temporary.iterdir()), "the folder is gone with the process"
+
+
+def test_the_kernel_itself_needs_no_writable_folder(tmp_path: Path) -> None:
+    """Package, home and temporary folder all refuse: everything is compiled, nothing kept."""
+    code = "\n".join([
+        "import tempfile, numba.core.caching as caching",
+        "def refuse(self): raise OSError('read-only')",
+        "caching._CacheLocator.ensure_cache_path = refuse",
+        "class Refuse:",
+        "    def __init__(self, **_): raise OSError('read-only')",
+        "tempfile.TemporaryDirectory = Refuse",
+        "from shuttle_marl.kernel.core import draw",
+        "print(draw.py_func.__name__, type(draw._cache).__name__)",
+    ])  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == ["draw", "NullCache"]
+    assert "no folder is writable" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_damaged_machine_code_is_compiled_again(filled: Path) -> None:
+    whole = {path: path.read_bytes() for path in kept(filled)}
+    assert {path.suffix for path in whole} == {".nbi", ".nbc"}
+    damages = [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: flipped(b, 0.6)]
+    for damage in damages:
+        for path, content in whole.items():
+            path.write_bytes(damage(content))
+        assert run(filled) == ("42", ""), "compiled again, without a word"
+    assert run(filled) == ("42,1", ""), "and kept again"
+
+
+def flipped(content: bytes, at: float) -> bytes:
+    damaged = bytearray(content)
+    damaged[int(at * len(content))] ^= 16
+    return bytes(damaged)
+
+
+def test_a_changed_function_is_compiled_again(filled: Path) -> None:
+    assert run(filled, factor=3)[0] == "63"
+    assert run(filled, factor=2)[0] == "42"
