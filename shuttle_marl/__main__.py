@@ -11,7 +11,7 @@ _COMMANDS: Final = {
     "dynamics": "fit, evaluate and describe the models of the game",
     "exact": "solve the game, and measure policies against the solution",
     "league": "play a tournament between policies",
-    "recording": "read, check, mend and export the log of every rally",
+    "recording": "read, check, repair and export the log of every rally",
     "staging": "turn recorded rallies into motion, and measure it",
     "training": "train an agent with PPO, A2C or SAC",
 }

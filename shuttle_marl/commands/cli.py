@@ -28,7 +28,7 @@ _EXTRAS: Final = {
     "torch": "train",
     "websockets": "scene",
 }
-"""Which extra of the package installs a library that not every command needs."""
+"""Extras of the package by the libraries that they install and that not every command needs."""
 _WIDTH: Final = 160
 """Of output that goes to no terminal."""
 _FIXABLE: Final = {

@@ -83,7 +83,7 @@ def solve(
         "strokes a rally": f"{seen.rally_length:.2f}",
         "rallies end by": f"winner {percent(winners)}, fault {percent(1 - winners)}",
         "shots": shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
-        "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the chance of the match, at every score",
+        "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
     }
     cli.console().print(facts(rows))
 
@@ -259,12 +259,12 @@ def crossplay(
     console = cli.console()
     console.print(matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(matrix("Rallies won by the row against the column", policies, odds.rally))
-    console.print(f"exact: every chance of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
+    console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
 
 
 @contextlib.contextmanager
 def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None) -> "Iterator[Add | None]":
-    """What records the matches of policies that are sampled; None if there is nothing to record."""
+    """Recorder of the matches of policies that are sampled; None if there is nothing to record."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
     from shuttle_marl.recording.kernel_rallies import free_name, sampled_log  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Tournaments between policies: who plays whom, what came of it, ratings with intervals, and the run folder."""
+"""Tournaments between policies: schedule, results, ratings with intervals, and the run folder."""
 
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.ratings import bradley_terry

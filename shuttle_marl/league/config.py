@@ -42,7 +42,7 @@ class LeagueConfig:
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "all"
-    """Which rallies go into the rally log: all, none, or sample:N for one match in N, drawn at random."""
+    """Rallies that go into the rally log: all, none, or sample:N for one match in N, drawn at random."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     batch: int = 8192

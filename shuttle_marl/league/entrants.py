@@ -1,4 +1,4 @@
-"""The entrants of a tournament: policies as tables where they have one, and as calls where they read the score."""
+"""Entrants of a tournament: policies as tables where they have one, and as calls where they read the score."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ class Entrant:
 
     Attributes:
         name: as given in the pool.
-        policy: what was found by that name.
+        policy: the policy of that name.
         table: the policy on every state; None if it reads the score or failed.
         failure: why the entrant forfeits every match; empty if it does not.
     """
@@ -76,7 +76,7 @@ class Strikers:
             self._rows[first : first + len(table), : table.shape[1]] = table
 
     def choose(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
-        """Which of its legal strokes each striker plays; see :data:`shuttle_marl.kernel.lockstep.Choose`.
+        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.lockstep.Choose`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.

@@ -1,4 +1,4 @@
-"""The exact figures of a tournament's entrants: what its samples would come to after infinitely many matches."""
+"""Exact figures of the entrants of a tournament: the limits of its samples after infinitely many matches."""
 
 import dataclasses
 import os
@@ -26,8 +26,8 @@ class ExactOdds:
 
     Attributes:
         names: the entrants.
-        match: ``[N, N]`` chance that the entrant of the row wins a match against that of the column, the first serve drawn by
-            lot.
+        match: ``[N, N]`` probability that the entrant of the row wins a match against that of the column, the first server
+            drawn at random.
         exploitability: ``[N]`` what the best response to an entrant gains, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
@@ -42,12 +42,12 @@ class ExactOdds:
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
         """Expected share of the matches won against those of the opponents that have a table; NaN without any."""
-        chances = self.match[self.names.index(name), [self.names.index(other) for other in opponents]]
-        known = chances[~np.isnan(chances)]
+        shares = self.match[self.names.index(name), [self.names.index(other) for other in opponents]]
+        known = shares[~np.isnan(shares)]
         return float(known.mean()) if len(known) else float("nan")
 
     def pair(self, names: tuple[str, str]) -> float:
-        """Chance that the first of two entrants wins a match; NaN if one has no table."""
+        """Probability that the first of two entrants wins a match; NaN if one has no table."""
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 

@@ -1,4 +1,4 @@
-"""The folder of a run: what decides it, how it was made, and the pairings that are finished, one line each."""
+"""Run folder: what decides a tournament, how it was made, and its finished pairings, one line each."""
 
 import contextlib
 import dataclasses
@@ -128,7 +128,7 @@ def _line(result: PairResult) -> bytes:
 
 
 def _read_line(path: Path, number: int, line: bytes) -> PairResult:
-    """What :func:`_line` wrote."""
+    """Reverse :func:`_line`."""
     try:
         fields = json.loads(line.decode())
         if not isinstance(fields, dict):

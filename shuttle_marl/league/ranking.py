@@ -21,7 +21,7 @@ class Standing:
     """One entrant's place. Pairings that were forfeited count nowhere, for neither side.
 
     Attributes:
-        rank: from 1; entrants that forfeited stand behind all others.
+        rank: from 1; entrants that forfeited are ranked behind all others.
         player: name.
         rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
         rating_low: lower end of its 95 % interval.
@@ -122,7 +122,7 @@ def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOd
 
 
 def ranking_table(standings: Sequence[Standing]) -> pa.Table:
-    """The standings as a table with their fields as columns; null for what an entrant without matches has not."""
+    """The standings as a table with their fields as columns; null where an entrant without matches has no figure."""
     rows = [
         {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in row.items()}
         for row in map(dataclasses.asdict, standings)

@@ -1,6 +1,6 @@
 """Bradley-Terry ratings of all entrants at once, with intervals over the cells of swapped seats.
 
-Model: entrant i beats j with chance 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). Fitted to all
+Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). Fitted to all
 matches together, so unlike with Elo's updates their order does not matter.
 """
 
@@ -21,7 +21,7 @@ def bradley_terry(wins: Floats) -> Floats:
     """Fit ratings by Newton's method on the likelihood.
 
     Args:
-        wins: ``[..., n, n]`` matches that i won against j; the diagonal is ignored. Results must connect everybody both
+        wins: ``[..., n, n]`` matches that i won against j; the diagonal is ignored. Results must connect all entrants both
             ways, or the likeliest ratings are infinite; :func:`smoothed` sees to that.
 
     Returns:
@@ -32,9 +32,9 @@ def bradley_terry(wins: Floats) -> Floats:
     played = wins + np.swapaxes(wins, -1, -2)
     theta = np.zeros(wins.shape[:-1])
     for _ in range(_STEPS):
-        chance = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
-        gradient = (wins - played * chance).sum(axis=-1)
-        curvature = played * chance * (1 - chance)
+        probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
+        gradient = (wins - played * probability).sum(axis=-1)
+        curvature = played * probability * (1 - probability)
         hessian = -curvature
         hessian[..., diagonal] = curvature.sum(axis=-1)
         # Only differences of theta are determined; the pseudo-inverse leaves their mean alone.

@@ -1,4 +1,4 @@
-"""What a pairing came to, and the results table."""
+"""Result of a pairing, and the table of all results."""
 
 import dataclasses
 import math
@@ -37,8 +37,8 @@ class PairResult:
         seats: at seat 0 and at seat 1, each :data:`COUNTS` as numbers: matches, wins, games and points of the first entrant
             and of the second, rallies that the first one served and won of those, rallies and strokes in all.
         cells: in how many cells the first entrant won neither match, one, and both.
-        forfeit: who failed, so that the pairing was not played or thrown away; empty if nobody did.
-        reason: why, in words.
+        forfeit: entrants that failed, so that the pairing was not played or was thrown away; empty if none did.
+        reason: why they failed.
     """
 
     pairing: int
@@ -72,7 +72,7 @@ class PairResult:
 
     @classmethod
     def from_json(cls, fields: dict[str, Any]) -> "PairResult":
-        """Read what ``dataclasses.asdict`` gave."""
+        """Read the fields that ``dataclasses.asdict`` gave."""
         lists = {name: tuple(fields[name]) for name in ("names", "seats", "cells", "forfeit")}
         return cls(**{**fields, **lists})
 
@@ -90,7 +90,7 @@ def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:
 
 
 def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
-    """Count the rallies of some matches of a pairing; the winner of a match is who won its last rally.
+    """Count the rallies of some matches of a pairing; the winner of a match won its last rally.
 
     Args:
         pairing: the pairing.
@@ -138,10 +138,10 @@ def results_table(results: Sequence[PairResult], exact: ExactOdds | None = None)
 
     Returns:
         Columns ``pairing``, ``player``, ``opponent``, ``seat``, those of :data:`COUNTS`, ``mean_rally_length`` (null
-        without rallies), ``cells_lost``, ``cells_split``, ``cells_won`` (of the whole pairing), ``exact_match_win`` (chance
-        that ``player`` wins a match; null if one of the two has no table), ``forfeit``, ``reason``.
+        without rallies), ``cells_lost``, ``cells_split``, ``cells_won`` (of the whole pairing), ``exact_match_win``
+        (probability that ``player`` wins a match; null if one of the two has no table), ``forfeit``, ``reason``.
     """
-    chances = [math.nan if exact is None else exact.pair(result.names) for result in results]
+    exact_wins = [math.nan if exact is None else exact.pair(result.names) for result in results]
     rows = [
         {
             "pairing": result.pairing,
@@ -151,11 +151,11 @@ def results_table(results: Sequence[PairResult], exact: ExactOdds | None = None)
             **counts,
             "mean_rally_length": counts["strokes"] / counts["rallies"] if counts["rallies"] else None,
             **dict(zip(("cells_lost", "cells_split", "cells_won"), result.cells, strict=True)),
-            "exact_match_win": None if math.isnan(chance) else chance,
+            "exact_match_win": None if math.isnan(exact_win) else exact_win,
             "forfeit": " and ".join(result.forfeit),
             "reason": result.reason,
         }
-        for result, chance in zip(results, chances, strict=True)
+        for result, exact_win in zip(results, exact_wins, strict=True)
         for seat, counts in enumerate(result.seats)
     ]
     text, number = pa.string(), pa.int64()

@@ -138,7 +138,7 @@ def _play(
                 if result.forfeit and not any(e.failure for e in entrants if e.name in result.forfeit):
                     _say_forfeit(console, f"{' v '.join(result.names)}: {result.reason}")
 
-        # The log is on the disk before the results are, so that no result is without its rallies; meanwhile play goes on.
+        # The log is on the disk before the results are, so that no result is without its rallies; play continues meanwhile.
         unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
         for blocks in tournament.play(pairings[len(results) :], count):
             new = [result for result, _ in blocks]
@@ -219,7 +219,7 @@ def _say_forfeit(console: Console, reason: str) -> None:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int, done: int) -> Iterator[Callable[[int, int], None]]:
-    """A bar over pairings, with the number of strokes a second."""
+    """Progress bar over pairings, with the number of strokes a second."""
     columns = (
         TextColumn("pairings"),
         BarColumn(),

@@ -1,4 +1,4 @@
-"""Who plays whom, from which seat, and with which draws.
+"""Schedule: the pairings, their seats and their draws.
 
 A pairing's matches come in cells of two: the entrants swap seats, while the seat that serves first and the luck of each seat
 stay. In every second cell the other seat serves first. A rally's draws are named by its number and the seat that serves; by
@@ -32,7 +32,7 @@ class Pairing:
 
     @property
     def key(self) -> int:
-        """Names the draws of the pairing, whatever the order of its names."""
+        """Key of the draws of the pairing, whatever the order of its names."""
         return draws.pairing_key(*self.names)
 
     @property

@@ -1,4 +1,4 @@
-"""Plays the pairings of a tournament, a group at a time, and hands over what each came to."""
+"""Play of a tournament: the pairings, a group at a time, and their results."""
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ class Tournament:
 
     Args:
         game: the tables.
-        entrants: who plays.
+        entrants: all of them.
         matches: matches of every pairing.
         seed: names all draws.
         batch: matches that are played together.
@@ -44,10 +44,10 @@ class Tournament:
         """Play pairings in order; those that come together were played in the same batch.
 
         Args:
-            pairings: what is left to play.
+            pairings: those that remain.
             progress: called now and then with the number of strokes since the last call.
         """
-        # A policy that fails while it plays takes down its batch, so it shares one with nobody else's matches.
+        # A policy that fails while it plays takes down its batch, so no other matches are in it.
         alone = {p.number for p in pairings if any(self._entrants[i].table is None for i in p.entrants)}
         for group in groups(pairings, self._matches, self._batch, alone):
             failed = [self._entrants[i] for i in group[0].entrants if self._entrants[i].failure]

@@ -1,4 +1,4 @@
-"""Policies by name, the players that come with the package, and how good a policy is.
+"""Policies by name, those that come with the package, and scores of a policy.
 
 Names are imported when first used, because what measures policies needs numba.
 """

@@ -1,4 +1,4 @@
-"""Trained agents as folders: the network, its table on every state, and a card. Played from the table, without torch.
+"""Trained agents as folders: the network, its table on every state, and a model card. Played from the table, without torch.
 
 ``table.safetensors`` is the policy on one game (its hash is inside), ``network.safetensors`` the weights behind it, and
 ``card.json`` says how it was trained, how good it is, and the hashes of all three files.
@@ -24,13 +24,13 @@ AGENTS: Final = "agents"
 
 
 def save_agent(folder: Path, table: TabulatedPolicy, network: bytes, card: dict[str, Any]) -> None:
-    """Write an agent's folder; the card last, so that a folder with a card is whole.
+    """Write an agent's folder; the model card last, so that a folder with one is whole.
 
     Args:
         folder: made if it is not there.
         table: the agent on every state.
         network: content of ``network.safetensors``.
-        card: what is known about it; the hashes are added.
+        card: fields of the model card; the hashes are added.
     """
     table.save(folder / TABLE)
     replace_file(folder / NETWORK, network)
@@ -60,7 +60,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
 
 
 def read_card(folder: Path) -> dict[str, Any]:
-    """The card of an agent.
+    """The model card of an agent.
 
     Raises:
         PolicyError: it is missing or damaged.

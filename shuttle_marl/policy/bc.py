@@ -44,7 +44,7 @@ class BehaviourClones:
             m = self.players.index(player)
             stroke, catalogue = game.pair_stroke, game.catalogue
             shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
-            # 13 stands for "no stroke yet", as in the models.
+            # 13 means "no stroke yet", as in the models.
             incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.edge_incoming[game.pair_state >> 1]]
             logit = logit + self.style[m, incoming, game.pair_state & 1, shot, technique] + self.area[m, shot, technique, area]
         probability = np.exp(logit)

@@ -35,7 +35,7 @@ class FunctionPolicy:
         return bool(getattr(self.function, "reads_score", False))
 
     def probabilities(self, states: States) -> npt.NDArray[np.floating]:
-        """What the function returns."""
+        """Probabilities that the function returns, ``[B, n]``."""
         return self.function(states)
 
 

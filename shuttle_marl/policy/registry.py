@@ -37,7 +37,7 @@ Load = Callable[[str | None, Game], Policy]
 ENTRY_POINTS: Final = "shuttle_marl.policies"
 """Group of the entry points by which installed packages add families."""
 _DEEPEST: Final = 8
-"""So many names may stand inside each other, as in ``best-response:best-response:bc``; each costs a solved game."""
+"""So many names may be inside each other, as in ``best-response:best-response:bc``; each costs a solved game."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,12 +45,12 @@ class Family:
     """Policies that share the part of their name before the colon.
 
     Attributes:
-        load: called with what stands behind the colon (None without one) and the game; raises :class:`PolicyError` for an
+        load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             argument it does not know.
-        names: the full names that can be listed now.
-        of_policies: whether what stands behind the colon is the name of another policy, and so keeps its own ``@…``.
+        names: full names that can be listed now.
+        of_policies: whether the part after the colon is the name of another policy, and so keeps its own ``@…``.
         from_data: whether a name that was read from a file may be resolved; then no argument may make ``load`` run code or
-            open a file of somebody's choice. With ``of_policies`` the name behind the colon is checked too, before ``load``.
+            open a file of its choice. With ``of_policies`` the name after the colon is checked too, before ``load``.
     """
 
     load: Load
@@ -73,11 +73,11 @@ def register(
     """Add policies to the registry.
 
     Args:
-        key: what stands before the colon, or the whole name.
-        load: called with what stands behind the colon (None without one) and the game; raises :class:`PolicyError` for an
+        key: the part before the colon, or the whole name.
+        load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             argument it does not know. Import what is heavy inside.
-        names: the full names that can be listed now; default just ``key``.
-        of_policies: whether what stands behind the colon is the name of another policy.
+        names: full names that can be listed now; default just ``key``.
+        of_policies: whether the part after the colon is the name of another policy.
         from_data: whether a name that was read from a file may be resolved, see :class:`Family`.
 
     Raises:

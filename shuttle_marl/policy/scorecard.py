@@ -139,7 +139,7 @@ class Scorer:
 
         Raises:
             PolicyError: the policy raised, or is no distribution over the legal strokes somewhere.
-            ExactError: play may go on for ever.
+            ExactError: play may never end.
         """
         if reads_score(policy):
             return self._sampled(policy, name, matches, seed, watch)

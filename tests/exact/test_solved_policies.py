@@ -29,7 +29,7 @@ def test_minimax_and_best_responses_have_names() -> None:
     assert np.array_equal(cumulative("best-response:bc"), best_response(bc).policy.cumulative)
 
 
-def test_what_stands_behind_a_best_response_is_a_whole_name() -> None:
+def test_the_name_within_a_best_response_is_a_whole_name() -> None:
     sharp = tabulate(resolve("bc@0.5", GAME), GAME)
     assert np.array_equal(cumulative("best-response:bc@0.5"), best_response(sharp).policy.cumulative)
     assert not np.array_equal(cumulative("best-response:bc@0.5"), cumulative("best-response:bc"))
@@ -55,14 +55,14 @@ def test_names_that_lead_nowhere(name: str, says: str) -> None:
         resolve(name, GAME)
 
 
-def test_who_reads_the_score_has_no_best_response(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_policy_that_reads_the_score_has_no_best_response(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_moody.py").write_text("def player(states):\n    return states.mask\nplayer.reads_score = True\n")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(PolicyError, match="reads the score, so it has no table over states; evaluate it by sampling"):
         resolve("best-response:my_moody:player", GAME)
 
 
-def test_a_saved_table_plays_on(tmp_path: Path) -> None:
+def test_a_saved_table_can_be_played(tmp_path: Path) -> None:
     path = tmp_path / "mine.safetensors"
     table = tabulate(resolve("safe", GAME), GAME)
     table.save(path)
@@ -132,7 +132,7 @@ def test_an_entry_point_hides_nothing_that_is_registered(entry_points: dict[str,
     ("value", "says"),
     [("no_such_module:X", "raised ModuleNotFoundError"), (f"{__name__}:GAME", "is a Game, expected a Family")],
 )
-def test_a_broken_package_is_in_nobodys_way(entry_points: dict[str, str], value: str, says: str) -> None:
+def test_a_broken_package_hides_no_other(entry_points: dict[str, str], value: str, says: str) -> None:
     entry_points["broken"] = value
     assert "random" in registry.names()
     with pytest.raises(PolicyError, match=f"policies 'broken': entry point .* {says}"):

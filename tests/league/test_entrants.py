@@ -79,7 +79,7 @@ def no_array(states: States) -> object:
 
 
 def tired(states: States) -> np.ndarray:
-    """Gives up when it is behind in games; plays on as long as it is not."""
+    """Gives up when it is behind in games; plays as long as it is not."""
     assert states.score is not None
     if (states.score[:, 3] > 0).any():
         raise TimeoutError("legs")
@@ -102,7 +102,7 @@ FAILURES = {
 
 
 def entrant(name: str, function: object, *, reads_score: bool = False) -> Entrant:
-    """What `enter` makes of a function, without a module to import it from."""
+    """The entrant that `enter` makes of a function, without a module to import it from."""
 
     class Own(FunctionPolicy):
         pass
@@ -185,7 +185,7 @@ def test_both_fail() -> None:
 
 
 def test_a_policy_asked_at_every_stroke_plays_what_its_table_plays() -> None:
-    """Tables round chances to 1/65535; a policy whose chances are such already is sampled alike."""
+    """Tables round probabilities to 1/65535; a policy whose probabilities are such already is sampled alike."""
     table = tabulate(resolve("safe", GAME), GAME)
     asked = entrant("safe", table.probabilities, reads_score=True)
     pairing = round_robin(["random", "safe"])[0]
@@ -216,7 +216,7 @@ def test_the_score_is_the_strikers_own_view() -> None:
     assert sorted(map(tuple, np.concatenate(seen).tolist())) == sorted(map(tuple, expected.tolist()))
 
 
-def test_who_uses_the_score_can_profit_from_it() -> None:
+def test_a_policy_that_uses_the_score_can_profit_from_it() -> None:
     """One that plays at random only while it leads wins less than one that never does."""
     safe = tabulate(resolve("safe", GAME), GAME)
 
@@ -251,7 +251,7 @@ def test_tables_of_an_entrant_have_a_hash() -> None:
     assert random.hash == enter("random", GAME).hash != safe.hash
 
 
-def test_forfeits_while_playing_say_who_and_why() -> None:
+def test_forfeits_while_playing_name_the_entrant_and_the_reason() -> None:
     strikers = Strikers(GAME, [entrant("hurt", raises, reads_score=True), enter("random", GAME)])
     with pytest.raises(ForfeitError, match="out of shuttles") as caught:
         play(GAME, matches_of(round_robin(["hurt", "random"])[0], 0, 0, 2), strikers.choose)

@@ -79,7 +79,7 @@ def test_the_run_folder_is_complete(finished: Path) -> None:
 
 
 def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
-    """Wins, games, points, serves, rallies and strokes, counted anew from the strokes alone with the rules of scoring."""
+    """Wins, games, points, serves, rallies and strokes, counted again from the strokes alone with the rules of scoring."""
     expected: Counter[tuple[int, int, str]] = Counter()
     with RallyLog(finished / "rallies.mcap") as log:
         names = [player.name for player in log.header.policies]

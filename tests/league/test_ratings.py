@@ -46,7 +46,7 @@ def test_many_fits_at_once_are_single_fits() -> None:
 
 
 def league(theta: np.ndarray, cells: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Cells whose two matches lean against each other: they share one draw, as swapped seats do."""
+    """Cells whose two matches are negatively correlated: they share one draw, as swapped seats do."""
     n = len(theta)
     pairs = np.array([(a, b) for a in range(n) for b in range(a + 1, n)])
     p = 1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]]))
@@ -68,7 +68,7 @@ def test_simulated_ratings_are_found_and_lie_in_their_intervals() -> None:
     assert 0.90 <= np.mean(inside) <= 0.99
 
 
-def test_cells_that_lean_against_each_other_give_shorter_intervals() -> None:
+def test_negatively_correlated_cells_give_shorter_intervals() -> None:
     """Independent matches with the same shares, as clusters of two, would be more uncertain."""
     pairs = np.array([[0, 1]])
     spread = [
@@ -84,7 +84,7 @@ def test_unbeaten_is_not_certain() -> None:
     assert np.ptp(np.percentile(ELO * drawn[:, 0], [2.5, 97.5])) > 50
 
 
-def test_nobody_played() -> None:
+def test_no_one_played() -> None:
     found, drawn = ratings(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), 3, seed=0, replicates=10)
     assert np.array_equal(found, np.zeros(3))
     assert np.array_equal(drawn, np.zeros((10, 3)))

@@ -1,4 +1,4 @@
-"""The scripted styles play as their rules say, and beat somebody who has none."""
+"""The scripted styles play as their rules say, and beat random play."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
 
 
 def rally_odds(name: str, other: str) -> float:
-    """Chance to win a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
+    """Probability of winning a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
     policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
     good, returned, above = GAME.chances()
     following = 2 * GAME.pair_edge

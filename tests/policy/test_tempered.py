@@ -15,7 +15,7 @@ STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.
 
 
 @given(st.floats(0.01, 100))
-def test_chances_are_powers(temperature: float) -> None:
+def test_probabilities_are_powers(temperature: float) -> None:
     base = resolve("attacking", GAME).probabilities(STATES)
     p = checked_probabilities(TemperedPolicy(resolve("attacking", GAME), temperature), STATES, "tempered")
     a, b = np.argsort(base, axis=1)[:, -1], np.argsort(base, axis=1)[:, -2]
