@@ -164,14 +164,15 @@ class _Log:
         self._segment = segment
 
     def add(self, data: TensorDictBase, update: int) -> None:
+        extra = np.empty((len(self._columns), *data.shape), np.float32)
+        for figures, name in zip(extra, self._columns, strict=True):
+            figures[:] = data[_ENTRIES[name]].detach().cpu().numpy().reshape(data.shape)
         collected = _Collected(
             segment=self._segment,
             update=update,
             stroke=_copy(data["action"]),
             reward=_copy(data["next", "reward"])[..., 0],
-            extra=np.array([_copy(data[_ENTRIES[name]]).reshape(data.shape) for name in self._columns], np.float32).reshape(
-                -1, *data.shape
-            ),
+            extra=extra,
         )
         self._recorder.add_later(functools.partial(self._rallies, collected), _STROKES_A_STEP * data.numel())
 
@@ -193,7 +194,7 @@ class _Log:
         segment, share = collected.segment, len(collected.stroke) // len(self._logs)
         found = []
         for p, (log, seed) in enumerate(zip(self._logs, self._seeds[segment], strict=True)):
-            name = functools.partial(
+            as_recorded = functools.partial(
                 single_rallies_of,
                 pairing=segment * len(self._logs) + p,
                 seat=self._seat,
@@ -202,7 +203,7 @@ class _Log:
             )
             if segment != self._played:
                 log.reset(seed)
-                found.append(name(log.take()))
+                found.append(as_recorded(log.take()))
             rows = slice(p * share, (p + 1) * share)
             try:
                 same = np.array_equal(log.play(collected.stroke[rows], collected.extra[:, rows]), collected.reward[rows])
@@ -210,7 +211,7 @@ class _Log:
                 same = False
             if not same:
                 raise RecordingError(f"process {p}: its strokes and rewards do not follow from its seed")
-            found.append(name(log.take()))
+            found.append(as_recorded(log.take()))
         self._played = segment
         return Rallies.join(found)
 
