@@ -1,0 +1,66 @@
+"""The figures of the package's size."""
+
+from pathlib import Path
+
+import pytest
+
+from docs.tools import size
+
+FILES = {
+    "__init__.py": "",
+    "errors.py": "class E(Exception): ...\n",
+    "a/__init__.py": "from shuttle_marl.a.low import f\n",
+    "a/low.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from shuttle_marl.a import top\nX, _Y = 1, 2\ndef f(): return X\n",
+    "a/top.py": "from shuttle_marl.a import low\nfrom shuttle_marl.errors import E\nZ: int = 3\ndef g():\n    low.f()\n    raise E\n",
+    "a/unused.py": "import shuttle_marl.errors\n",
+}
+PLAY = """
+from shuttle_marl.a.top import g
+def call():
+    try:
+        g()
+    except Exception:
+        pass
+def play():
+    traced(call)
+"""
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    for name, text in FILES.items():
+        path = tmp_path / "shuttle_marl" / name
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def test_modules_lines_and_names(root: Path) -> None:
+    found = {module.name: module for module in size.modules(root).values()}
+    assert set(found) == {f"shuttle_marl{name}" for name in ("", ".errors", ".a", ".a.low", ".a.top", ".a.unused")}
+    assert found["shuttle_marl.a.low"].names == ("X", "f")
+    assert found["shuttle_marl.a.top"].names == ("Z", "g")
+    assert found["shuttle_marl.a.low"].lines == 5
+    assert found["shuttle_marl.a.low"].origins == {}
+    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.errors"}
+
+
+def test_modules_with_one_importer(root: Path) -> None:
+    assert [module.name for module in size.with_one_importer(size.modules(root))] == ["shuttle_marl.a.low"]
+
+
+def test_files_that_run_and_that_running_code_names(root: Path) -> None:
+    parts = size.parts_of(root, size.modules(root), PLAY)
+    assert {path.name for path in parts} == {"top.py", "low.py", "errors.py"}
+
+
+def test_a_folder_without_the_package_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(size.SizeError, match="no package shuttle_marl here"):
+        size.modules(tmp_path)
+
+
+def test_a_stroke_of_the_environment() -> None:
+    found = size.modules(size.ROOT)
+    parts = size.parts_of(size.ROOT, found, size.STROKES["a stroke of `rally_v0`"])
+    assert "shuttle_marl.game.rally" in {found[path].name for path in parts}
+    assert len(parts) <= 7
