@@ -6,12 +6,25 @@ import pytest
 
 from docs.tools import size
 
+LOW = """from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from shuttle_marl.a import top
+X, _Y = 1, 2
+def f(): return X
+"""
+TOP = """from shuttle_marl.a import low
+from shuttle_marl.errors import E
+Z: int = 3
+def g():
+    low.f()
+    raise E
+"""
 FILES = {
     "__init__.py": "",
     "errors.py": "class E(Exception): ...\n",
     "a/__init__.py": "from shuttle_marl.a.low import f\n",
-    "a/low.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from shuttle_marl.a import top\nX, _Y = 1, 2\ndef f(): return X\n",
-    "a/top.py": "from shuttle_marl.a import low\nfrom shuttle_marl.errors import E\nZ: int = 3\ndef g():\n    low.f()\n    raise E\n",
+    "a/low.py": LOW,
+    "a/top.py": TOP,
     "a/unused.py": "import shuttle_marl.errors\n",
 }
 PLAY = """
