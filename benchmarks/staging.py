@@ -1,4 +1,4 @@
-"""How believable staged rallies are, and how fast they are made.
+"""Believability of staged rallies, and the speed at which they are made.
 
     python -m benchmarks.staging [--rallies N] [--quick] [--json]
 

@@ -2,8 +2,8 @@
 
     python -m experiments.fit_staging --data FOLDER [--out FILE]
 
-What the matches tell: when each stroke was struck (frames of the video), where the shuttle was met, where the players
-stood, and how faults ended. What they do not tell is how high a contact was, other than above or below the net; see
+The matches tell when each stroke was struck (frames of the video), where the shuttle was met, where the players
+stood, and how faults ended. They do not tell how high a contact was, other than above or below the net; see
 :mod:`shuttle_marl.staging.contact`. Only the training matches are used.
 """
 

@@ -226,7 +226,7 @@ def vertex_normals(vertices: Floats, quads: Ints) -> Floats:
 
 
 def _along(points: Floats, start: Floats, end: Floats) -> Floats:
-    """Where points lie along a segment: 0 at its start, 1 at its end."""
+    """Position of points along a segment: 0 at its start, 1 at its end."""
     axis = end - start
     share: Floats = (points - start) @ axis / (axis @ axis)
     return share

@@ -19,7 +19,7 @@ _SKY, _SUN = 0.52, 0.62
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Camera:
-    """Where a picture is taken from.
+    """Viewpoint of a picture.
 
     Attributes:
         place: [m], in the frame of the court.

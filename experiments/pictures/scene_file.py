@@ -73,7 +73,7 @@ class SceneFile:
     def picture(
         self, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720
     ) -> npt.NDArray[np.uint8]:
-        """What is seen some seconds after the start, without texts: ``[height, width, 3]``."""
+        """The picture some seconds after the start, without texts: ``[height, width, 3]``."""
         return self._draw(seconds, camera or Camera(), width, height)[0]
 
     def save(self, path: Path, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> None:
@@ -192,7 +192,7 @@ def _model(data: bytes) -> list[Mesh]:
 
 
 def _box(cube: Any) -> Mesh:
-    """Six faces in cells of a metre, so that none is lost whole where it reaches behind the camera."""
+    """Six faces in cells of a metre, so that a face that reaches behind the camera is not lost as a whole."""
     size = np.array([cube.size.x, cube.size.y, cube.size.z])
     vertices, normals, triangles, count = [], [], [], 0
     for axis in range(3):

@@ -16,10 +16,10 @@ from shuttle_marl.scene.layout import lichtblick
 from shuttle_marl.scene.write import EPOCH
 
 NO_PROBLEMS: Final = "No problems found"
-"""What Studio says of a file that it has nothing against."""
+"""Studio's message about a file without problems."""
 _KIT: Final = Path(__file__).parent
 _LIMIT: Final = 600
-"""How long npm and Node may take [s]."""
+"""Longest time of npm and Node [s]."""
 
 
 class StudioError(ShuttleError):

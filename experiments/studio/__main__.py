@@ -1,4 +1,4 @@
-"""Opens a scene file in Foxglove Studio and prints what it says.
+"""Opens a scene file in Foxglove Studio and prints its messages.
 
     python -m experiments.studio SCENE [--picture FILE] [--seconds S]
 

@@ -97,7 +97,7 @@ def scene(
 
 
 def _resolver(meant: Sequence[str], names: Sequence[str], trusted: bool) -> "Resolve":
-    """What finds the policies of a log: those that the user names, else by the names in the log, trusted or not."""
+    """Finds the policies of a log: those that the user names, else by the names in the log, trusted or not."""
     from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
 
     given: dict[str, str] = {}

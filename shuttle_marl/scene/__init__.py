@@ -9,4 +9,4 @@ __all__ = ["SceneError"]
 
 
 class SceneError(ShuttleError):
-    """A scene that cannot be made, served or drawn, or an option that is none."""
+    """A scene that cannot be made, served or drawn, or an unknown option."""

@@ -69,7 +69,7 @@ def _probabilities(report: RallyReport, seat: int, annotation: StrokeAnnotation)
 
 
 def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
-    """What ``/rally/stroke`` says about the i-th stroke."""
+    """Content of ``/rally/stroke`` for the i-th stroke."""
     trajectory, annotation = staged.motion.trajectory, staged.report.strokes[i]
     catalogue, stroke = trajectory.rally.catalogue, trajectory.rally.stroke[i]
     seat = int(trajectory.rally.striker[i])
@@ -132,13 +132,13 @@ def score_line(report: RallyReport, *, after: bool) -> str:
 
 
 def _action(report: RallyReport, i: int) -> str:
-    told, played = report.strokes[i], report.played
+    annotation, played = report.strokes[i], report.played
     stroke = played.stroke[i]
     catalogue = played.catalogue
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     name = report.names[played.striker[i]]
-    return f"{name}: {shot} to {area}, {technique}\ngood {percent(told.p_succ)}, returned {percent(told.p_ret)}"
+    return f"{name}: {shot} to {area}, {technique}\ngood {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}"
 
 
 def _sentence(content: dict[str, Any]) -> str:
@@ -211,7 +211,7 @@ class _Marks:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Landing:
-    """Where the last shuttle came down: green in court, red if it is a fault."""
+    """Disc where the last shuttle came down: green in court, red if it is a fault."""
 
     staged: StagedRally
 

@@ -16,7 +16,7 @@ _TARGET: Final = (-0.2, 0.1, 0.8)
 
 _PLOTS: Final = (
     (
-        "Chance to win, seat 0",
+        "Probability of a win, seat 0",
         (
             (f"{topics.VALUE}.rally_win_0", _RED, "the rally"),
             (f"{topics.VALUE}.match_win_0", _YELLOW, "the match"),

@@ -2,7 +2,7 @@
 
 The server of Foxglove's SDK cannot check who connects, so the protocol, as far as a scene needs it, stands here on top of
 :mod:`websockets`. A scene is served to programs and pages of this machine: the address is a loopback one, a request for another
-host name is refused (a name of somebody else that leads here, DNS rebinding), and so is a page of an origin that is not known.
+host name is refused (DNS rebinding: a foreign name that leads here), and so is a page of an unknown origin.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ _BACKLOG: Final = 8192
 _LARGEST: Final = 1 << 16
 """Bytes of a message from a viewer."""
 _HANDSHAKE: Final = 5.0
-"""Time that a connection has to say what it wants [s]."""
+"""Time that a connection has for its handshake [s]."""
 _FAREWELL: Final = 1.0
 """Time that viewers have to close their connections when the server stops [s]."""
 _MESSAGE, _TIME, _STATE = 1, 2, 5
@@ -66,16 +66,16 @@ class LiveScene:
 
     Args:
         content: a scene file.
-        listener: what :func:`bind` returned; closed in the end.
+        listener: from :func:`bind`; closed in the end.
         origins: further pages that may connect, such as ``https://viewer.example.org``.
-        say: told once why connections of a kind are refused.
+        say: called with the reason of a refusal, once for each reason.
 
     Attributes:
         playback: where the scene is.
         port: on which it is served.
 
     Raises:
-        SceneError: the file holds no scene; on entering, that somebody else took the port.
+        SceneError: the file holds no scene; on entering, that another program took the port.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class LiveScene:
                     viewer.send(self._state())
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Refuse what is no viewer of this machine's own."""
+        """Refuse all but viewers of this machine."""
         reason = refusal(request.headers.get_all("Host"), request.headers.get_all("Origin"), self._origins)
         if reason is None:
             return None
@@ -197,7 +197,7 @@ class LiveScene:
             sender.cancel()
 
     def _answer(self, viewer: "_Viewer", message: str | bytes) -> None:
-        """Do what a viewer asks for; raises one of the errors above for what is no request."""
+        """Do what a viewer asks for; raises one of the errors above for a malformed request."""
         if isinstance(message, bytes):
             if message[0] != _CONTROL:
                 raise ValueError(message[0])
@@ -209,7 +209,7 @@ class LiveScene:
             if not wanted.keys() <= self._topics.keys() or any(not 0 <= number < 1 << 32 for number in wanted.values()):
                 raise ValueError(wanted)
             viewer.subscriptions |= wanted
-            # A new viewer is shown what is there.
+            # A new viewer is shown the present state.
             self._send(viewer, (m for m in self.playback.latest() if self._number[m.topic] in wanted))
         elif request["op"] == "unsubscribe":
             gone = set(request["subscriptionIds"])
@@ -261,7 +261,7 @@ class LiveScene:
 
 
 class _Viewer:
-    """What a viewer has subscribed to, and what is on its way to it."""
+    """Subscriptions of a viewer, and messages on their way to it."""
 
     def __init__(self) -> None:
         self.subscriptions: dict[int, int] = {}
@@ -332,7 +332,7 @@ def show_live(content: bytes, listener: socket.socket, console: Console, *, orig
 
     Args:
         content: a scene file.
-        listener: what :func:`bind` returned.
+        listener: from :func:`bind`.
         console: says where it is to be seen, and who is refused; one that reads no markup.
         origins: further pages that may connect.
     """

@@ -82,7 +82,7 @@ def model(meshes: list[Mesh]) -> ModelPrimitive:
 
 
 def update(nanoseconds: int, entities: list[SceneEntity]) -> SceneUpdate:
-    """All that a topic shows from now on: what it showed before goes, so that the message stands for itself after a seek."""
+    """All that a topic shows from this time: earlier entities are deleted, so that the message stands for itself after a seek."""
     everything = SceneEntityDeletion(timestamp=stamp(nanoseconds), type=SceneEntityDeletionType.All, id="")
     return SceneUpdate(deletions=[everything], entities=entities)
 

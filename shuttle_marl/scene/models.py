@@ -29,7 +29,7 @@ _SHARED: Final = 0.12
 
 
 SHUTTLE_SCALE: Final = 1.9
-"""How much larger than it is a shuttle is drawn: at its true size it cannot be seen across the court."""
+"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
 
 _BUTT: Final = -0.10
 _HEAD: Final = (RACKET_LENGTH + _BUTT - SWEET_SPOT, 0.105)

@@ -1,4 +1,4 @@
-"""What is shown when: play, pause, seek and speed over the messages of a scene, without any network."""
+"""Playback: play, pause, seek and speed over the messages of a scene, without any network."""
 
 import bisect
 import dataclasses
@@ -21,7 +21,7 @@ _NOTHING: Final = Schema(id=0, name="", encoding="", data=b"")
 
 
 class Status(enum.Enum):
-    """What a player is doing."""
+    """State of a playback."""
 
     PLAYING = enum.auto()
     PAUSED = enum.auto()
@@ -35,7 +35,7 @@ class Topic:
     Attributes:
         name: of the topic.
         encoding: of its messages.
-        schema: what they hold.
+        schema: of their content.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Message:
 
 
 class Playback:
-    """A position in a scene that moves on with time.
+    """A position in a scene that moves with time.
 
     Args:
         content: a scene file.
@@ -70,7 +70,7 @@ class Playback:
         end: time of the last message [ns].
         position: time that is shown [ns].
         speed: times real time.
-        status: what it does; a new one is paused at the start.
+        status: a new one is paused at the start.
 
     Raises:
         SceneError: the file is no MCAP file or holds no messages.
@@ -97,7 +97,7 @@ class Playback:
         self._next = bisect.bisect_right(self._times, self.start)
 
     def play(self) -> None:
-        """Go on; from the end, begin anew."""
+        """Continue; from the end, begin again."""
         if self.status is Status.ENDED:
             self.seek(self.start)
         self.status = Status.PLAYING

@@ -1,4 +1,4 @@
-"""Where everything that moves is, as transforms from frame to frame of reference."""
+"""Places of all that moves, as transforms from frame to frame of reference."""
 
 import dataclasses
 from typing import Final

@@ -32,7 +32,7 @@ Resolve = Callable[[str, Game], Policy]
 SECOND: Final = 1_000_000_000
 """[ns]"""
 TOP: Final = 5
-"""How many strokes of a policy are listed."""
+"""Number of strokes of a policy that are listed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ class StagedRally:
 
     @property
     def end(self) -> int:
-        """When its last frame is shown [ns]."""
+        """Time of its last frame [ns]."""
         return self.at(float(self.motion.time[-1]))
 
 

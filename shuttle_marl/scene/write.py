@@ -24,7 +24,7 @@ from shuttle_marl.staging import stage
 from shuttle_marl.text import printable
 
 EPOCH: Final = 1_735_689_600 * SECOND
-"""When every scene begins: rallies are played at no date, and viewers want one (2025-01-01)."""
+"""Start of every scene: rallies are played at no date, and viewers want one (2025-01-01)."""
 MOST_FPS: Final = 50
 METADATA: Final = "shuttle_marl.scene"
 _CHUNK: Final = 1 << 20
@@ -92,7 +92,7 @@ def write_scene(
     Raises:
         RecordingError: the log has no such rally, is damaged, or was played on another game.
         SceneError: a rally of it cannot have been played, or too few or too many frames a second.
-        StagingError: an option of the staging that is none.
+        StagingError: an unknown option of the staging.
     """
     if not 25 <= fps <= MOST_FPS:
         raise SceneError(f"{fps} frames a second: expected 25 to {MOST_FPS}; viewers warn about more")
@@ -136,7 +136,7 @@ def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
 
 
 def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
-    """Where the rallies come from, so that they can be found and played again."""
+    """Origin of the rallies, so that they can be found and played again."""
     headers = [file.header for file in log.files]
     seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
     players = [log.policies[i] for i in seated]

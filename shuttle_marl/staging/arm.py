@@ -169,7 +169,7 @@ def arm_of(skeleton: Skeleton) -> Arm:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Goal:
-    """Where N arms shall be, in the frame of the chest.
+    """Goals of N arms, in the frame of the chest.
 
     Attributes:
         point: ``[N, 3]`` where the point at ``reach`` along the shaft shall be.

@@ -52,7 +52,7 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
-"""How far the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
+"""Share by which the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
 shot from a lunge would be played with the head of the racket hanging from a hand held high."""
 
 
@@ -73,7 +73,7 @@ class Performance:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Prepared:
-    """What is known before the bones are: F frames, K key poses, H hits.
+    """State before the bones are solved: F frames, K key poses, H hits.
 
     Attributes:
         hips: ``[F, 3]`` where the hips are [m].

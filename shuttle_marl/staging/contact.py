@@ -1,4 +1,4 @@
-"""How strokes are met: the kind of motion, the height of the contact, and where the body is when the racket meets the shuttle.
+"""Contacts of strokes: the kind of motion, the height of the contact, and where the body is when the racket meets the shuttle.
 
 The matches say whether a contact was above or below the net, not how high. The heights below are choices within that:
 clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), the rest where players are
@@ -55,7 +55,7 @@ _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
 """Range of the contact height [m] below and above the net."""
 
 _LOWER: Final = (0.0, 0.14, 0.05)
-"""How much lower than with the forehand an overhead stroke is met [m], by technique."""
+"""Height by which an overhead stroke is met lower than with the forehand [m], by technique."""
 
 STRIDES: Final = frozenset({KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND})
 """Motions whose stroke frame turns towards the shuttle."""
@@ -69,7 +69,7 @@ _ABOVE_FROM: Final = 1.55
 
 @dataclasses.dataclass(frozen=True)
 class Stance:
-    """Where a player is when they strike.
+    """Place and motion of a player who strikes.
 
     Attributes:
         motion: index into :data:`MOTIONS`.
@@ -115,7 +115,7 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
 
 
 def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool, natural: Floats) -> Stance:
-    """Where the hips are when a player who comes from ``base`` meets the shuttle.
+    """Place of the hips when a player who comes from ``base`` meets the shuttle.
 
     Args:
         motion: index into :data:`MOTIONS`.

@@ -40,7 +40,7 @@ _SWING: Final = 0.28
 _STAYS: Final = 0.07
 """A foot that is meant to go no further than this stays where it is [m]."""
 _CROSSED: Final = 0.30
-"""How far a foot may stand beyond the middle of the body [m]."""
+"""Distance by which a foot may stand beyond the middle of the body [m]."""
 _WIDTH: Final = 0.15
 """Half the width between the feet in steps [m]."""
 
@@ -162,7 +162,7 @@ def _placed(spots: Floats, root: Floats, heading: float) -> tuple[Floats, Floats
 
 
 def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: int) -> tuple[list[Plant], list[Plant]]:
-    """When and where each foot is planted.
+    """Times and places at which each foot is planted.
 
     Args:
         stands: in order of time.

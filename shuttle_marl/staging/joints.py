@@ -57,7 +57,7 @@ class Joint:
 
     @property
     def excess(self) -> float:
-        """How far the angle passes its limits at most [rad], negative if it keeps away from them."""
+        """Greatest angle beyond the limits [rad], negative if it keeps away from them."""
         return float(np.maximum(self.angle - self.high, self.low - self.angle).max())
 
 

@@ -191,7 +191,7 @@ def _within(shank: Floats, sole: Floats, side: str) -> Floats:
 
 
 def _pitch(sole: Floats) -> Floats:
-    """How far a sole points down [rad]."""
+    """Angle by which a sole points down [rad]."""
     return -np.arcsin(np.clip(sole[..., 2, 1], -1, 1))
 
 

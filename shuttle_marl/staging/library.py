@@ -53,7 +53,7 @@ _CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
     "defence": (0.40, -0.14, 0.14, 36.0),
     "other": (0.35, -0.10, 0.12, 20.0),
 }
-"""How a motion gets lower or higher than is natural: share that the hips take up, least and greatest change of their height
+"""Ways of a motion to get lower or higher than is natural: share that the hips take up, least and greatest change of their height
 [m], and how much further the body bows for each metre [degrees]."""
 
 
@@ -127,7 +127,7 @@ def library_of(skeleton: Skeleton) -> Library:
 
 
 def _contacts(skeleton: Skeleton, pose: Floats, own: Floats, back: Floats) -> Floats:
-    """``[13, 7, 3]`` of :class:`Library`, from the contact poses and what they reach in the facing frame."""
+    """``[13, 7, 3]`` of :class:`Library`, from the contact poses and their reach in the facing frame."""
     arm, m, k = arm_of(skeleton), len(MOTIONS), len(NEEDS)
     need = np.array(NEEDS)
     needs = [np.minimum(need, 0.0) if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND) else need for motion in range(m)]

@@ -26,7 +26,7 @@ QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Measured:
-    """What the matches tell about time and place.
+    """Times and places in the matches.
 
     Attributes:
         flight_time: ``[13, 3]`` quartiles of the time until the receiver strikes [s], by shot type.

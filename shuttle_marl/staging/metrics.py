@@ -21,7 +21,7 @@ _FINE: float = 2000.0
 
 
 _ROUNDING: float = 2e-6
-"""Angle that comes of keeping rotations in 32 bits [rad]."""
+"""Error of angles from rotations kept in 32 bits [rad]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,8 +95,8 @@ def summary(found: Sequence[Metrics]) -> dict[str, float]:
     Returns:
         ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
         ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
-        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``. What no
-        stroke can tell (no stroke crosses the net, none is returned) is left out.
+        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``. Figures
+        without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:
@@ -125,7 +125,7 @@ def summary(found: Sequence[Metrics]) -> dict[str, float]:
 
 
 def _feet(motion: Motion) -> tuple[Floats, float]:
-    """How far planted feet slide, and how far feet sink into the floor."""
+    """Slide of planted feet, and depth to which feet sink into the floor."""
     slides, sunk = [], 0.0
     for seat in (0, 1):
         for foot, side in enumerate(("Left", "Right")):

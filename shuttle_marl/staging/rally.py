@@ -17,7 +17,7 @@ from shuttle_marl.recording.schema import Rallies
 
 
 class StagingError(ShuttleError):
-    """A rally that cannot be staged, or an option that is none."""
+    """A rally that cannot be staged, or an unknown option."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

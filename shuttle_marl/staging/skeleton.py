@@ -119,7 +119,7 @@ def load_skeleton(name: str) -> Skeleton:
     """The skeleton of a shipped athlete.
 
     Raises:
-        StagingError: there is none of this name.
+        StagingError: there is no athlete of this name.
     """
     if name not in ATHLETES:
         raise StagingError(f"athlete {name!r}: expected one of {', '.join(ATHLETES)}")
@@ -148,13 +148,13 @@ def model_file(name: str) -> Path:
     """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones.
 
     Raises:
-        StagingError: there is none of this name.
+        StagingError: there is no athlete of this name.
     """
     return FOLDER / f"{load_skeleton(name).name}.glb"
 
 
 def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
-    """How the fingers of an athlete's model are bent, all the time.
+    """Bend of the fingers of an athlete's model, all the time.
 
     Args:
         name: the athlete.

@@ -59,7 +59,7 @@ class Hit:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Timeline:
-    """What a player does over F frames.
+    """Movements of a player over F frames.
 
     Attributes:
         frame: ``[K]`` when each key pose is taken, ascending.
@@ -161,7 +161,7 @@ class TimelineBuilder:
         return int(np.floor(peak - half)), int(np.ceil(peak + half))
 
     def _facing(self, frame: int) -> float:
-        """How far left the player looks to face where the shuttle is struck next [rad]."""
+        """Angle to the left at which the player faces where the shuttle is struck next [rad]."""
         i = int(np.clip(np.searchsorted(self.clock, frame), 0, len(self.clock) - 1))
         way = (self.trajectory.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
         return float(0.7 * np.arctan2(-way[0], max(way[1], 1.5)))
@@ -272,7 +272,7 @@ class TimelineBuilder:
         self._stand(down, down + round(0.08 * fps), landing(after, 0.5 * stance.heading), hop=True)
 
     def _normal(self, i: int) -> Floats:
-        """Where the strings face: between where the shuttle comes from and where it goes."""
+        """Direction that the strings face: between where the shuttle comes from and where it goes."""
         _, out = self.trajectory.flight.at(i, np.array([0.0]))
         n = out[0] / np.linalg.norm(out[0])
         if i:

@@ -27,7 +27,7 @@ LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
 RETURN, WIN, OUT, NET = range(4)
 ENDS: Final = ("returned", "winner", "out", "net")
-"""How a stroke ends in the staging."""
+"""Ends of a stroke in the staging."""
 
 _CLEARANCE: Final = 0.035
 """Height over the net at which the middle of the shuttle is aimed at least [m]."""
@@ -284,7 +284,7 @@ class _TrajectoryBuilder:
         return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
 
     def _flown(self, contact: Floats, tried: _Try, end: int) -> _Choice:
-        """A try with its flight, made longer until it clears the net; the cost is what it asks too much, 0 if nothing."""
+        """A try with its flight, made longer until it clears the net; the cost is the excess over what is possible, 0 if none."""
         ticks = tried.ticks
         while True:
             flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
@@ -296,7 +296,7 @@ class _TrajectoryBuilder:
         return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost)
 
     def _point(self, i: int, end: int, k: int) -> tuple[Floats, int]:
-        """Where the k-th try of a stroke ends, in the striker's frame, and the height class at which it is met."""
+        """End of the k-th try of a stroke, in the striker's frame, and the height class at which it is met."""
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
         places = self.measured.places[self.shot[i], self.area[i]]
@@ -328,7 +328,7 @@ class _TrajectoryBuilder:
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
     def _net_point(self, i: int, contact: Floats, point: Floats, share: float, k: int) -> Floats:
-        """Where the k-th try of a stroke meets the net, on the way to ``point``."""
+        """Point where the k-th try of a stroke meets the net, on the way to ``point``."""
         x = contact[0] + share * (point[0] - contact[0])
         # Most balls into the net are just too low.
         z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2

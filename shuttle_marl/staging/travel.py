@@ -1,4 +1,4 @@
-"""How the hips of a player travel over the court: the smoothest path that is where it must be and breaks no limit.
+"""Travel of the hips of a player over the court: the smoothest path that is where it must be and breaks no limit.
 
     minimise   Σ w_a |p̈|² + Σ w_b |base - p|² + Σ w_v |ṗ|² + Σ W |root - p|²    subject to |ṗ| ≤ V, |p̈| ≤ A
 

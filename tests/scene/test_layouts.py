@@ -1,4 +1,4 @@
-"""Layouts: what they show exists, and those in the documentation are those in the files."""
+"""Layouts: all that they show exists, and those in the documentation are those in the files."""
 
 import json
 import re
@@ -36,7 +36,7 @@ def test_every_path_leads_somewhere(name: str) -> None:
 
 @pytest.mark.parametrize("name", layout.FILES)
 def test_the_documentation_has_the_same_layouts(name: str) -> None:
-    assert (DOCS / name).read_bytes() == layout.FILES[name](), f"write it anew: layout.FILES[{name!r}]()"
+    assert (DOCS / name).read_bytes() == layout.FILES[name](), f"write it again: layout.FILES[{name!r}]()"
 
 
 def test_lichtblick_finds_every_panel_of_the_arrangement() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pygltflib as gltf
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from experiments.pictures.raster import Camera, Canvas, linear
 from experiments.pictures.scene_file import SceneFile
 from shuttle_marl.scene import SceneError, models
 from shuttle_marl.scene.commentary import percent
+from shuttle_marl.scene.glb import GlbWriter, read_array
 from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
 from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
 
@@ -34,6 +36,25 @@ def test_models_are_read_as_they_were_written(steps: list[tuple[float, float]], 
     pipe = tube(np.array([[0.0, 0, 0], [0, 1, 0.1], [0, 2, 0]]), 0.1, DARK, sides)
     for mesh, read in zip([body, pipe], read_glb(glb([body, pipe])), strict=True):
         same(mesh, read)
+
+
+def test_small_integers_are_padded_and_normalized() -> None:
+    """Normals and weights of athletes: rows of three bytes start at multiples of four."""
+    writer = GlbWriter()
+    bytes_, weights, indices = np.array([[-127, 0, 127]] * 5, dtype=np.int8), np.full((5, 4), 51, dtype=np.uint8), np.arange(6)
+    numbers = (
+        writer.add(bytes_, gltf.ARRAY_BUFFER, normalized=True),
+        writer.add(weights, gltf.ARRAY_BUFFER, normalized=True),
+        writer.add(weights, gltf.ARRAY_BUFFER),
+        writer.add(indices.astype("<u2"), gltf.ELEMENT_ARRAY_BUFFER),
+    )
+    document = gltf.GLTF2().load_from_bytes(writer.content(gltf.GLTF2(asset=gltf.Asset(version="2.0"))))
+    assert document.bufferViews[0].byteStride == 4
+    normals, shares, plain, back = (read_array(document, number) for number in numbers)
+    np.testing.assert_array_equal(normals, bytes_ / 127)
+    np.testing.assert_allclose(shares, 0.2)
+    np.testing.assert_array_equal(plain, weights)
+    np.testing.assert_array_equal(back, indices)
 
 
 def test_surfaces_face_outwards() -> None:
@@ -154,8 +175,8 @@ def test_what_is_no_scene_cannot_be_drawn(log_path: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("chance", "words"),
+    ("probability", "words"),
     [(0.0, "0 %"), (0.001, "under 1 %"), (0.006, "1 %"), (0.5, "50 %"), (0.994, "99 %"), (0.999, "over 99 %"), (1.0, "100 %")],
 )
-def test_no_chance_is_rounded_to_a_certainty(chance: float, words: str) -> None:
-    assert percent(chance) == words
+def test_no_probability_is_rounded_to_a_certainty(probability: float, words: str) -> None:
+    assert percent(probability) == words

@@ -1,4 +1,4 @@
-"""Scene files: what they hold, read by the official reader, and held against the log and the motions."""
+"""Scene files: their content, read by the official reader, and held against the log and the motions."""
 
 import io
 import itertools

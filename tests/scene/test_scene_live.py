@@ -189,7 +189,7 @@ def test_what_is_no_request_is_answered_and_changes_nothing(live: LiveScene, mes
 
 @contextlib.contextmanager
 def silent(port: int) -> Iterator[socket.socket]:
-    """A connection that never says what it wants."""
+    """A connection without a handshake."""
     with socket.create_connection((HOST, port), timeout=10) as connection:
         yield connection
 
@@ -235,7 +235,7 @@ def test_a_taken_port_says_so() -> None:
             bind(other.getsockname()[1])
 
 
-def test_a_port_that_somebody_takes_before_it_serves(reel: Any) -> None:
+def test_a_port_that_is_taken_before_it_serves(reel: Any) -> None:
     with bind(0) as listener, socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         other.bind(listener.getsockname())

@@ -18,7 +18,7 @@ def angles_of(shares: list[float]) -> np.ndarray:
 
 
 def goal_at(angles: np.ndarray, weight: tuple[float, float, float, float]) -> Goal:
-    """What an arm with these angles reaches, as a goal."""
+    """Reach of an arm with these angles, as a goal."""
     arm = arm_of(load_skeleton("male"))
     pose = arm.pose(angles)
     shaft, normal = pose.rotation[4] @ arm.axis, pose.rotation[4] @ arm.normal

@@ -23,7 +23,7 @@ def shot(numbers: tuple[float, ...], seconds: float) -> Flights:
 
 
 def integrated(start: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
-    """Where a shuttle is after some seconds, by a Runge-Kutta method of order 8 with tight tolerances."""
+    """Place of a shuttle after some seconds, by a Runge-Kutta method of order 8 with tight tolerances."""
 
     def change(_: float, state: np.ndarray) -> np.ndarray:
         v = state[3:]

@@ -79,7 +79,7 @@ def test_without_a_log_rallies_are_simulated(capsys: pytest.CaptureFixture[str])
         (["--rallies", "0"], "--rallies 0: expected 1 or more"),
         (["nothing.mcap"], "nothing.mcap: cannot be read"),
         (["--rallies", "1", "--fps", "3"], "3 frames a second: expected 25 to 1000"),
-        (["--rallies", "1", "--policies", "bc", "nobody"], "no policy 'nobody'"),
+        (["--rallies", "1", "--policies", "bc", "no-one"], "no policy 'no-one'"),
     ],
 )
 def test_what_cannot_be_measured(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
