@@ -76,6 +76,7 @@ def watch() -> Watch:
         (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes", "--game", "default"]),
         (recording, ["show", "LOG", "--rally", "1"]),
         (recording, ["show", "LOG", "--match", "0"]),
+        (recording, ["scene", "LOG", "--rally", "1", "--out", "scene.mcap"]),
         (analysis, ["LOG", "--rallies", "50"]),
         (analysis, ["LOG", "--rallies", "50", "--out", "pictures"]),
     ],
