@@ -69,7 +69,7 @@ def _copies(root: Path, matches_here: set[str]) -> Iterator[tuple[str, int, int]
 
 
 def _order(raw: RawGame) -> Measures:
-    """What is wrong with the order of rows."""
+    """Faults in the order of rows."""
     _, repeated = arrange(raw)
     return {
         "games with a rally in the wrong place": np.array(bool((np.diff(raw.rally) < 0).any())),

@@ -4,7 +4,7 @@
 
 ShuttleEnv (arXiv 2603.17324) reports two players of its own private data; ours are other matches of other players, so the
 figures stand side by side, not against each other. The shot type is scored on all strokes, the area on those that were no
-fault (a fault does not say where it was aimed). The contact height is part of the state, hence known.
+fault (a fault does not say where it was aimed). The contact height is part of the state, so it is known.
 """
 
 import json as json_format

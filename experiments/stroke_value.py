@@ -1,10 +1,10 @@
-"""What strokes are worth: players ranked by the value that theirs added, with intervals over matches.
+"""Value of strokes: players ranked by the value that theirs added, with intervals over matches.
 
     python -m experiments.stroke_value [--data DATA] [--out FOLDER] [--json]
 
 Without ``--data`` the folder that the environment variable SHUTTLESET names is taken, else the simulated sample of the
-repository. The value of a stroke is the change of the chance to win the rally, exactly computed on the shipped game as if both
-played on like the average player (``bc``); each player is measured by the mean stroke of their discipline.
+repository. The value of a stroke is the change of the probability of winning the rally, exactly computed on the shipped game as
+if both played on like the average player (``bc``); each player is measured by the mean stroke of their discipline.
 """
 
 import csv
@@ -64,13 +64,13 @@ def stroke_value(
     groups = {text: mine for kind, text in _GROUPS.items() if (mine := [p for p in players if p.discipline == kind])}
     if out is not None:
         _write(out, players)
-        everybody = {"all players": summarise(valued)} | {
+        everyone = {"all players": summarise(valued)} | {
             mine[0].player: summarise(valued, mine[0].player) for mine in groups.values()
         }
         pictures.save(pictures.ranking(groups, "Value added by strokes"), out / "ranking.png")
-        pictures.save(pictures.landings(everybody), out / "landings.png")
-        pictures.save(pictures.transitions(everybody["all players"], "Replies of all players"), out / "replies.png")
-        pictures.save(pictures.shot_mix(everybody), out / "shots.png")
+        pictures.save(pictures.landings(everyone), out / "landings.png")
+        pictures.save(pictures.transitions(everyone["all players"], "Replies of all players"), out / "replies.png")
+        pictures.save(pictures.shot_mix(everyone), out / "shots.png")
         shown = next((r for r in rally_table(valued).to_pylist() if r["length"] in _DRAWN and _known(valued, r)), None)
         if shown is not None:
             pictures.save(pictures.rally(valued, shown["first"], shown["length"]), out / "rally.png")

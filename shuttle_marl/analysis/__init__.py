@@ -1,4 +1,4 @@
-"""What was played, in figures: shot mix, tempo, endings, landings, transitions, and the value that each stroke added.
+"""Figures of what was played: shot mix, tempo, endings, landings, transitions, and the value that each stroke added.
 
 Everything works on stroke tables of one schema (:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs go the
 same ways. See ``docs/analysis.md``. Names are imported when first used.

@@ -97,7 +97,7 @@ def area_box(area: int) -> tuple[float, float, float, float]:
 
 
 def landings(summaries: Mapping[str, Summary]) -> Any:
-    """Where the good strokes of each came down, on the court, with the share of every area."""
+    """Landings of the good strokes of each, on the court, with the share of every area."""
     drawn = figure(3.4 * len(summaries), 6.2)
     axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
     cells = [_density(summary.points) for summary in summaries.values()]
@@ -221,7 +221,7 @@ def ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
 
 
 def rally(valued: pa.Table, first: int, length: int) -> Any:
-    """The chance to win of who serves, stroke by stroke, with the strokes named.
+    """The server's probability of winning the rally, stroke by stroke, with the strokes named.
 
     Args:
         valued: what :func:`shuttle_marl.analysis.values.add_values` made.
@@ -232,33 +232,40 @@ def rally(valued: pa.Table, first: int, length: int) -> Any:
         AnalysisError: the values of the rally are not all known.
     """
     rows = valued.slice(first, length).to_pylist()
-    chances = [rows[0]["win_before"]]
-    chances += [row["win_after"] if row["player"] == rows[0]["player"] else _flipped(row["win_after"]) for row in rows]
-    if any(chance is None for chance in chances):
+    wins = [rows[0]["win_before"]]
+    wins += [row["win_after"] if row["player"] == rows[0]["player"] else _flipped(row["win_after"]) for row in rows]
+    if any(win is None for win in wins):
         raise AnalysisError(f"the rally from row {first} on has strokes whose value is not known; choose another one")
     drawn = figure(10.5, 4.6)
     axes = drawn.subplots()
     axes.axhline(50, color=INK, linewidth=0.6, linestyle=":")
-    axes.plot(range(len(chances)), 100 * np.array(chances), color=INK, linewidth=1, zorder=2)
+    axes.plot(range(len(wins)), 100 * np.array(wins), color=INK, linewidth=1, zorder=2)
     for i, row in enumerate(rows, start=1):
         seat = int(row["player"] != rows[0]["player"])
-        axes.plot(i, 100 * chances[i], "o", color=_COLOURS[seat], zorder=3)
+        axes.plot(i, 100 * wins[i], "o", color=_COLOURS[seat], zorder=3)
         area = "" if row["area"] is None else f"\n{AREAS[row['area']]}"
         gain = f"{round(100 * row['value_added']):+d}"
         text = f"{_SHORT.get(SHOTS[row['shot']], SHOTS[row['shot']])}{area}\n{gain}"
         offset, across, side = (0.0, 8.0), "center", "bottom"
         if i == len(rows):  # beside its point, because the line comes from above or below
             offset, across, side = (9.0, 0.0), "left", "center"
-        elif chances[i] < chances[i - 1]:
+        elif wins[i] < wins[i - 1]:
             offset, side = (0.0, -8.0), "top"
         axes.annotate(
-            text, (i, 100 * chances[i]), offset, textcoords="offset points", ha=across, va=side, fontsize=7, color=_COLOURS[seat]
+            text,
+            (i, 100 * wins[i]),
+            offset,
+            textcoords="offset points",
+            ha=across,
+            va=side,
+            fontsize=7,
+            color=_COLOURS[seat],
         )
     axes.set(
         ylim=(-12, 112),
         xlim=(-0.5, len(rows) + 1.2),
         xlabel="stroke",
-        ylabel=f"chance of {rows[0]['player']} to win the rally [%]",
+        ylabel=f"probability that {rows[0]['player']} wins the rally [%]",
     )
     axes.set_xticks(range(1, len(rows) + 1))
     ends = "wins" if rows[-1]["value_added"] > 0 else "loses"
@@ -269,5 +276,5 @@ def rally(valued: pa.Table, first: int, length: int) -> Any:
     return drawn
 
 
-def _flipped(chance: float | None) -> float | None:
-    return None if chance is None else 1 - chance
+def _flipped(probability: float | None) -> float | None:
+    return None if probability is None else 1 - probability

@@ -18,7 +18,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeEr
 Floats = npt.NDArray[np.float64]
 
 _SPREAD: Final = 0.35
-"""Chances to win within this of one half are told apart by colour; what lies beyond has the last one."""
+"""Probabilities of winning within this of one half are told apart by colour; what lies beyond has the last one."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,4 +1,4 @@
-"""How somebody plays: shot mix, tempo, endings, landings, transitions, length of rallies."""
+"""Figures of play: shot mix, tempo, endings, landings, transitions, length of rallies."""
 
 import dataclasses
 from typing import Final
@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
-"""How rallies end: one more is a winner, all others are faults of the last striker."""
+"""Endings of rallies: one more is a winner, all others are faults of the last striker."""
 LONGEST: Final = 60
 """Rallies of more strokes are counted with those of so many."""
 
@@ -27,7 +27,7 @@ class AnalysisError(ShuttleError):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Summary:
-    """How somebody plays, or all together.
+    """Figures of the play of one player, or of all together.
 
     Attributes:
         strokes, rallies, matches: how many there are: strokes of the player, rallies that the player was in.
@@ -95,7 +95,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
 
     Args:
         strokes: of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order.
-        player: whose strokes and rallies; None: everybody's.
+        player: whose strokes and rallies; None: everyone's.
 
     Raises:
         AnalysisError: the player has no stroke.
@@ -111,7 +111,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         won = winner == player
     if not mine.any():
         raise AnalysisError(
-            f"no stroke of {player or 'anybody'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
+            f"no stroke of {player or 'anyone'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
         )
     decided = present & rallies["winner"].is_valid().to_numpy()
     good = mine & (frame.outcome != Outcome.FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
@@ -144,7 +144,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
 
 
 def players_of(strokes: pa.Table) -> list[str]:
-    """Everybody who strikes, most strokes first."""
+    """Everyone who strikes, most strokes first."""
     counted = strokes["player"].value_counts().to_pylist()
     return [entry["values"] for entry in sorted(counted, key=lambda entry: (-entry["counts"], entry["values"]))]
 

@@ -27,7 +27,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution")
-"""What :func:`add_values` adds."""
+"""Columns that :func:`add_values` adds."""
 _UNKNOWN: Final = -1
 
 LEAST_MATCHES: Final = 3
@@ -41,10 +41,10 @@ _DRAWS_AT_ONCE: Final = 1 << 22
 def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     """Add to every stroke what it was worth if both players played on like the reference.
 
-    ``win_before`` is the striker's chance to win the rally when the shuttle comes, ``win_after`` that after the stroke: 1 for a
-    winner, 0 for a fault, and for a returned stroke what is left against the reply that the opponent makes next, not the
-    stroke they choose but the contact that they reach. ``value_added`` is the difference, in chances from -1 to 1; over a
-    rally the server's minus the receiver's add up to the outcome minus the chance at the serve. ``decision`` is the part that
+    ``win_before`` is the striker's probability of winning the rally when the shuttle comes, ``win_after`` that after the stroke:
+    1 for a winner, 0 for a fault, and for a returned stroke what is left against the reply that the opponent makes next, not the
+    stroke they choose but the contact that they reach. ``value_added`` is the difference, from -1 to 1; over a rally the
+    server's minus the receiver's add up to the outcome minus the probability at the serve. ``decision`` is the part that
     follows from the choice (the stroke's mean value before it is struck, above that of the reference's choice), ``execution``
     the rest: skill and luck. The target of a fault is not recorded; its decision is the mean over the targets of the
     same shot type and technique, weighted by how likely the reference aims and faults there.
@@ -129,7 +129,7 @@ def _means_over_own(game: Game, reference: TabulatedPolicy, value: Floats) -> Fl
 
 
 def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Ints, value: Floats) -> Floats:
-    """``[N]`` chance to win that the choice of the stroke adds to that of the reference's choice, NaN where it is unknown."""
+    """``[N]`` probability of winning that a choice adds to that of the reference's choice, NaN where it is unknown."""
     game = reference.game
     quality = game.stroke_values(value)
     shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
@@ -154,13 +154,13 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Int
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerValue:
-    """What the strokes of a player added.
+    """Value added by the strokes of a player.
 
     Attributes:
         player: identifier.
         discipline: MS or WS.
         matches, strokes: how many went in; strokes whose value is not known are left out.
-        value: chance to win the rally that a stroke added, mean.
+        value: probability of winning the rally that a stroke added, mean.
         low, high: bounds of its 95 % interval.
         decision: the part of it that follows from the choice of the stroke, mean over the strokes where it is known.
         decision_low, decision_high: bounds of its interval.
@@ -201,7 +201,7 @@ def rank_players(
         seed: of the bootstrap.
 
     Raises:
-        AnalysisError: nobody has played as much.
+        AnalysisError: no one has played as much.
     """
     value, decision = (valued[name].to_numpy(zero_copy_only=False) for name in ("value_added", "decision"))
     player, match = (valued[name].combine_chunks().dictionary_encode() for name in ("player", "match"))

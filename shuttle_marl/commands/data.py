@@ -29,7 +29,7 @@ Root = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(name="root")]
 
 
 def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> None:
-    """Fetch ShuttleSet and ShuttleSet22 at their pinned commit; goes on where an earlier download stopped.
+    """Fetch ShuttleSet and ShuttleSet22 at their pinned commit; continues where an earlier download stopped.
 
     Args:
         out: Folder for the files.

@@ -183,7 +183,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     facing = np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])
     ego = {name: (raw.point[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
     is_serve = (raw.shot >= 0) & (raw.shot < N_SERVES)
-    # The receiver meets a serve, not the server; and nobody reaches far over the net or stands beyond it.
+    # The receiver meets a serve, not the server; and no one reaches far over the net or stands beyond it.
     ego["contact"][is_serve | (ego["contact"][:, 1] > REACH_OVER)] = np.nan
     ego["striker"][ego["striker"][:, 1] > 0] = np.nan
     ego["receiver"][ego["receiver"][:, 1] < 0] = np.nan

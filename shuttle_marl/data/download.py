@@ -22,7 +22,7 @@ from shuttle_marl.files import replace_file
 TIMEOUT: Final = (10.0, 30.0)
 """Seconds to wait for a connection, and between two pieces of an answer."""
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
-_RESUME: Final = "what was fetched is kept: run the same command again to go on"
+_RESUME: Final = "what was fetched is kept: run the same command again to continue"
 _STALE: Final = 3600.0
 
 

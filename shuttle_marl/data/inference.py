@@ -1,4 +1,4 @@
-"""What the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
+"""Corrections of what the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
 
 import dataclasses
 from typing import Final
@@ -17,7 +17,7 @@ HEIGHTS_PLAUSIBLE: Final = 0.9
 FIXED_HEIGHT: Final = {"drop": 1, "smash": 1, "half-smash": 1, "lift": 0, "net-shot": 0}
 """Shot types that are nearly always struck from one height: 0 below, 1 above the net."""
 FEW_ODD: Final = 0.2
-"""Letters are mended in a game where at most this share of rallies contradicts the others."""
+"""Letters are exchanged in a game where at most this share of rallies contradicts the others."""
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
 """Matches whose area labels are mirrored left-right in the lower half."""
 
@@ -80,8 +80,8 @@ def sides(raw: RawGame, first: Bools) -> tuple[Ints, Bools]:
 def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
     """The rows, players exchanged in rallies whose letters A and B contradict the ends of the game.
 
-    Nobody changes ends within games 1 and 2. In two rallies of the data one player stands where the other one does in the
-    rest of the game, and the last hitter's fault wins the rally: both are mended by exchanging the letters.
+    No one changes ends within games 1 and 2. In two rallies of the data one player stands where the other one does in the
+    rest of the game, and the last hitter's fault wins the rally: both are fixed by exchanging the letters.
     """
     if raw.game > 2:
         return raw
@@ -117,7 +117,7 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:
 
 
 def heights_unreliable(raw: RawGame, first: Bools) -> bool:
-    """Whether the contact heights of a game contradict each other, or the shot types, too often to mean anything."""
+    """Test whether the contact heights of a game contradict each other, or the shot types, too often to mean anything."""
     met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]])
     both = (met >= 0) & (raw.height >= 0)
     if both.mean() > 0.5 and (met == raw.height)[both].mean() < HEIGHTS_AGREE:

@@ -1,4 +1,4 @@
-"""Where and when simulated strokes happen: points on the court, positions of the players, times.
+"""Places and times of simulated strokes: points on the court, positions of the players, times.
 
 The game decides shot, target area and outcome; this draws the rest. Flight times and the mix of faults are medians and
 shares of the training matches of ShuttleSet and ShuttleSet22; the rest is plain geometry.
@@ -31,7 +31,7 @@ INTERVAL: Final = 120.0
 """Time between two games [s]."""
 
 _BASE: Final = np.array([0.0, -3.7])
-"""Where a player waits between strokes, in the own frame [m]."""
+"""Place at which a player waits between strokes, in the own frame [m]."""
 _BASE_SPREAD: Final = 0.35
 """Standard deviation of that place [m]: it follows the stroke just played."""
 _RECOVERY: Final = 1.5
@@ -63,7 +63,7 @@ class Strokes:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Placed:
-    """What :func:`place` adds; points are egocentric metres, NaN where there is none.
+    """Places and times from :func:`place`; points are egocentric metres, NaN where there is none.
 
     Attributes:
         landing, contact, striker, receiver: ``[n, 2]``, as in the schema.

@@ -4,7 +4,7 @@ Sources: Wang et al., "ShuttleSet: A Human-Annotated Stroke-Level Singles Datase
 KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT.
 
 A value that cannot be what it should be is an error that names file, line and value. The exception is a file that is byte
-for byte a published one (its SHA-256 stands in the manifest): nobody can mend that, so its bad rows are marked unreadable,
+for byte a published one (its SHA-256 stands in the manifest): no one can fix that, so its bad rows are marked unreadable,
 and cleaning drops and counts them. None of the files of the 82 public matches has such a row.
 """
 
@@ -108,7 +108,7 @@ class Match:
 
     @property
     def present(self) -> bool:
-        """Whether its folder is there."""
+        """True if its folder is there."""
         return self.folder.is_dir()
 
     def games(self) -> list[Path]:

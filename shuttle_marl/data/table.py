@@ -98,7 +98,7 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
 
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
-    """Where a cleaned table comes from: a JSON object with the same values for the same input."""
+    """Provenance of a cleaned table: a JSON object with the same values for the same input."""
     digest = hashlib.sha256()
     for path in cleaned.files:
         digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + hashlib.sha256(path.read_bytes()).digest())

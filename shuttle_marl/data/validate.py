@@ -18,7 +18,7 @@ from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Report:
-    """What a check found.
+    """Findings of a check.
 
     Attributes:
         problems: everything that is wrong; empty if all is well.
@@ -105,7 +105,7 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
 
 
 def _read_all(root: Path, problems: list[Problem], notes: list[str]) -> int:
-    """Read every game strictly; add problems, and as notes those of published files, which nobody can mend.
+    """Read every game strictly; add problems, and as notes those of published files, which no one can fix.
 
     Returns:
         Number of matches that are there.

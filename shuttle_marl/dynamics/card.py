@@ -41,7 +41,7 @@ def as_markdown(card: dict[str, Any]) -> str:
         f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['sha256'][NETWORKS][:16]}`, "
         f"data `{card['data']['hash'][:16]}`.",
         "",
-        f"Fit on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
+        f"Fitted on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
         f"chosen was chosen on {card['data']['validation_strokes']:,} strokes of {card['data']['validation_matches']} others. "
         f"Seed {card['seed']}.",
         "",
@@ -80,7 +80,7 @@ def as_markdown(card: dict[str, Any]) -> str:
         "",
         f"Minimax self-play: {health['minimax']['mean_rally']:.1f} strokes a rally, largest shot type "
         f"{100 * health['largest_shot_share']:.1f} %, {health['shot_types_above_2_percent']} shot types above 2 %, value at the "
-        f"serve {health['value_at_serve']:+.3f}. Largest chance that a rally goes on after a legal stroke (no serve): "
+        f"serve {health['value_at_serve']:+.3f}. Largest probability that a rally continues after a legal stroke (no serve): "
         f"{health['largest_continuation']:.4f}. The best response to BC wins "
         f"{100 * health['best_response_to_bc_wins']:.1f} % of rallies. BC against BC: {health['bc']['mean_rally']:.2f} strokes.",
         "",
@@ -89,16 +89,16 @@ def as_markdown(card: dict[str, Any]) -> str:
     ]
     for who in ("minimax", "bc"):
         lines.append(f"| {who} | " + " | ".join(f"{100 * health[who]['shot_mix'][shot]:.1f} %" for shot in SHOTS) + " |")
-    lines += ["", "## Extreme chances and what supports them", "", card["support_rule"], ""]
+    lines += ["", "## Extreme probabilities and what supports them", "", card["support_rule"], ""]
     for title, rows in card["extremes"].items():
         lines += [
             f"**{title}**",
             "",
-            "| chance | strokes | events | supported range | stroke | state |",
+            "| probability | strokes | events | supported range | stroke | state |",
             "|---|---|---|---|---|---|",
         ]
         lines += [
-            f"| {r['chance']:.4f} | {r['strokes']:g} | {r['events']:g} | {r['range'][0]:.4f} to {r['range'][1]:.4f} | "
+            f"| {r['probability']:.4f} | {r['strokes']:g} | {r['events']:g} | {r['range'][0]:.4f} to {r['range'][1]:.4f} | "
             f"{r['stroke']} | {r['state']} |"
             for r in rows
         ]

@@ -22,13 +22,13 @@ LEAST_END: Final = 0.003
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairProbabilities:
-    """What the models say of every legal pair, ``[P]`` each, before rounding to the tables.
+    """Predictions of the models for every legal pair, ``[P]`` each, before rounding to the tables.
 
     Attributes:
         fault: the striker faults.
         returned: a good stroke is returned.
         above: a returned stroke is met above the net.
-        clipped: the fault or the winner chance was moved into the range that the data supports.
+        clipped: the fault or the winner probability was moved into the range that the data supports.
     """
 
     fault: Floats
@@ -38,7 +38,7 @@ class PairProbabilities:
 
 
 def empty_game(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> Game:
-    """The layout of a game whose chances are not known yet."""
+    """The layout of a game whose probabilities are not known yet."""
     tables = layout(catalogue, replies)
     return Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), dtype=np.uint16), **tables)
 
@@ -52,7 +52,7 @@ def pair_probabilities(
     Args:
         models: the models.
         game: the layout; its thresholds are not read.
-        support: ranges of the chances of its edges.
+        support: ranges of the probabilities of its edges.
         pessimism: lower bound of the ensemble for the striker, in standard deviations of its logits.
         striker, receiver: profiles of players; default the average.
     """
@@ -73,14 +73,14 @@ def pair_probabilities(
     return PairProbabilities(fault=fault, returned=1 - winner / (1 - fault), above=above, clipped=clipped)
 
 
-def compile_game(game: Game, chances: PairProbabilities) -> Game:
+def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
     """The game with its thresholds."""
-    table = thresholds(1 - chances.fault, chances.returned, chances.above)
+    table = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
     return dataclasses.replace(game, threshold=table)
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32]:
-    """``[P]`` log of the chance that the average player chooses a legal stroke, before dividing by the legal total."""
+    """``[P]`` log of the probability that the average player chooses a legal stroke, before dividing by the legal total."""
     state = np.flatnonzero(game.playable)
     codes = codes_of_states(game, state)
     choice = np.full((game.n_states, N_SHOTS * N_TECHNIQUES), np.nan)

@@ -139,7 +139,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
 
 
 def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[Floats, Floats, Floats]:
-    """What the behaviour-cloned players expect of each row.
+    """Predictions of the behaviour-cloned players for each row.
 
     Args:
         models: the models.
@@ -168,9 +168,9 @@ def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = T
     return styles.sum(axis=2), area / area.sum(axis=1, keepdims=True), given / given.sum(axis=1, keepdims=True)
 
 
-def top_k(chances: Floats, label: npt.NDArray[np.integer], most: int = 4) -> list[float]:
+def top_k(probabilities: Floats, label: npt.NDArray[np.integer], most: int = 4) -> list[float]:
     """Share of rows whose label is among the k likeliest, for k = 1 to ``most``."""
-    ranked = np.argsort(-chances, axis=1, kind="stable")[:, :most]
+    ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :most]
     hit = ranked == np.asarray(label)[:, None]
     return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
 
@@ -211,7 +211,7 @@ def tree_predictions(
         match: ``[N]`` match of each row of train.
 
     Returns:
-        ``[M]`` chances on the rows of test.
+        ``[M]`` probabilities on the rows of test.
 
     Raises:
         ShuttleError: LightGBM is not installed.

@@ -31,7 +31,7 @@ SLOTS: Final[dict[str, int]] = {
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-"""What a model can read, and how many values each has."""
+"""Attributes that a model can read, and how many values each has."""
 
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """The context of a stroke: what the striker knows before choosing."""

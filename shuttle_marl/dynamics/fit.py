@@ -51,7 +51,7 @@ _CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """What a fit gives.
+    """Results of a fit.
 
     Attributes:
         models: the models.
@@ -143,13 +143,13 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
-    """``[N, 9]`` chance of each intended target given what happened; rows without a use (unknown outcome) are zero."""
+    """``[N, 9]`` probability of each intended target given what happened; rows without a use (unknown outcome) are zero."""
     soft = _known_targets(rows)
     latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))
     hidden = rows.take(latent)
-    chance = all_targets(success, hidden).mean(axis=0)
+    probability = all_targets(success, hidden).mean(axis=0)
     label = fault_class(hidden)
-    joint = _targets(target, hidden) * chance[np.arange(len(hidden)), :, label]
+    joint = _targets(target, hidden) * probability[np.arange(len(hidden)), :, label]
     soft[latent] = joint / joint.sum(axis=1, keepdims=True)
     return soft
 
@@ -170,9 +170,9 @@ def _chances(network: Ensemble, rows: Rows) -> Floats:
 
 
 def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: TrainingConfig) -> tuple[Floats, Floats]:
-    """``[N, 9]`` logit of a fault by target and ``[N, 9]`` chance of each target, from members that did not see the match."""
-    chance = all_targets(success, rows)
-    fault = unseen(1 - chance[..., GOOD], rows.match, config.folds)
+    """``[N, 9]`` each: logit of a fault by target and probability of each target, from members that did not see the match."""
+    probability = all_targets(success, rows)
+    fault = unseen(1 - probability[..., GOOD], rows.match, config.folds)
     share = unseen(softmax(predict(target, encode(target.spec, rows.codes))), rows.match, config.folds)
     return log_odds(fault), share
 
@@ -188,7 +188,7 @@ def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], 
 
 
 def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:
-    """Slope and shift ``[2]`` that make the chance (a mixture of ``[N, M]`` logits with shares ``[N, M]``) most likely."""
+    """Slope and shift ``[2]`` that make the probability (a mixture of ``[N, M]`` logits with shares ``[N, M]``) most likely."""
 
     def loss(line: Floats) -> float:
         p = np.clip((share * sigmoid(line[0] * logit + line[1])).sum(axis=1), 1e-9, 1 - 1e-9)

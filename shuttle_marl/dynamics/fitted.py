@@ -36,7 +36,7 @@ class FittedModels:
     Attributes:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
         ridge: coefficients of the ridge half of the return model.
-        calibration: for success (chance of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
+        calibration: for success (probability of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
         share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
         striker, receiver: logit shifts of single players for success and return, by identifier.
         choices: how single players choose.
@@ -51,43 +51,43 @@ class FittedModels:
     choices: PlayerChoices
 
     def targets(self, codes: dict[str, Codes]) -> Floats:
-        """``[N, 9]`` chance of each intended target given state, shot type and technique."""
+        """``[N, 9]`` probability of each intended target given state, shot type and technique."""
         target = self.networks["target"]
         return np.asarray(softmax(predict(target, encode(target.spec, codes))).mean(axis=0))
 
     def choice(self, codes: dict[str, Codes]) -> Floats:
-        """``[N, 13 * 3]`` chance of each shot type and technique given the state."""
+        """``[N, 13 * 3]`` probability of each shot type and technique given the state."""
         choice = self.networks["choice"]
         return np.asarray(softmax(predict(choice, encode(choice.spec, codes))).mean(axis=0))
 
     def fault(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
-        """``[N]`` chance that the striker faults, for a known target.
+        """``[N]`` probability that the striker faults, for a known target.
 
         Args:
             codes: with ``area``.
-            pessimism: standard deviations of the ensemble's logit added to the chance of a fault.
+            pessimism: standard deviations of the ensemble's logit added to the probability of a fault.
             shift: of the logit, for a striker's profile (``[N]`` or a number).
         """
         success = self.networks["success"]
-        chance = 1 - softmax(predict(success, encode(success.spec, codes)))[..., GOOD]
-        return _calibrated(chance, self.calibration[0], pessimism, shift)
+        probability = 1 - softmax(predict(success, encode(success.spec, codes)))[..., GOOD]
+        return _calibrated(probability, self.calibration[0], pessimism, shift)
 
     def returned(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
-        """``[N]`` chance that the opponent returns a good stroke; arguments as for :meth:`fault`."""
+        """``[N]`` probability that the opponent returns a good stroke; arguments as for :meth:`fault`."""
         network = self.networks["return"]
-        chance = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
+        probability = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
         convex = ridge_logits(self.ridge, codes)
-        blended = sigmoid(0.5 * (log_odds(chance) + convex))
+        blended = sigmoid(0.5 * (log_odds(probability) + convex))
         return _calibrated(blended, self.calibration[1], pessimism, shift)
 
     def above(self, codes: dict[str, Codes]) -> Floats:
-        """``[N]`` chance that a returned stroke is met above the net."""
+        """``[N]`` probability that a returned stroke is met above the net."""
         network = self.networks["contact"]
-        chance = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
-        return _calibrated(chance, self.calibration[2], 0.0, 0.0)
+        probability = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
+        return _calibrated(probability, self.calibration[2], 0.0, 0.0)
 
     def fault_without_target(self, rows: Rows, shift: Floats | float = 0.0) -> Floats:
-        """``[N]`` chance of a fault given everything but the target: the sum over targets of chance times fault chance."""
+        """``[N]`` probability of a fault given everything but the target: the mean over the targets."""
         shares = self.targets(rows.codes)
         faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
         return np.asarray((shares * faults).sum(axis=1))
@@ -96,12 +96,12 @@ class FittedModels:
         """``[N]`` logit shift of each player, 0 for players without one."""
         return np.array([shifts.get(player, 0.0) for player in players.tolist()])
 
-    def averaged(self, chance: Any, codes: dict[str, Codes], **options: Any) -> Floats:
-        """The average profile: a chance (one of the methods above) weighted over the disciplines."""
+    def averaged(self, probability: Any, codes: dict[str, Codes], **options: Any) -> Floats:
+        """The average profile: a probability (one of the methods above) weighted over the disciplines."""
         n = len(codes["contact"])
         total = np.zeros(0)
         for discipline, share in enumerate(self.share):
-            values = share * chance({**codes, "discipline": np.full(n, discipline, dtype=np.int16)}, **options)
+            values = share * probability({**codes, "discipline": np.full(n, discipline, dtype=np.int16)}, **options)
             total = values if discipline == 0 else total + values
         return np.asarray(total)
 
@@ -198,7 +198,7 @@ def _shifts(values: Any) -> dict[str, float]:
 
 
 def _calibrated(members: Floats, line: Floats, pessimism: float, shift: Floats | float) -> Floats:
-    """Mean of the members' chances ``[K, N]``, its logit moved along the calibration line."""
+    """Mean of the members' probabilities ``[K, N]``, its logit moved along the calibration line."""
     z = log_odds(members.mean(axis=0))
     if pessimism:
         z = z + pessimism * log_odds(members).std(axis=0)

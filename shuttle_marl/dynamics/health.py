@@ -63,17 +63,17 @@ def health(bc: StatePolicy) -> dict[str, Any]:
 
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
-    """The legal pairs with the highest and lowest fault and winner chances, with what supports them."""
+    """The legal pairs with the highest and lowest fault and winner probabilities, with what supports them."""
     good, returned, _ = game.chances()
     rally = np.flatnonzero(~is_serve_pair(game))
-    chance = {"fault": 1 - good, "winner": good * (1 - returned)}
+    probability = {"fault": 1 - good, "winner": good * (1 - returned)}
     counts = {"fault": support.faults, "winner": support.winners}
     limits = {"fault": support.fault_range, "winner": support.winner_range}
     out: dict[str, list[dict[str, Any]]] = {}
     for kind, sign in (("fault", 1), ("fault", -1), ("winner", 1), ("winner", -1)):
-        values = chance[kind][rally]
+        values = probability[kind][rally]
         order = rally[np.argsort(-sign * values, kind="stable")]
-        # One pair an edge: the chance hardly depends on the striker's own last stroke.
+        # One pair an edge: the probability hardly depends on the striker's own last stroke.
         _, first = np.unique(game.pair_edge[order], return_index=True)
         listed = []
         for pair in order[np.sort(first)][:count]:
@@ -81,10 +81,10 @@ def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[di
             listed.append({
                 "state": game.describe(int(game.pair_state[pair])),
                 "stroke": game.catalogue.names[game.pair_stroke[pair]],
-                "chance": round(float(chance[kind][pair]), 5),
+                "probability": round(float(probability[kind][pair]), 5),
                 "strokes": round(float(support.strokes[edge]), 1),
                 "events": round(float(counts[kind][edge]), 1),
                 "range": [round(float(x), 5) for x in limits[kind][edge]],
             })  # fmt: skip
-        out[f"{'highest' if sign > 0 else 'lowest'} {kind} chance"] = listed
+        out[f"{'highest' if sign > 0 else 'lowest'} {kind} probability"] = listed
     return out

@@ -32,9 +32,9 @@ from shuttle_marl.tensor_files import checked
 _RULE: Final = (
     f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
     f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "
-    f"{PRIOR_STROKES:g} strokes. The predicted chances of a legal pair lie inside the central {100 * CREDIBLE:g} % of the Beta "
-    f"posterior of its innermost cell. Of every stroke but the serve at least {100 * LEAST_END:g} % end the rally. Strokes and "
-    f"events are those of the innermost cell; faults whose target is not known count in parts."
+    f"{PRIOR_STROKES:g} strokes. The predicted probabilities of a legal pair lie inside the central {100 * CREDIBLE:g} % of the "
+    f"Beta posterior of its innermost cell. Of every stroke but the serve at least {100 * LEAST_END:g} % end the rally. Strokes "
+    f"and events are those of the innermost cell; faults whose target is not known count in parts."
 )
 
 
@@ -68,8 +68,8 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
     train, validation = rows_of(rows, "train"), rows_of(rows, "validation")
     fitted = fit(train, validation, seed=seed, report=report)
     report("compiling the game")
-    chances = pair_probabilities(fitted.models, fitted.game, fitted.support)
-    game = compile_game(fitted.game, chances)
+    probabilities = pair_probabilities(fitted.models, fitted.game, fitted.support)
+    game = compile_game(fitted.game, probabilities)
     log_choice = pair_log_choices(fitted.models, game)
     report("solving the game")
     solved = health(PairPolicy(game=game, probability=game.normalized(np.exp(log_choice.astype(np.float64)))))
@@ -100,7 +100,7 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
             "strokes": game.n_strokes,
             "states": game.n_states,
             "legal_pairs": game.n_pairs,
-            "clipped": float(chances.clipped.mean()),
+            "clipped": float(probabilities.clipped.mean()),
         },
         "players": list(choices.players),
         "chosen": fitted.chosen,

@@ -12,8 +12,8 @@ contact   the same                                 whether the opponent reaches 
 
 **Targets of faults are latent.** The file says where a fault came down, not where it was meant to go. An out stroke was
 meant for the area next to where it landed; of a stroke that did not cross the net nothing is known, so its likelihood is
-the sum over the nine areas of (chance of this target) x (chance of falling short at this target), and target and success
-networks are fitted in turn (expectation maximisation).
+the sum over the nine areas of (probability of this target) x (probability of falling short at this target), and target and
+success networks are fitted in turn (expectation maximisation).
 
 **The return model is half convex.** Beside its network stands a logistic regression on products of attributes, with a ridge.
 Adaptive optimisers move rare products as fast as common ones and so overfit them; a ridge shrinks them in proportion to
@@ -149,7 +149,7 @@ def fit_target(rows: Rows, weights: Floats, config: TrainingConfig, seed: int) -
 
     Args:
         rows: strokes.
-        weights: ``[N, 9]`` chance of each target; a row of zeros does not count.
+        weights: ``[N, 9]`` probability of each target; a row of zeros does not count.
         config: how.
         seed: of the fit.
     """
@@ -170,7 +170,7 @@ def fit_success(rows: Rows, target: Floats, config: TrainingConfig, seed: int) -
 
     Args:
         rows: strokes of known outcome.
-        target: ``[N, 9]`` chance of each target given the state, shot type and technique.
+        target: ``[N, 9]`` probability of each target given the state, shot type and technique.
         config: how.
         seed: of the fit.
     """
@@ -192,9 +192,9 @@ def fit_success(rows: Rows, target: Floats, config: TrainingConfig, seed: int) -
     def loss(logits: Tensor, batch: Tensor) -> Tensor:
         n = counts[batch]
         owner = torch.repeat_interleave(torch.arange(len(batch)), n)
-        chance = torch.softmax(logits, dim=-1)
+        probability = torch.softmax(logits, dim=-1)
         y = torch.repeat_interleave(labels[batch], n).expand(len(logits), -1)
-        terms = torch.gather(chance, 2, y[:, :, None])[:, :, 0] * share[expand(batch)]
+        terms = torch.gather(probability, 2, y[:, :, None])[:, :, 0] * share[expand(batch)]
         total = torch.zeros(len(logits), len(batch)).index_add_(1, owner, terms)
         return -torch.log(total.clamp_min(1e-12))
 
@@ -232,12 +232,12 @@ def was_met(rows: Rows) -> npt.NDArray[np.bool_]:
 
 
 def outcome_probabilities(success: Ensemble, codes: dict[str, Codes]) -> Floats:
-    """``[K, N, 3]`` chances of good, out, short for given targets."""
+    """``[K, N, 3]`` probabilities of good, out, short for given targets."""
     return softmax(predict(success, encode(success.spec, codes)))
 
 
 def all_targets(success: Ensemble, rows: Rows) -> Floats:
-    """``[K, N, 9, 3]`` chances of good, out, short for each of the nine targets."""
+    """``[K, N, 9, 3]`` probabilities of good, out, short for each of the nine targets."""
     return np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
 
 

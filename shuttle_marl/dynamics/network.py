@@ -23,7 +23,7 @@ Loss = Callable[[Tensor, Tensor], Tensor]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What a network reads and returns.
+    """Inputs, outputs and size of a network.
 
     Attributes:
         inputs: names of slots (:data:`shuttle_marl.dynamics.features.SLOTS`).
@@ -107,7 +107,7 @@ class Ensemble(nn.Module):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """How an ensemble is fitted; chosen on the validation matches.
+    """Settings of the fit of an ensemble; chosen on the validation matches.
 
     Attributes:
         epochs: passes over the rows.

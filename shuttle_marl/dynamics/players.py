@@ -1,4 +1,4 @@
-"""What is particular to single players, by partial pooling: shifts towards what each does, shrunk to what all do.
+"""Profiles of single players by partial pooling: shifts towards the strokes of each, shrunk towards those of all.
 
 The strength of the shrinkage is chosen on matches that the fit did not see, so a player is only as particular as the data
 supports.
@@ -22,7 +22,7 @@ LEAST_STROKES: Final = 1000
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PlayerChoices:
-    """How M players choose otherwise than the average.
+    """Choices of M players, as shifts of those of the average.
 
     Attributes:
         players: identifiers.
@@ -35,7 +35,7 @@ class PlayerChoices:
     area: Floats
 
     def shifted_choice(self, choice: Floats, codes: dict[str, Codes], player: npt.NDArray[np.integer]) -> Floats:
-        """``[N, 39]`` chances of the average moved to those of each row's player (-1: nobody's)."""
+        """``[N, 39]`` probabilities of the average moved to those of each row's player (-1: the average)."""
         shift = self.style[player, codes["incoming_shot"], codes["contact"]]
         return _tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
 
@@ -50,8 +50,8 @@ class PlayerChoices:
         return np.array([position.get(player, -1) for player in players.tolist()], dtype=np.int64)
 
 
-def _tilted(chances: Floats, shift: Floats) -> Floats:
-    z = chances * np.exp(shift)
+def _tilted(probabilities: Floats, shift: Floats) -> Floats:
+    z = probabilities * np.exp(shift)
     return np.asarray(z / z.sum(axis=-1, keepdims=True))
 
 
@@ -65,7 +65,7 @@ def fit_choice_shifts(
     zero and the given precision (four times that for the cell's own).
 
     Args:
-        base: ``[N, C]`` chances of the average player on each row, from networks that did not see its match.
+        base: ``[N, C]`` probabilities of the average player on each row, from networks that did not see its match.
         cell: ``[N]`` context in which a shift holds.
         cells: number of contexts.
         player: ``[N]`` player of each row.

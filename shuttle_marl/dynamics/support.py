@@ -1,4 +1,4 @@
-"""What the training matches support: the catalogue, which stroke may answer which, and how extreme a chance may be.
+"""Support of the training matches: the catalogue, which stroke may answer which, and how extreme a probability may be.
 
 **Catalogue.** A stroke is in it if at least 3 % of its shot type's good strokes go to its area, at least 2 % are played
 with its height and technique, and at least 15 good strokes are exactly it.
@@ -9,7 +9,7 @@ nothing, against anything.
 
 **Extremes.** How often strokes fault and win is counted in cells, each inside the one before: the shot type and area; the
 whole stroke; the same against one incoming shot type; the same against one incoming shot type and area. A cell's rate is
-shrunk to that of the cell around it with the weight of 40 strokes. The predicted chance of a fault and of a winner of a
+shrunk to that of the cell around it with the weight of 40 strokes. The predicted probability of a fault and of a winner of a
 legal pair must lie inside the central 90 % of the Beta posterior of its innermost cell; it is moved to the nearest end
 otherwise (Beta with Jeffreys' half event on either side). A cell without strokes of its own thus still has the width of
 40 strokes.
@@ -77,12 +77,12 @@ def replies_of(rows: Rows, catalogue: Catalogue) -> npt.NDArray[np.bool_]:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Support:
-    """What the data carries for every edge x -> y of a game, when y answers x.
+    """Support in the data for every edge x -> y of a game, when y answers x.
 
     Attributes:
         strokes: ``[E]`` strokes in the innermost cell (of faults with unknown target: the expected number).
         faults, winners: ``[E]`` of these.
-        fault_range, winner_range: ``[E, 2]`` bounds of the predicted chances.
+        fault_range, winner_range: ``[E, 2]`` bounds of the predicted probabilities.
     """
 
     strokes: Floats
@@ -97,7 +97,7 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
 
     Args:
         rows: strokes of known outcome.
-        targets: ``[N, 9]`` chance of each intended target; one-hot where it is known.
+        targets: ``[N, 9]`` probability of each intended target; one-hot where it is known.
         game: the layout.
     """
     which, area = np.nonzero(targets > 0)

@@ -1,8 +1,8 @@
 """From the rally to the match: the odds of a match, and when perfect play in every rally is perfect play in the match.
 
 A match is a binary Markov game: each rally is won or lost, and what follows depends on that alone. If winning a rally never
-lowers the probability of winning the match, at any score and whoever serves, then playing minimax in
-every rally is minimax in the match (Walker, Wooders & Amir, Games and Economic Behavior 71, 2011). That is not self-evident,
+lowers the probability of winning the match, at any score and with either server, then playing minimax in every
+rally is minimax in the match (Walker, Wooders & Amir, Games and Economic Behavior 71, 2011). That is not self-evident,
 because the winner of a rally serves next, and serving can be a disadvantage.
 """
 

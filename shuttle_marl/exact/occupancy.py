@@ -14,7 +14,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 Floats = npt.NDArray[np.float64]
 
 ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
-"""How a rally can end; the first two are won by player 0."""
+"""Ways in which a rally can end; the first two are won by player 0."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

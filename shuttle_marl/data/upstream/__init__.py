@@ -18,7 +18,7 @@ from typing import Final, Literal, get_args
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
 BASE_URL: Final = f"https://raw.githubusercontent.com/{REPOSITORY}/{COMMIT}"
-"""Where the files are fetched from; the path of a file below the root is appended."""
+"""Address from which the files are fetched; the path of a file below the root is appended."""
 SOURCES: Final = {
     "ShuttleSet": PurePosixPath("ShuttleSet/set"),
     "ShuttleSet22": PurePosixPath("CoachAI-Challenge-IJCAI2023/ShuttleSet22/set"),
@@ -109,7 +109,7 @@ def _published() -> frozenset[str]:
 
 
 def is_published(content: bytes) -> bool:
-    """Whether these bytes are one of the published files."""
+    """Test whether these bytes are one of the published files."""
     return hashlib.sha256(content).hexdigest() in _published()
 
 
