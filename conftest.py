@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import hypothesis
 import pytest
 from sybil import Document, Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
@@ -24,6 +25,10 @@ from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 # happen before the libraries are imported; programs that tests start inherit it.
 for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+
+# A machine that is busy otherwise makes a test slow, not wrong.
+hypothesis.settings.register_profile("no deadline", deadline=None)
+hypothesis.settings.load_profile("no deadline")
 
 SLOW_PAGES: Final = ("docs/tutorials",)
 """Pages, or folders of pages, whose code trains agents; marked ``slow``."""

@@ -18,6 +18,8 @@ from shuttle_marl.game.scoring import (
     step,
 )
 
+State = tuple[bytes, bytes, int]
+"""Points by game, games, and server of one match."""
 chance = st.floats(0.0, 1.0)
 short = st.sampled_from(
     [
@@ -31,26 +33,37 @@ short = st.sampled_from(
 )
 
 
+@functools.cache
+def followed(by_game: bytes, games: bytes, server: int, rules: Rules, shape: tuple[int, ...]) -> float | tuple[State, State]:
+    """The scores after a rally won by either player, by the scoring itself; or 1 or 0 if player 0 has won or lost the match."""
+    here = Score(
+        by_game=np.frombuffer(by_game, np.int8).reshape(shape),
+        games=np.frombuffer(games, np.int8).reshape(1, 2),
+        server=np.array([server], np.int8),
+        rules=rules,
+    )
+    if here.over[0]:
+        return float(here.winner[0] == 0)
+    won, lost = (state_of(step(here, np.array([winner]))) for winner in (0, 1))
+    return won, lost
+
+
+def state_of(score: Score) -> State:
+    return score.by_game.tobytes(), score.games.tobytes(), int(score.server[0])
+
+
 def enumerated(score: Score, p_serving: float, p_receiving: float) -> float:
-    """Chance that player 0 wins the match, by playing out every sequence of rallies through the scoring itself."""
+    """Probability that player 0 wins the match, by playing out every sequence of rallies through the scoring itself."""
 
     @functools.cache
-    def odds(by_game: bytes, games: bytes, server: int) -> float:
-        shape = score.by_game.shape
-        here = Score(
-            by_game=np.frombuffer(by_game, np.int8).reshape(shape),
-            games=np.frombuffer(games, np.int8).reshape(1, 2),
-            server=np.array([server], np.int8),
-            rules=score.rules,
-        )
-        if here.over[0]:
-            return float(here.winner[0] == 0)
-        p = p_serving if server == 0 else p_receiving
-        after = [step(here, np.array([winner])) for winner in (0, 1)]
-        won, lost = (odds(s.by_game.tobytes(), s.games.tobytes(), int(s.server[0])) for s in after)
-        return p * won + (1 - p) * lost
+    def odds(state: State) -> float:
+        after = followed(*state, score.rules, score.by_game.shape)
+        if isinstance(after, float):
+            return after
+        p = p_serving if state[2] == 0 else p_receiving
+        return p * odds(after[0]) + (1 - p) * odds(after[1])
 
-    return odds(score.by_game.tobytes(), score.games.tobytes(), int(score.server[0]))
+    return odds(state_of(score))
 
 
 @settings(max_examples=25, deadline=None)
