@@ -1,9 +1,11 @@
 """A tournament as a user sees it: the run folder, and that nothing but the flags decides what is in it."""
 
+import contextlib
 import functools
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,7 +29,7 @@ from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.exact_odds import exact_odds
-from shuttle_marl.league.folder import check_same, manifest, open_run, read_results
+from shuttle_marl.league.folder import append_results, check_same, manifest, open_run, read_results
 from shuttle_marl.league.ranking import rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table, report
@@ -303,6 +305,41 @@ def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) ->
         (folder / name).write_bytes(content)
     assert noticed["pairings.jsonl"] > 330
     assert noticed["config.json"] > 200
+
+
+def test_a_changed_bit_in_the_unfinished_log_is_noticed_or_harmless(
+    tmp_path: Path, small_model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
+    monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
+    config = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
+    run_league(LeagueConfig(**config, out=tmp_path / "whole"))
+    expected = files(tmp_path / "whole")
+
+    def stop(folder: Path, results: list[object]) -> None:
+        if lines(folder) == 1:
+            raise KeyboardInterrupt
+        append_results(folder, results)
+
+    with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+        patch.setattr("shuttle_marl.league.folder.append_results", stop)
+        run_league(LeagueConfig(**config, out=tmp_path / "stopped"))
+    content = (tmp_path / "stopped" / "rallies.mcap.part").read_bytes()
+    rng = np.random.default_rng(0)
+    noticed = 0
+    for flip in range(40):
+        folder = tmp_path / f"flip-{flip}"
+        shutil.copytree(tmp_path / "stopped", folder)
+        changed = bytearray(content)
+        changed[rng.integers(len(changed))] ^= 1 << rng.integers(8)
+        (folder / "rallies.mcap.part").write_bytes(changed)
+        try:
+            run_league(LeagueConfig(**config, out=folder, resume=True))
+        except ShuttleError:
+            noticed += 1
+        else:
+            assert files(folder) == expected
+    assert 0 < noticed < 40  # what was written after the last finished pairing is played again
 
 
 def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
