@@ -14,6 +14,7 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from shuttle_marl.env.opponents import Opponents, tabulated
+from shuttle_marl.errors import whole_number
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
@@ -75,7 +76,7 @@ class _BatchedEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """The next reset begins with rally 0 of this seed."""
-        self._next_seed = None if seed is None else int(seed) % _SEEDS
+        self._next_seed = None if seed is None else whole_number("seed", seed) % _SEEDS
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         which = None if tensordict is None else tensordict.get("_reset", None)

@@ -1,4 +1,4 @@
-"""Who sits on the other side where the opponent is part of the environment."""
+"""Built-in opponents of environments for one player."""
 
 import bisect
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class Opponent:
         """
         game = self._game
         if self._cumulative is not None:
-            first, last = game.pair_start[state], game.pair_start[state + 1]
-            return int(game.pair_stroke[bisect.bisect_right(self._cumulative, draw, first, last)])
+            pairs = game.pairs_of(state)
+            return int(game.pair_stroke[bisect.bisect_right(self._cumulative, draw, pairs.start, pairs.stop)])
         states = States(game=game, state=np.array([state], np.int32), score=np.array([score], np.int16))
         return int(drawn_strokes(checked_probabilities(self.policy, states, self.name), np.array([draw]))[0])

@@ -8,12 +8,13 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
 
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, EpisodeDraws, Observation, Stroke, tables_of
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
-from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError
+from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError, whole_number
 from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game
 from shuttle_marl.game.shipped import resolve_game
 
@@ -42,17 +43,20 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         episode: number of the episode since that seed was given, from 0.
     """
 
+    rewards: dict[str, float]
+    _cumulative_rewards: dict[str, float]
+    terminations: dict[str, bool]
+    truncations: dict[str, bool]
+
     def __init__(
         self, *, game: Game | str | None, max_strokes: int | None, render_mode: RenderMode | None, extra_width: int
     ) -> None:
         super().__init__()
         if render_mode not in (None, *RENDER_MODES):
             raise OptionError(f"render_mode {render_mode!r}: expected one of {', '.join(RENDER_MODES)}, or None")
-        if max_strokes is not None and max_strokes < 1:
-            raise OptionError(f"max_strokes {max_strokes}: expected a positive number, or None for no limit")
         self.game = resolve_game(game)
         self.render_mode = render_mode
-        self.max_strokes = max_strokes
+        self.max_strokes = None if max_strokes is None else whole_number("max_strokes", max_strokes, 1)
         self.last_seed: int | None = None
         self.episode = -1
         self.possible_agents = list(AGENTS)
@@ -70,7 +74,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         }
         self._tables = tables_of(self.game)
         self.agent_selection = AGENTS[0]
-        self.infos: dict[str, dict[str, Any]] = {}
+        self._clear_episode()
         self._state = ROOT
         self._live = False
         self._striker = 0
@@ -107,17 +111,17 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:  # noqa: ARG002
-        """Start the next episode; with a seed, the first episode of that seed. ``options`` is not used."""
+        """Start the next episode; with a seed, the first episode of that seed. ``options`` is not used.
+
+        Raises:
+            OptionError: the seed is no whole number.
+        """
         if seed is not None or self.last_seed is None:
-            self.last_seed = secrets.randbits(63) if seed is None else int(seed)
+            self.last_seed = secrets.randbits(63) if seed is None else whole_number("seed", seed)
             self.episode = -1
         self.episode += 1
         self.agents = list(AGENTS)
-        self.rewards = {"player_0": 0.0, "player_1": 0.0}
-        self._cumulative_rewards = {"player_0": 0.0, "player_1": 0.0}
-        self.terminations = {"player_0": False, "player_1": False}
-        self.truncations = {"player_0": False, "player_1": False}
-        self.infos = {"player_0": {}, "player_1": {}}
+        self._clear_episode()
         self._skip_agent_selection = None
         self._length = 0
         self._clear_rally()
@@ -140,7 +144,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         Raises:
             ActionError: not an integer, or not in the catalogue.
             IllegalStrokeError: not legal in the state; nothing has changed.
+            ResetNeeded: no episode has begun.
         """
+        self._require_begun()
         agent = self.agent_selection
         if self.terminations[agent] or self.truncations[agent]:
             self._was_dead_step(action)
@@ -180,6 +186,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         Args:
             stroke: catalogue index of the stroke that was tried, if it has one.
         """
+        self._require_begun()
         loser = self._striker
         if self._state == ROOT:
             self._clear_rally()
@@ -263,6 +270,17 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._live = True
         self._striker = server
         self.agent_selection = AGENTS[server]
+
+    def _require_begun(self) -> None:
+        if self.last_seed is None:
+            raise ResetNeeded("no episode has begun; call reset() first")
+
+    def _clear_episode(self) -> None:
+        self.rewards = {"player_0": 0.0, "player_1": 0.0}
+        self._cumulative_rewards = {"player_0": 0.0, "player_1": 0.0}
+        self.terminations = {"player_0": False, "player_1": False}
+        self.truncations = {"player_0": False, "player_1": False}
+        self.infos: dict[str, dict[str, Any]] = {"player_0": {}, "player_1": {}}
 
     def _clear_rally(self) -> None:
         self._strokes = []

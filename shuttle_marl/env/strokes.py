@@ -54,8 +54,7 @@ def features(game: Game) -> npt.NDArray[np.float32]:
     is due.
     """
     strokes = stroke_features(game)
-    edge, contact = np.divmod(np.arange(game.n_states), 2)
-    own, incoming = game.edge_own[edge], game.edge_incoming[edge]
+    own, incoming, contact = game.observation(np.arange(game.n_states)).T
     serve = incoming == game.n_strokes
     return np.concatenate([strokes[own], strokes[incoming], np.stack([contact, serve], axis=1)], axis=1, dtype=np.float32)
 

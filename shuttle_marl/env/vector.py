@@ -143,13 +143,16 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         self._require_begun()
         batch, rows = self._batch, self._batch.rows
         actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
-            raise ActionError(f"actions {actions!r}: expected {self.num_envs} numbers from 0 to {self.game.n_strokes - 1}")
+        whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
+        if not whole or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
+            raise ActionError(
+                f"actions {actions!r}: expected {self.num_envs} numbers from 0 to {self.game.n_strokes - 1}, all of them whole"
+            )
         before = rows.state.copy()
-        illegal = ~self.game.reply_mask[self.game.edge_incoming[before >> 1], before & 1, actions]
+        illegal = self.game.rank(before, actions) < 0
         if illegal.any():
             # The rally is lost whatever else is played in it, so let it go on with any legal stroke.
-            actions = np.where(illegal, self.game.pair_stroke[self.game.pair_start[before]], actions)
+            actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
         rewards, terminated = batch.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True
         if not terminated.any():
@@ -184,10 +187,8 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
     def _final(self, state: npt.NDArray[np.int32], own: npt.NDArray[np.bool_]) -> list[Arrays]:
         """Observation of each of D rallies that are over, from the learner's side."""
         if self._features is None:
-            edge = state >> 1
-            stroke, incoming = self.game.edge_own[edge], self.game.edge_incoming[edge]
-            columns = [np.where(own, stroke, incoming), np.where(own, incoming, stroke), state & 1]
-            observation: npt.NDArray[Any] = np.stack(columns, axis=1).astype(np.int32)
+            striker = self.game.observation(state)
+            observation: npt.NDArray[Any] = np.where(own[:, None], striker, striker[:, [1, 0, 2]])
         else:
             rows = self._features.take(state, axis=0)
             observation = np.where(own[:, None], rows, rows[:, SWAP])

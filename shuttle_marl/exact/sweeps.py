@@ -7,13 +7,13 @@ needs no index of its own. Sums run in four lanes whose order is fixed: they hav
 
 import functools
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeVar, cast
+from typing import Any, Final, NamedTuple, TypeVar
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.kernel.compiling import cached
 
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -26,12 +26,12 @@ TIE: Final = 1e-12
 
 def _compiled(function: F) -> F:
     """Compile once, without the interpreter's lock, and keep the machine code on disk."""
-    return cast(F, numba.njit(cache=True, nogil=True)(function))
+    return cached(function, nogil=True)
 
 
 def _compiled_without_nan(function: F) -> F:
     """The same where no value is NaN and the sign of zero is of no account, so that maxima are taken side by side."""
-    return cast(F, numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})(function))
+    return cached(function, nogil=True, fastmath={"nnan", "nsz"})
 
 
 @_compiled_without_nan
