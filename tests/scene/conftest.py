@@ -15,7 +15,7 @@ from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.write import select, write_scene
 
-RALLIES = 3
+RALLIES = 2
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,7 +27,7 @@ from tests.scene.conftest import read
 
 def test_one_rally_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "scene.mcap"
-    assert main(["scene", str(log_path), "--rally", "1", "--out", str(out)]) == 0
+    assert main(["scene", str(log_path), "--rally", "1", "--fps", "25", "--out", str(out)]) == 0
     assert f"{out}: 1 rallies" in capsys.readouterr().out
     assert Playback(out.read_bytes()).end > 0
     assert [path.name for path in out.parent.iterdir()] == [out.name]
