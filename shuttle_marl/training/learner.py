@@ -84,12 +84,12 @@ class Learner:
         self.remember(tensors)
 
     def check_weights(self) -> None:
-        """Look for weights that are no finite numbers.
+        """Look for weights of the actor that are no finite numbers; checkpoints look at the rest.
 
         Raises:
             DivergedError: there is one.
         """
-        check_finite(weight for module in self.modules.values() for weight in module.parameters())
+        check_finite(self.actor.parameters())
 
 
 def check_finite(tensors: Iterable[torch.Tensor]) -> None:
