@@ -95,7 +95,7 @@ def _simulated(game: Game, policies: tuple[str, str], rallies: int, seed: int) -
 
 
 def _recorded(path: Path, game: Game, rallies: int) -> "Iterator[PlayedRally]":
-    from shuttle_marl.recording.derived import require_game  # noqa: PLC0415
+    from shuttle_marl.recording.replay import require_game  # noqa: PLC0415
     from shuttle_marl.staging.rally import recorded_rally  # noqa: PLC0415
 
     with RallyLog(path) as log:

@@ -1,16 +1,15 @@
 """The rally log: every rally played, in compact files that survive a crash.
 
 ``RallyRecorder`` records what a program plays, from a thread of its own; ``RallyLogWriter`` is what writes below it.
-``RallyLog`` reads a file or a folder, ``recover`` makes a file whole that a crash cut off, and ``replay`` plays every stroke
+``RallyLog`` reads a file or a folder, ``recover`` saves a file that a crash cut off, and ``replay`` plays every stroke
 again from the recorded seed. ``docs/rally_log.md`` describes the file byte for byte.
 """
 
-from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.recover import recover
-from shuttle_marl.recording.replay import Replay, replay
+from shuttle_marl.recording.replay import Derived, Replay, replay
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 

@@ -10,8 +10,8 @@ import pyarrow.parquet
 
 from shuttle_marl.files import replacing
 from shuttle_marl.game.rally import Game
-from shuttle_marl.recording.derived import Derived
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.replay import Derived
 from shuttle_marl.recording.schema import Rallies, RecordingError
 from shuttle_marl.recording.tables import rally_rows, stroke_rows
 from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
@@ -32,7 +32,7 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
         rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.tables`.
-        game: adds to strokes what follows from the game that was played on, see :mod:`shuttle_marl.recording.derived`.
+        game: adds to strokes what follows from the game that was played on, see :mod:`shuttle_marl.recording.replay`.
 
     Returns:
         The number of rows.

@@ -22,7 +22,7 @@ _SAMPLE_KEY: Final = 0x53414D504C45
 """Separates the draws of the sample from those of the game; "SAMPLE" in ASCII."""
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
-"""What names the draws of a rally, besides the seed.
+"""Names of the draws of a rally, besides the seed.
 
 ``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
 ``training``: match, but the key of the pairing takes the place of the seed, because a run changes its seed at checkpoints;

@@ -147,7 +147,7 @@ class RallyLog:
         """All strokes as one table, see :func:`shuttle_marl.recording.tables.stroke_rows`.
 
         Args:
-            derive: adds what follows from the game, such as :class:`shuttle_marl.recording.derived.Derived`.
+            derive: adds what follows from the game, such as :class:`shuttle_marl.recording.replay.Derived`.
         """
         return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self.batches_or_none()])
 

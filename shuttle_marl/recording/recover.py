@@ -1,6 +1,6 @@
-"""Rally logs that were cut off or damaged: made whole, or continued by a resumed run.
+"""Rally logs that were cut off or damaged: recovered, or continued by a resumed run.
 
-A chunk is found by how it begins and believed if its checksum fits, so batches behind a damaged stretch are found too.
+A chunk is found by how it starts and believed if its checksum fits, so batches after a damaged stretch are found too.
 """
 
 import contextlib

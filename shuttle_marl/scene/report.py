@@ -16,9 +16,9 @@ from shuttle_marl.game.scoring import count_rally, ends_changed, match_win_proba
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
-from shuttle_marl.recording.derived import require_game, states
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.replay import require_game, states
 from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion, PlayedRally

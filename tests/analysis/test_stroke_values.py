@@ -18,7 +18,7 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.recording.derived import states
+from shuttle_marl.recording.replay import states
 
 MATCHES = os.environ.get("SHUTTLESET")
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

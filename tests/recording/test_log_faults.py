@@ -255,7 +255,7 @@ def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int)
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
 def test_a_full_disk_without_reserves_leaves_whole_batches(tmp_path: Path) -> None:
-    """Where the system cannot set room aside, what was torn is cut off."""
+    """If the system cannot reserve room, a batch that was torn is cut off."""
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, 50_000, reserve=False).partition("\n")
     assert f"the {rallies} rallies before that are there, whole" in message
