@@ -47,7 +47,8 @@ class Visits:
         for player, policy in enumerate(self.policies):
             played = self.pairs(player)
             fault, winner, _, _ = policy.game.outcome_probabilities().T
-            shares[f"winner of player {player}"] = float(played @ winner)
+            # A copy in one piece: the order in which BLAS sums, and so the last bits, depend on the layout in memory.
+            shares[f"winner of player {player}"] = float(played @ winner.copy())
             shares[f"fault of player {player}"] = float(played @ fault)
         return shares
 

@@ -98,7 +98,7 @@ def test_mirrored_labels(tmp_path: Path, number: int, source: str, mirror: bool)
 
 
 def test_labels_decide_nothing(tmp_path: Path) -> None:
-    """Labels mirrored where nobody expects it lower the agreement and change no area."""
+    """Labels mirrored where no one expects it lower the agreement and change no area."""
     result = cleaned(tmp_path, plain_game(4, mirror_below=True), number=3)
     assert result.account.area_agreement is not None
     assert result.account.area_agreement < 1
@@ -391,7 +391,7 @@ def test_writing_and_reading_rows_is_lossless(tmp_path: Path) -> None:
 
 
 def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:
-    """Nobody changes ends within game 1: in the odd rally A and B are each other."""
+    """No one changes ends within game 1: in the odd rally A and B are each other."""
     rows = plain_game(6)
     odd = rally(7, "A", [SERVE, LIFT, SMASH], (3, 4), reason="掛網", winner="B", a_below=True)
     for row in odd:

@@ -38,7 +38,7 @@ def test_every_rule_holds(public: Cleaned) -> None:
     assert [str(v) for v in violations(public.strokes)] == []
 
 
-def test_nobody_is_spelt_twice(public: Cleaned) -> None:
+def test_no_player_is_spelt_twice(public: Cleaned) -> None:
     assert len(public.strokes["player"].unique()) <= 43
 
 

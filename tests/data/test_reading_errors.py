@@ -84,7 +84,7 @@ def test_collecting_problems_raises_nothing(path: Path) -> None:
 
 
 def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody can mend it: its bad rows are dropped and counted."""
+    """No one can fix it: its bad rows are dropped and counted."""
     edit(path, 4, "type", "飛球")
     edit(path, 5, "landing_x", "99999")
     edit(path, 11, "ball_round", "?")

@@ -35,7 +35,7 @@ def test_players(name: str, identifier: str, kind: str | None) -> None:
     assert discipline(identifier) == kind
 
 
-def test_nobody_plays_in_both_disciplines() -> None:
+def test_no_one_plays_in_both_disciplines() -> None:
     assert not MEN & WOMEN
 
 

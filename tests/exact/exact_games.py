@@ -35,7 +35,7 @@ def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
 
 
 def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
-    """Two serves and ``rallies`` further strokes that may answer each other at random, with chances drawn at random."""
+    """Two serves and ``rallies`` further strokes that may answer each other, all of it drawn at random."""
     rng = np.random.default_rng(seed)
     serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
     heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]

@@ -23,7 +23,7 @@ def test_the_table_holds_the_exact_odds_at_every_score(serving: float, receiving
 
 
 def test_perfect_rallies_are_a_perfect_match(solution: Solution) -> None:
-    """In the shipped game a rally won never lowers the chance of the match, at no score and whoever serves."""
+    """In the shipped game a rally won never lowers the probability of winning the match, at any score and with either server."""
     value = solution.value_at_serve
     assert least_gain((1 + value) / 2, (1 - value) / 2) > 0
     assert least_gain((1 + value) / 2, (1 - value) / 2, Rules(points=11)) > 0

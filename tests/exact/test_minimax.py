@@ -120,7 +120,7 @@ def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
         solve(endless)
     threshold = game.threshold.copy()
     threshold[:1, :2] = 0
-    assert largest_continuation(dataclasses.replace(game, threshold=threshold)) < 1, "a serve may always go on"
+    assert largest_continuation(dataclasses.replace(game, threshold=threshold)) < 1, "a serve may always continue"
     serve_always_good = solve(dataclasses.replace(game, threshold=threshold), tolerance=1e-12)
     expected = -(threshold[0, 2] / 65536 * -7 / 23 + (1 - threshold[0, 2] / 65536) * 6 / 23)
     assert serve_always_good.value[0][ROOT] == pytest.approx(expected, abs=2e-12)

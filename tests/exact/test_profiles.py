@@ -180,7 +180,7 @@ def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> N
 
 
 def test_visits_are_expected_numbers_of_strokes() -> None:
-    """On the three strokes, chances to go on are 14/16 for the serve, 8/16 for the smash and 12/16 for the lift."""
+    """On the three strokes, probabilities of continuing are 14/16 for the serve, 8/16 for the smash and 12/16 for the lift."""
     game = hand_made()
     policy = random_policy(game, 0)
     # Expected strokes from above a and below b: a = 1 + b/4 + a/4, b = 1 + b/4 + a/2.
