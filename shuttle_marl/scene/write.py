@@ -30,7 +30,9 @@ METADATA: Final = "shuttle_marl.scene"
 _CHUNK: Final = 1 << 20
 
 
-def select(log: RallyLog, *, rally: int | None, match: int | None, pairing: int, best: int | None) -> list[int]:
+def select(
+    log: RallyLog, *, rally: int | None = None, match: int | None = None, pairing: int = 0, best: int | None = None
+) -> list[int]:
     """Numbers of the rallies, in the order in which they are shown.
 
     Args:

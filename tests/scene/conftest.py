@@ -59,7 +59,7 @@ def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def reel(log_path: Path) -> Reel:
     with RallyLog(log_path) as log:
-        numbers = select(log, rally=None, match=0, pairing=0, best=None)[:RALLIES]
+        numbers = select(log, match=0)[:RALLIES]
         content, unknown = write_scene(log, numbers, default_game(), athletes=("male", "female"), handedness=("right", "left"))
     assert unknown == {}
     return Reel(content, numbers, read(content))

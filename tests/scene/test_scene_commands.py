@@ -69,7 +69,7 @@ def test_a_scene_is_no_rally_log(scene_file: Path, tmp_path: Path, capsys: pytes
 
 def test_a_match_is_all_its_rallies(log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        numbers = select(log, rally=None, match=1, pairing=0, best=None)
+        numbers = select(log, match=1)
         scores = np.concatenate([log.rally(number).score for number in numbers]).astype(int)
     assert scores[0].tolist() == [0, 0, 0, 0]
     assert (np.diff(scores[:, 2:].sum(axis=1)) >= 0).all()
@@ -78,7 +78,7 @@ def test_a_match_is_all_its_rallies(log_path: Path) -> None:
 
 def test_the_best_are_the_longest(log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        chosen = select(log, rally=None, match=None, pairing=0, best=7)
+        chosen = select(log, best=7)
         lengths = np.concatenate([rallies.length for _, rallies in log.batches()])
     assert len(set(chosen)) == 7
     assert lengths[chosen].tolist() == sorted(np.sort(lengths)[-7:].tolist())

@@ -57,7 +57,7 @@ def counted(content: bytes) -> dict[str, int]:
 
 def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_path: Path) -> None:
     with RallyLog(log_path) as log:
-        content, _ = write_scene(log, select(log, rally=None, match=0, pairing=0, best=None), default_game())
+        content, _ = write_scene(log, select(log, match=0), default_game())
     path = tmp_path / "match.mcap"
     path.write_bytes(content)
     seen = visit(folder, path, tmp_path / "match.png", 5.0)
