@@ -1,7 +1,7 @@
 """Tells Gymnasium the ids of the environments as soon as both packages are imported, in either order.
 
 Gymnasium 1.0 stopped reading entry points, so a package registers its environments when it is imported. Importing Gymnasium
-for that would make ``import shuttle_marl`` ten times slower; instead the registration waits until somebody else does.
+for that would make ``import shuttle_marl`` ten times slower; instead the registration waits until another module does.
 """
 
 import importlib.util

@@ -64,7 +64,7 @@ def health(bc: StatePolicy) -> dict[str, Any]:
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
     """The legal pairs with the highest and lowest fault and winner probabilities, with what supports them."""
-    good, returned, _ = game.chances()
+    good, returned, _ = game.stroke_probabilities()
     rally = np.flatnonzero(~is_serve_pair(game))
     probability = {"fault": 1 - good, "winner": good * (1 - returned)}
     counts = {"fault": support.faults, "winner": support.winners}

@@ -135,7 +135,7 @@ class RallyEnv(_BatchedEnv):
         batch: number of rallies B.
         game: the tables, or a model by name or folder; None: the benchmark's.
         seed: names the draws of the rallies.
-        server: seat that serves, 0 or 1; None: by lot.
+        server: seat that serves, 0 or 1; None: at random.
         threads: threads that share the rows; never changes a result.
 
     Raises:
@@ -162,7 +162,7 @@ class VersusEnv(_BatchedEnv):
         game: the tables, or a model by name or folder; None: the benchmark's.
         seed: names the draws of the rallies and of the opponents.
         seat: seat of the learner, 0 or 1.
-        server: seat that serves, 0 or 1; None: by lot.
+        server: seat that serves, 0 or 1; None: at random.
         threads: threads that share the rows; never changes a result.
 
     Raises:

@@ -30,7 +30,7 @@ class raw_env(ShuttleEnv):
     """A match: best of three games to 21; the winner of a rally serves next.
 
     Args:
-        first_server: who serves first, 0 or 1; None: by lot, seeded.
+        first_server: who serves first, 0 or 1; None: at random, seeded.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
         game: the tables, or a model by name or folder; None: the benchmark's.
@@ -61,7 +61,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
-            raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a draw by lot")
+            raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None to draw it at random")
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
         self.first_server = first_server

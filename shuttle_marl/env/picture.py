@@ -29,7 +29,7 @@ from shuttle_marl.game.rally import FAULT, WINNER
 PX: Final = 51.0
 """Pixels per metre."""
 CENTRE: Final = (450.0, 292.0)
-"""Where the middle of the net lies in the picture."""
+"""Position of the middle of the net in the picture."""
 MAT: Final = (18, 114, 87)
 MAT_DARK: Final = (14, 93, 72)
 LINE: Final = (222, 236, 230)
@@ -40,7 +40,7 @@ _LONG_SERVICE: Final = 0.76
 _RISE: Final = 17.0
 """Pixels that a flight is lifted for each metre of height."""
 _FADE: Final = (1.0, 0.62, 0.42, 0.28, 0.16)
-"""How strongly the last flights are drawn, newest first."""
+"""Opacity of the last flights, newest first."""
 
 
 def px(point: Point) -> XY:
@@ -150,7 +150,7 @@ def paint_player(layer: Layer, body: Point, facing: Point, player: int, active: 
 
 
 def paint_steps(layer: Layer, plan: Plan) -> None:
-    """Where the players came from since the last contact."""
+    """Steps of the players since the last contact."""
     for player in (0, 1):
         came_from = plan.came_from[player]
         if came_from is not None:

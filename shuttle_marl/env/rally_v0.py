@@ -337,7 +337,7 @@ class raw_env(ShuttleEnv):
     """One rally: +1 for who wins it, -1 for the other, at its end.
 
     Args:
-        server: who serves, 0 or 1; None: by lot, seeded.
+        server: who serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
         max_strokes: strokes after which a rally is cut off (truncated); None: never.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
@@ -364,7 +364,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
         if server not in (None, 0, 1):
-            raise OptionError(f"server {server!r}: expected 0, 1, or None for a draw by lot")
+            raise OptionError(f"server {server!r}: expected 0, 1, or None to draw it at random")
         self.server = server
 
     def _begin_episode(self) -> int:

@@ -28,7 +28,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
     """The learner at one seat and an opponent at the other.
 
     An episode of which the learner never gets to strike, because the opponent ends it first, never comes to the learner: the
-    environment counts it in :attr:`unseen` and goes on with the next one. Win rates have to count those too.
+    environment counts it in :attr:`unseen` and continues with the next one. Win rates have to count those too.
 
     A stroke that is not legal in the state loses the episode, as in ``rally_v0.env()``: reward -1, ``terminated``, and
     ``info["reason"]`` says so.
@@ -138,8 +138,8 @@ class SingleRallyEnv(SingleEnv):
 
     Args:
         opponent: name of a policy, or a policy.
-        seat: the learner's seat; it only says which half of the lots for the serve is the learner's.
-        server: seat that serves, 0 or 1; None: by lot, seeded.
+        seat: the learner's seat; it only says which half of the draws for the serve is the learner's.
+        server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -174,7 +174,7 @@ class SingleMatchEnv(SingleEnv):
     Args:
         opponent: name of a policy, or a policy.
         seat: the learner's seat.
-        first_server: seat that serves first, 0 or 1; None: by lot, seeded.
+        first_server: seat that serves first, 0 or 1; None: at random, seeded.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
         game: the tables, or a model by name or folder; None: the benchmark's.

@@ -36,10 +36,10 @@ class Snapshot:
         strokes: strokes of the rally.
         server: who served it, or is to serve.
         striker: who is to hit; None where the rally is over.
-        winner: who won the rally; None while it goes on or where it was cut off.
+        winner: who won the rally; None while it continues or where it was cut off.
         reason: why the rally ended: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
         by_game: points of players 0 and 1 in each game so far; empty where there is no match around the rally.
-        match_winner: who won the match; None while it goes on.
+        match_winner: who won the match; None while it continues.
     """
 
     game: Game
@@ -55,14 +55,14 @@ class Snapshot:
 
 
 def as_text(snapshot: Snapshot) -> str:
-    """Score, the strokes in words with their chances and outcomes, and how the rally stands."""
+    """Score, the strokes in words with their probabilities and outcomes, and how the rally stands."""
     names = snapshot.names
     lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
     lines += score_lines(snapshot)
     for number, stroke in enumerate(snapshot.strokes, start=1):
         words = in_words(snapshot.game.catalogue, stroke.stroke)
-        chances = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
-        lines.append(f"{number:3}  {names[stroke.player]}  {words:62} {chances}  {OUTCOMES[stroke.outcome]}")
+        probabilities = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
+        lines.append(f"{number:3}  {names[stroke.player]}  {words:62} {probabilities}  {OUTCOMES[stroke.outcome]}")
     lines.append(standing(snapshot))
     return "\n".join(lines) + "\n"
 
@@ -89,7 +89,7 @@ def score_lines(snapshot: Snapshot) -> list[str]:
 
 
 def standing(snapshot: Snapshot) -> str:
-    """Who is to hit, or who won and why."""
+    """State of the rally: who is to hit, or who won and why."""
     names = snapshot.names
     if snapshot.striker is not None and snapshot.reason is None:
         return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}"
@@ -104,11 +104,11 @@ def standing(snapshot: Snapshot) -> str:
 Point = tuple[float, float]
 
 _PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.7)
-"""How far a flight rises above the straight line, by shot type [m]."""
+"""Rise of a flight above the straight line, by shot type [m]."""
 _SPREAD: Final = (0.45, 0.55)
 """Half the width and depth over which contact points vary inside an area [m]."""
 _BASE: Final = (0.0, -3.4)
-"""Where players return to between strokes, in their own frame [m]."""
+"""Base position of players between strokes, in their own frame [m]."""
 _RETURNED: Final = 0.55
 """Share of the way to the base covered while the shuttle flies."""
 _FAULT_REACH: Final = 0.62
@@ -134,7 +134,7 @@ class Flight:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What is drawn on the court.
+    """Positions of all that is drawn on the court.
 
     Attributes:
         flights: all strokes of the rally, in order.
@@ -210,7 +210,7 @@ def _landing(player: int, area: int, number: int, stroke: int) -> Point:
 
 
 def _stance(player: int, contact: Point, technique: int) -> Point:
-    """Where a player stands to take a shuttle: behind it, to its left for a forehand, to its right for a backhand."""
+    """Position of a player who takes a shuttle: behind it, to its left for a forehand, to its right for a backhand."""
     sideways = 0.45 if technique == 1 else -0.45
     back = to_plan(player, sideways, -0.35)
     return contact[0] + back[0], contact[1] + back[1]

@@ -17,7 +17,7 @@ from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 
 Observation = dict[str, npt.NDArray[Any]]
-"""What an agent is given: ``observation`` and ``action_mask``."""
+"""Observation of an agent: ``observation`` and ``action_mask``."""
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""
@@ -66,8 +66,8 @@ class Stroke(NamedTuple):
         player: who played it, 0 or 1.
         stroke: catalogue index.
         outcome: index into :data:`shuttle_marl.game.rally.OUTCOMES`.
-        p_succ: chance that the stroke was good.
-        p_ret: chance that a good one was returned.
+        p_succ: probability that the stroke was good.
+        p_ret: probability that a good one was returned.
     """
 
     player: int
@@ -122,7 +122,7 @@ class StrokeTables:
 
         Returns:
             Outcome, the edge that follows (own last and incoming stroke of the receiver, also where the rally is over),
-            the chance that the stroke is good, and the chance that a good one is returned.
+            the probability that the stroke is good, and the probability that a good one is returned.
         """
         reply = 2 * self._incoming[state >> 1] + (state & 1)
         k = self._rank[reply * self._n + stroke]
@@ -151,7 +151,7 @@ class EpisodeDraws:
     """Draws of rallies 0, 1, 2, … of one stream, made many at a time.
 
     Stroke k of rally r is decided by ``outcome_draw(draw(stream(seed, *numbers, r), k))``, and chosen by the ``choice_draw`` of
-    the same number where a policy plays; bit 16 at k = 0 says who serves where that is drawn by lot.
+    the same number where a policy plays; bit 16 at k = 0 says who serves where that is drawn at random.
     """
 
     def __init__(self, seed: int, *numbers: int) -> None:
@@ -163,7 +163,7 @@ class EpisodeDraws:
         self._lots = b""
 
     def first_server(self, rally: int) -> int:
-        """Who serves first in a rally, by lot: 0 or 1."""
+        """Seat that serves first in a rally, drawn at random: 0 or 1."""
         self._prepare(rally)
         return self._lots[rally % _RALLIES]
 

@@ -34,7 +34,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         num_envs: number of rallies B.
         opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
-        server: seat that serves, 0 or 1; None: by lot, seeded.
+        server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
         observation: ``features``: the 56 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet) and
             contact as three integers, which costs less and suits an embedding.
@@ -104,7 +104,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         """Start the next episode in every row, up to the learner's first stroke.
 
         Args:
-            seed: begin anew, with the first B episodes of this seed; without one at the first call, one is drawn.
+            seed: begin again, with the first B episodes of this seed; without one at the first call, one is drawn.
             options: ``reset_mask``: ``[B]`` bool, which rows; not together with a seed.
 
         Raises:
@@ -114,7 +114,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         mask = (options or {}).get("reset_mask")
         if mask is not None:
             if seed is not None:
-                raise OptionError("a seed begins all rows anew; give either seed or options['reset_mask']")
+                raise OptionError("a seed begins all rows again; give either seed or options['reset_mask']")
             if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 raise OptionError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},)")
             self._require_begun()
@@ -151,7 +151,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         before = rows.state.copy()
         illegal = self.game.rank(before, actions) < 0
         if illegal.any():
-            # The rally is lost whatever else is played in it, so let it go on with any legal stroke.
+            # The rally is lost whatever else is played in it, so let it continue with any legal stroke.
             actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
         rewards, terminated = batch.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True

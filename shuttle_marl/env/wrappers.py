@@ -1,4 +1,4 @@
-"""What ``env()`` adds to ``raw_env()``: PettingZoo's checks, and the choice between two views of the action."""
+"""Wrappers of ``raw_env()`` that make ``env()``: PettingZoo's checks, and the choice between two views of the action."""
 
 from typing import TYPE_CHECKING, Any, Final, Literal
 

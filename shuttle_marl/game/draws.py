@@ -15,7 +15,7 @@ from shuttle_marl.errors import whole_number
 UInt64s = npt.NDArray[np.uint64]
 
 CHOICE_ONE: Final = 65535
-"""Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative chance can also say "certainly"."""
+"""Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
 
 _GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)

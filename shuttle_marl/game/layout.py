@@ -56,7 +56,7 @@ def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, In
 
 
 def thresholds(p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]) -> UInts:
-    """Fixed-point thresholds ``[P, 3]`` from the three chances, each rounded to the nearest 1/65536.
+    """Fixed-point thresholds ``[P, 3]`` from the three probabilities, each rounded to the nearest 1/65536.
 
     The first three outcomes together never reach 1, so the last one keeps at least 1/65536.
     """
@@ -65,5 +65,5 @@ def thresholds(p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float
     below = winner + p_good * p_returned * (1 - p_above)
     cumulative = np.rint(np.stack([fault, winner, below], axis=-1) * ONE)
     if not np.isfinite(cumulative).all():
-        raise GameError("a chance of the dynamics is not a number; the model is damaged")
+        raise GameError("a probability of the dynamics is not a number; the model is damaged")
     return np.clip(cumulative, 0, ONE - 1).astype(np.uint16)

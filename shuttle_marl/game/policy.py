@@ -66,10 +66,10 @@ class States:
 
 @runtime_checkable
 class Policy(Protocol):
-    """What every player is. A policy that reads ``states.score`` must say so with ``reads_score = True``."""
+    """Contract of every player. A policy that reads ``states.score`` must say so with ``reads_score = True``."""
 
     def probabilities(self, states: States) -> npt.NDArray[np.floating]:
-        """``[B, n]`` chance of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
+        """``[B, n]`` probability of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
         ...
 
 
@@ -131,7 +131,7 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
 
 
 def _as_numbers(raw: object) -> npt.NDArray[np.float64]:
-    """What a policy returned, as real numbers; nothing is dropped or made finite on the way."""
+    """The return value of a policy, as real numbers; nothing is dropped or made finite on the way."""
     found = np.asarray(raw)
     if found.dtype.kind not in "fiub":
         raise TypeError(f"numbers of type {found.dtype}")
@@ -140,11 +140,11 @@ def _as_numbers(raw: object) -> npt.NDArray[np.float64]:
 
 
 def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
-    """``[B]`` catalogue index of the stroke that each row of ``[B, n]`` chances plays.
+    """``[B]`` catalogue index of the stroke that each row of ``[B, n]`` probabilities plays.
 
     Args:
         p: rows that sum to about 1.
-        draw: ``[B]`` uniform integers in [0, 65535); cumulative chances are rounded to 1/65535 as in a table.
+        draw: ``[B]`` uniform integers in [0, 65535); cumulative probabilities are rounded to 1/65535 as in a table.
     """
     total = np.cumsum(p, axis=1)
     return chosen(np.rint(total / total[:, -1:] * CHOICE_ONE), draw)
@@ -162,7 +162,7 @@ class UniformPolicy:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TemperedPolicy:
-    """Chances of ``base`` raised to 1 / temperature and normalised; temperature 0 plays the likeliest stroke.
+    """Probabilities of ``base`` raised to 1 / temperature and normalised; temperature 0 plays the likeliest stroke.
 
     Of several likeliest strokes, temperature 0 plays the one that comes first in the catalogue. A stroke that the base
     never plays is never played.
@@ -185,7 +185,7 @@ class TemperedPolicy:
         return reads_score(self.base)
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
-        """``[B, n]`` tempered chances.
+        """``[B, n]`` tempered probabilities.
 
         Raises:
             PolicyError: the base returned no distribution over the legal strokes.

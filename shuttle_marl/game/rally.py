@@ -60,7 +60,7 @@ class Game:
         reply_start: ``[n + 1, 2]`` int32, first edge of the replies to a stroke, by contact.
         reply_count: ``[n + 1, 2]`` int32, their number.
         pair_start: ``[S + 1]`` int32, first legal pair of a state.
-        threshold: ``[P, 3]`` uint16, cumulative chances of fault, + winner, + returned from below, in units of 1/65536.
+        threshold: ``[P, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below, in units of 1/65536.
     """
 
     catalogue: Catalogue
@@ -250,7 +250,7 @@ class Game:
         """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
         return np.asarray(np.diff(self.threshold[pairs].astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
 
-    def chances(self) -> tuple[Floats, Floats, Floats]:
+    def stroke_probabilities(self) -> tuple[Floats, Floats, Floats]:
         """``[P]`` each: probability that the stroke is good, that a good one is returned, that a return is from above."""
         fault, winner, below = (self.threshold[:, i].astype(np.float64) for i in range(3))
         with np.errstate(invalid="ignore", divide="ignore"):

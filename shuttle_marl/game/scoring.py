@@ -19,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class ScoringError(ShuttleError):
-    """Rules, scores or chances that no match can have."""
+    """Rules, scores or probabilities that no match can have."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ BWF: Final = Rules()
 
 
 class Counted(NamedTuple):
-    """What one rally did to a match; numbers, or arrays of the shape that was given.
+    """Result of counting one rally; numbers, or arrays of the shape that was given.
 
     Attributes:
         points: points of the rally's winner in this game, with this rally.
@@ -173,7 +173,7 @@ class Score:
 
     @property
     def winner(self) -> Int8s:
-        """``[B]`` who won the match, -1 while it goes on."""
+        """``[B]`` who won the match, -1 while it continues."""
         return np.where(self.over, self.games.argmax(axis=1), -1).astype(np.int8)
 
     @property
@@ -241,20 +241,20 @@ def game_win_probability(
     server: int | None = None,
     rules: Rules = BWF,
 ) -> Floats:
-    """Exact chance that player 0 wins the current game.
+    """Exact probability that player 0 wins the current game.
 
     Args:
-        p_serving: chance that player 0 wins a rally in which player 0 serves; any shape.
-        p_receiving: chance that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
+        p_serving: probability that player 0 wins a rally in which player 0 serves; any shape.
+        p_receiving: probability that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
         points: points of players 0 and 1.
-        server: who serves next; None: drawn by lot, the mean of both.
+        server: who serves next; None: drawn at random, the mean of both.
         rules: when a game is won.
 
     Returns:
-        One chance for each pair of chances.
+        One probability for each pair of probabilities.
 
     Raises:
-        ScoringError: a chance outside [0, 1], or a score that the rules do not allow.
+        ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
     serving, receiving = _chances(p_serving, p_receiving)
     _check_server(server)
@@ -270,26 +270,26 @@ def match_win_probability(
     points: tuple[int, int] = (0, 0),
     rules: Rules = BWF,
 ) -> Floats:
-    """Exact chance that player 0 wins the match, if rallies are independent given who serves.
+    """Exact probability that player 0 wins the match, if rallies are independent given who serves.
 
     Args:
-        p_serving: chance that player 0 wins a rally in which player 0 serves; any shape.
-        p_receiving: chance that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
-        first_server: who serves the next rally; None: drawn by lot, the mean of both.
+        p_serving: probability that player 0 wins a rally in which player 0 serves; any shape.
+        p_receiving: probability that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
+        first_server: who serves the next rally; None: drawn at random, the mean of both.
         games: games won so far by players 0 and 1.
         points: points of both in the current game.
         rules: when a game and the match are won.
 
     Returns:
-        One chance for each pair of chances.
+        One probability for each pair of probabilities.
 
     Raises:
-        ScoringError: a chance outside [0, 1], or a score that the rules do not allow.
+        ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
     serving, receiving = _chances(p_serving, p_receiving)
     _check_server(first_server)
     if not all(0 <= g < rules.games for g in games):
-        raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match goes on")
+        raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match continues")
     whole_game = _game(serving, receiving, (0, 0), rules)
     one, zero = np.ones_like(serving), np.zeros_like(serving)
     odds: dict[tuple[int, int], tuple[Floats, Floats]] = {}
@@ -306,10 +306,10 @@ def match_win_probability(
 
 
 def _game(serving: Floats, receiving: Floats, points: tuple[int, int], rules: Rules) -> tuple[Floats, Floats]:
-    """Chance that player 0 wins a game from a score, when player 0 serves next and when player 1 does."""
+    """Probability that player 0 wins a game from a score, when player 0 serves next and when player 1 does."""
     own, other = points
     if own < 0 or other < 0 or wins_game(own, other, rules) or wins_game(other, own, rules):
-        raise ScoringError(f"points {points}: expected a game that goes on, to {rules.points} points, cap {rules.cap}")
+        raise ScoringError(f"points {points}: expected a game that continues, to {rules.points} points, cap {rules.cap}")
     one, zero = np.ones_like(serving), np.zeros_like(serving)
     # Rows of the score table from the cap downwards; below[j] is the row of one more own point.
     below: dict[int, tuple[Floats, Floats]] = {}
@@ -332,13 +332,13 @@ def _chances(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[Floa
     for p in (serving, receiving):
         bad = ~((p >= 0) & (p <= 1))
         if bad.any():
-            raise ScoringError(f"chance of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
+            raise ScoringError(f"probability of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
     return serving, receiving
 
 
 def _check_server(server: int | None) -> None:
     if server not in (None, 0, 1):
-        raise ScoringError(f"server {server!r}: expected 0, 1, or None for a draw by lot")
+        raise ScoringError(f"server {server!r}: expected 0, 1, or None to draw it at random")
 
 
 def _by_server(odds: tuple[Floats, Floats], server: int | None) -> Floats:

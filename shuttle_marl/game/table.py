@@ -1,4 +1,4 @@
-"""Policies compiled to tables: one 16-bit cumulative chance a legal pair, the same layout as the game."""
+"""Policies compiled to tables: one 16-bit cumulative probability a legal pair, the same layout as the game."""
 
 import dataclasses
 import functools
@@ -24,7 +24,7 @@ class TabulatedPolicy:
 
     Attributes:
         game: the game it was compiled for.
-        cumulative: ``[P]`` uint16, chance of the legal strokes of a state up to and including this one, in units of
+        cumulative: ``[P]`` uint16, probability of the legal strokes of a state up to and including this one, in units of
             1/65535; draws choose from it by :func:`shuttle_marl.game.draws.chosen`.
     """
 
@@ -37,14 +37,14 @@ class TabulatedPolicy:
         return hashlib.sha256(self.cumulative.tobytes()).hexdigest()
 
     def pair_probabilities(self) -> npt.NDArray[np.float64]:
-        """``[P]`` chance of each legal pair given its state, exactly as it is played from the table."""
+        """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         upper = self.cumulative.astype(np.int64)
         lower = np.r_[0, upper[:-1]]
         lower[self.game.first_pairs] = 0
         return (upper - lower) / CHOICE_ONE
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
-        """``[B, n]`` chance of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""
+        """``[B, n]`` probability of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""
         game = self.game
         if states.game.hash != game.hash:
             raise PolicyError("this policy was tabulated for another game; tabulate it again")
@@ -99,7 +99,7 @@ class TabulatedPolicy:
             raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
         falls = np.diff(cumulative.astype(np.int64)) < 0
         if falls[np.setdiff1d(np.arange(len(falls)), last)].any():
-            raise PolicyError(f"{path}: a cumulative chance falls; the file is damaged, save the policy again")
+            raise PolicyError(f"{path}: a cumulative probability falls; the file is damaged, save the policy again")
         return cls(game=game, cumulative=cumulative)
 
 
@@ -123,9 +123,9 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
 
 
 def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
-    """Compile ``[P]`` chances (each state sums to 1) to a table; rounds the cumulative chance to 1/65535."""
+    """Compile ``[P]`` probabilities (each state sums to 1) to a table; rounds the cumulative probability to 1/65535."""
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     before = total[game.pair_start[game.pair_state]]
-    chance = total[1:] - before
-    chance /= np.repeat(chance[game.last_pairs], np.diff(game.pair_start)[game.playable])
-    return TabulatedPolicy(game=game, cumulative=np.rint(chance * CHOICE_ONE).astype(np.uint16))
+    probability = total[1:] - before
+    probability /= np.repeat(probability[game.last_pairs], np.diff(game.pair_start)[game.playable])
+    return TabulatedPolicy(game=game, cumulative=np.rint(probability * CHOICE_ONE).astype(np.uint16))

@@ -214,7 +214,7 @@ def check_players(players: Players, game: Game, count: int | None = None) -> Non
 
 
 class Block(NamedTuple):
-    """What the passes leave for each other, ``[BLOCK]`` each.
+    """Results that the passes leave for each other, ``[BLOCK]`` each.
 
     Attributes:
         bits: uint64 draw of the stroke.
@@ -277,7 +277,7 @@ def next_state(edge: Any, outcome: Any) -> Any:
 
 @inlined
 def play(part: Any, block: Any) -> None:
-    """Decide the stroke of every row of a part, and go on to the next."""
+    """Decide the stroke of every row of a part, and continue to the next."""
     for j in range(part.state.size):
         outcome = outcome_of(block.limits[j], block.bits[j])
         block.outcome[j] = outcome
@@ -298,7 +298,7 @@ def strike(tables: Any, part: Any, rank: Any, block: Any) -> None:
 
 @inlined
 def list_where(block: Any, count: Any, over: Any) -> Any:
-    """List the rows whose rally is over, or those whose rally goes on; returns their number."""
+    """List the rows whose rally is over, or those whose rally continues; returns their number."""
     listed = 0
     for j in range(count):
         block.listed[listed] = j

@@ -1,4 +1,4 @@
-"""Matches to be played, and what came of them; needs no compiler, so that a command can show its help without one."""
+"""Matches to be played, and their results; needs no compiler, so that a command can show its help without one."""
 
 import dataclasses
 
@@ -40,7 +40,7 @@ class Matches:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Played:
-    """What happened in M matches: R rallies of N strokes, in the order of match, rally, stroke.
+    """Record of M matches: R rallies of N strokes, in the order of match, rally, stroke.
 
     Attributes:
         games: ``[M, 2]`` int32 games won by each seat.

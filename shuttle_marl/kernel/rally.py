@@ -125,7 +125,7 @@ def _run(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tally:
-    """What happened while a batch played by itself.
+    """Results of a batch that played by itself.
 
     Attributes:
         winners: rallies that ended on a winner.
@@ -148,7 +148,7 @@ class RallyBatch(Batch):
         game: the tables.
         batch: number of rows B.
         seed: names all draws.
-        server: seat that serves, 0 or 1; None: by lot.
+        server: seat that serves, 0 or 1; None: at random.
         threads: threads that share the rows; never changes a result.
     """
 
@@ -160,7 +160,7 @@ class RallyBatch(Batch):
         """Start the next rally in some rows.
 
         Args:
-            seed: begin anew, with rally 0 of this seed; None: go on.
+            seed: begin again, with rally 0 of this seed; None: continue.
             rows: ``[B]`` which ones; None: all.
         """
         if seed is not None:

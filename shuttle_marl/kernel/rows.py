@@ -34,7 +34,7 @@ class Rows(NamedTuple):
         stroke: ``[B]`` int32 strokes played in this rally.
         rally: ``[B]`` int64 number of the rally, which with the seed names its draws.
         key: ``[B]`` uint64 key of the rally's draws.
-        live: ``[B]`` bool whether the rally goes on.
+        live: ``[B]`` bool whether the rally continues.
     """
 
     state: npt.NDArray[np.int32]
@@ -105,7 +105,7 @@ def find_ranks(
 
 
 class Observations(NamedTuple):
-    """What the strikers of B rows observe; without rows where no one asks.
+    """Observations of the strikers of B rows; without rows where no one asks.
 
     Attributes:
         tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
@@ -117,7 +117,7 @@ class Observations(NamedTuple):
 
 
 NO_OBSERVATIONS: Final = Observations(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
-"""Where no one asks."""
+"""For steps whose observations no one asks for."""
 
 
 @inlined
@@ -181,7 +181,7 @@ def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
 
 
 class Batch:
-    """What :class:`~shuttle_marl.kernel.RallyBatch` and :class:`~shuttle_marl.kernel.VersusBatch` share."""
+    """Base of :class:`~shuttle_marl.kernel.RallyBatch` and :class:`~shuttle_marl.kernel.VersusBatch`."""
 
     def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
         if server not in (None, 0, 1):

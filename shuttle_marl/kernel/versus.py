@@ -160,16 +160,16 @@ class VersusBatch(Batch):
 
     Row b plays the rallies b, b + B, b + 2 B, … of its seed, with the draws of ``rally_v0``: the lower half of a draw
     decides a stroke's outcome, the upper half which stroke an opponent plays. A rally that ends on the opponent's serve
-    never comes to the learner: it is counted in :attr:`unseen`, and the row goes on with its next rally.
+    never comes to the learner: it is counted in :attr:`unseen`, and the row continues with its next rally.
 
     Args:
         game: the tables.
         batch: number of rows B.
         opponents: K opponents, tabulated for this game; row b meets opponent b modulo K.
         seed: names all draws.
-        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``. It only says which half of the lots for the first
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``. It only says which half of the draws for the first
             serve is the learner's.
-        server: seat that serves, 0 or 1; None: by lot.
+        server: seat that serves, 0 or 1; None: at random.
         threads: threads that share the rows; never changes a result.
 
     Raises:
@@ -225,7 +225,7 @@ class VersusBatch(Batch):
         self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Put another policy in the place of an opponent; rallies that are being played go on against it.
+        """Put another policy in the place of an opponent; rallies that are being played continue against it.
 
         Raises:
             KernelError: a policy of another game, or no such opponent.
@@ -254,7 +254,7 @@ class VersusBatch(Batch):
         """Start the next rally in some rows, up to the learner's first stroke.
 
         Args:
-            seed: begin anew, with rally 0 of this seed; None: go on.
+            seed: begin again, with rally 0 of this seed; None: continue.
             rows: ``[B]`` which ones; None: all.
         """
         if seed is not None:
@@ -273,7 +273,7 @@ class VersusBatch(Batch):
             observed: room for what the learner then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
 
         Returns:
-            ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally goes on) and ``[B]`` whether it is over.
+            ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally continues) and ``[B]`` whether it is over.
 
         Raises:
             IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.

@@ -159,7 +159,7 @@ class Annotator:
         require_game(log, game)
         self.unknown: dict[str, str] = {}
         self._log, self._game, self._resolve = log, game, resolve
-        self._p_succ, self._p_ret, _ = game.chances()
+        self._p_succ, self._p_ret, _ = game.stroke_probabilities()
         self._tables: dict[Player, TabulatedPolicy | None] = {}
         self._probabilities: dict[Player, Floats] = {}
         self._values: dict[tuple[Player, Player], ProfileValue] = {}

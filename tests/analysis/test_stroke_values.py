@@ -54,7 +54,7 @@ def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: 
     state, _ = states(game, rallies)
     value = evaluate(bc, bc).striking[0]
     quality, chance = game.stroke_values(value), bc.pair_probabilities()
-    fault = 1 - game.chances()[0]
+    fault = 1 - game.stroke_probabilities()[0]
     for row in np.flatnonzero(column(valued, "outcome") == Outcome.FAULT)[:20]:
         pairs = np.arange(game.pair_start[state[row]], game.pair_start[state[row] + 1])
         stroke = game.pair_stroke[pairs]

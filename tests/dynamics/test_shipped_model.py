@@ -30,7 +30,7 @@ def solved() -> dict:
 def test_no_chance_leaves_what_its_data_carries() -> None:
     """The rule in the first lines of support.py, on every legal pair that is no serve."""
     game, support = default_game(), load_support(model_folder())
-    good, returned, _ = game.chances()
+    good, returned, _ = game.stroke_probabilities()
     fault, winner = 1 - good, good * (1 - returned)
     edge, rally = game.pair_edge, ~is_serve_pair(game)
     for chance, (low, high) in ((fault, support.fault_range.T), (winner, support.winner_range.T)):

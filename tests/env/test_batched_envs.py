@@ -89,7 +89,7 @@ def test_seeds(make: type[Env]) -> None:
     env = make(8)
     env.set_seed(1)
     assert play(env) == first
-    assert play(env) != first, "a second reset goes on"
+    assert play(env) != first, "a second reset continues"
     env.set_seed(1)
     assert play(env) == first
 

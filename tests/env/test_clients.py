@@ -28,7 +28,7 @@ NAMES = ("shuttle_marl/Rally-v0", "shuttle_marl/Match-v0")
 
 
 class Learned:
-    """What a MaskablePPO plays, as a policy, so that its winning chances can be computed instead of sampled."""
+    """A MaskablePPO as a policy, so that its winning probabilities can be computed instead of sampled."""
 
     def __init__(self, model: MaskablePPO) -> None:
         self._model, self._features = model, features(GAME)
@@ -45,13 +45,13 @@ class Learned:
 
 
 def chance_against_bc(policy: Policy) -> float:
-    """Exact chance to win a rally against ``bc``."""
+    """Exact probability to win a rally against ``bc``."""
     return exact.evaluate(tabulate(policy, GAME), tabulate(resolve("bc", GAME), GAME)).odds().rally
 
 
 @pytest.mark.slow
 def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
-    """Winning chances are exact, so neither luck nor noise of a sample decides; 32 thousand steps, one fixed seed."""
+    """Win probabilities are exact, so neither luck nor noise of a sample decides; 32 thousand steps, one fixed seed."""
     torch.set_num_threads(1)
     env = make_vec_env(NAMES[0], n_envs=16, seed=0, env_kwargs={"opponent": "bc"})
     model = MaskablePPO(

@@ -1,4 +1,4 @@
-"""What importing and playing pulls in."""
+"""Modules that importing and playing load."""
 
 import subprocess
 import sys

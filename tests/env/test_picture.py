@@ -83,7 +83,7 @@ def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
     pygame.event.post(pygame.event.Event(pygame.QUIT))
     next(rows)
     assert pygame.display.get_surface() is None
-    assert len(list(rows)) > 20, "the match goes on without the window"
+    assert len(list(rows)) > 20, "the match continues without the window"
     env.close()
 
 

@@ -34,7 +34,7 @@ def decode(part):
 def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
     env = rally_v0.env()
     game = default_game()
-    good, returned, _ = game.chances()
+    good, returned, _ = game.stroke_probabilities()
     for episode in range(3):
         key = stream(seed, episode)
         striker = int(draw(key, 0)[0] >> np.uint64(16)) & 1
@@ -76,7 +76,7 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
 
 def test_long_rallies_use_draws_beyond_the_first_block():
     game = default_game()
-    good, returned, _ = game.chances()
+    good, returned, _ = game.stroke_probabilities()
     longest = 0
     env = rally_v0.raw_env()
     for seed in range(40):

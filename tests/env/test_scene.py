@@ -1,4 +1,4 @@
-"""Where things are in the picture, and what the text says."""
+"""Positions in the picture, and the text."""
 
 import numpy as np
 import pytest

@@ -172,7 +172,7 @@ def test_what_is_seen_and_told_is_that_of_the_environment_inside() -> None:
 
 
 def test_long_rallies_use_draws_beyond_the_first_block() -> None:
-    good, returned, _ = GAME.chances()
+    good, returned, _ = GAME.stroke_probabilities()
     env = SingleRallyEnv(opponent="safe@greedy")
     longest = 0
     for seed in range(60):
@@ -225,7 +225,7 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         (SingleRallyEnv, {"seat": 2}, OptionError, "seat 2: expected 0 or 1"),
         (SingleRallyEnv, {"server": 2}, OptionError, "server 2"),
         (SingleRallyEnv, {"render_mode": "film"}, OptionError, "render_mode 'film'"),
-        (SingleRallyEnv, {"opponent": "nobody at all"}, PolicyError, "no policy 'nobody at all'"),
+        (SingleRallyEnv, {"opponent": "none such"}, PolicyError, "no policy 'none such'"),
         (SingleRallyEnv, {"opponent": ByScore()}, OptionError, "'ByScore' reads the score, and a rally has none"),
         (SingleRallyEnv, {"opponent": random_policy(random_game(1), 0)}, PolicyError, "tabulated for another game"),
         (SingleMatchEnv, {"reward": "points"}, OptionError, "reward 'points'"),
@@ -288,8 +288,8 @@ def test_the_opponent_is_told_the_score_from_its_own_side() -> None:
         score = raw.observe("player_1")["observation"][56:60] * [SHORT.cap, SHORT.cap, SHORT.games, SHORT.games]
         expected.append(tuple(np.rint(score).astype(int).tolist()))
         states = States(game=GAME, state=np.array([raw.state_number]), score=np.array([expected[-1]], np.int16))
-        chances = np.cumsum(again.probabilities(states)[0])
-        raw.step(int(np.argmax(np.rint(chances / chances[-1] * draws.CHOICE_ONE) > raw.choice_draw())))
+        probabilities = np.cumsum(again.probabilities(states)[0])
+        raw.step(int(np.argmax(np.rint(probabilities / probabilities[-1] * draws.CHOICE_ONE) > raw.choice_draw())))
     assert next(mine, None) is None
     assert policy.told == expected
     assert len(set(expected)) > 5

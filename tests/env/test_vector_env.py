@@ -229,7 +229,7 @@ def test_calls_out_of_order_and_range() -> None:
     ("options", "error", "message"),
     [
         ({"observation": "pixels"}, OptionError, "observation 'pixels'"),
-        ({"opponent": "nobody at all"}, PolicyError, "no policy 'nobody at all'"),
+        ({"opponent": "none such"}, PolicyError, "no policy 'none such'"),
         ({"seat": 7}, KernelError, "seat 7"),
         ({"threads": 0}, KernelError, "threads 0"),
     ],

@@ -91,7 +91,7 @@ def test_damaged_tables_are_refused(tmp_path: Path) -> None:
     state = int(np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)) >= 3)[0])
     falls[GAME.pair_start[state] : GAME.pair_start[state] + 2] = (9, 7)
     save_file({"cumulative": falls}, path, metadata={"game": GAME.hash})
-    with pytest.raises(PolicyError, match="a cumulative chance falls"):
+    with pytest.raises(PolicyError, match="a cumulative probability falls"):
         TabulatedPolicy.load(path, GAME)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(PolicyError, match="no readable table"):

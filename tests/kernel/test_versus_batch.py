@@ -28,7 +28,7 @@ def table(name: str) -> TabulatedPolicy:
 
 @dataclasses.dataclass(frozen=True)
 class Turn:
-    """What the learner saw, played and got, stroke by stroke."""
+    """Observation, stroke and reward of the learner, stroke by stroke."""
 
     state: int
     stroke: int
@@ -40,7 +40,7 @@ Rally = list[Turn] | bool
 
 
 def learners_choice(game: Game, key: np.uint64, count: int, state: int) -> int:
-    """What ``random_strokes`` plays, by its definition."""
+    """The choice of ``random_strokes``, by its definition."""
     first, last = int(game.pair_start[state]), int(game.pair_start[state + 1])
     upper = int(draws.draw(np.array([key]), count)[0]) >> 32
     return int(game.pair_stroke[first + (upper * (last - first) >> 32)])

@@ -28,7 +28,7 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
 def rally_odds(name: str, other: str) -> float:
     """Probability of winning a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
     policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
-    good, returned, above = GAME.chances()
+    good, returned, above = GAME.stroke_probabilities()
     following = 2 * GAME.pair_edge
     value = [np.zeros(GAME.n_states) for _ in policies]
     for _ in range(50):
@@ -68,14 +68,14 @@ def test_attackers_hit_down_from_above_and_defenders_lift_from_below() -> None:
 
 def test_safe_play_faults_least() -> None:
     fault = np.zeros((GAME.n_states, GAME.n_strokes))
-    fault[GAME.pair_state, GAME.pair_stroke] = 1 - GAME.chances()[0]
+    fault[GAME.pair_state, GAME.pair_stroke] = 1 - GAME.stroke_probabilities()[0]
     mean = {n: (resolve(n, GAME).probabilities(STATES) * fault[PLAYABLE]).sum(axis=1).mean() for n in ("random", *STYLES)}
     assert min(mean, key=lambda name: mean[name]) == "safe"
 
 
 def test_points_of_safe_play_are_read_from_the_game() -> None:
     points = scripted.safe(STATES)
-    good, returned, above = GAME.chances()
+    good, returned, above = GAME.stroke_probabilities()
     for pair in range(0, GAME.n_pairs, GAME.n_pairs // 50):
         row = np.searchsorted(PLAYABLE, GAME.pair_state[pair])
         attacked = 0.1 * good[pair] * returned[pair] * above[pair]

@@ -196,7 +196,7 @@ def test_chances_are_those_of_the_game_and_values_exact(reel: Any, log_path: Pat
         best = max(option["win_probability"] for option in dict(reel.of(topics.POLICY))[time]["top"])
         assert told["striker"] <= best + 1e-6 or told["striker"] < 1
     serve = game.pair_start[ROOT]
-    p_succ, _, _ = game.chances()
+    p_succ, _, _ = game.stroke_probabilities()
     strokes = game.legal_strokes(ROOT)
     name = reel.of(topics.STROKE)[0][1]["stroke"]
     assert reel.of(topics.STROKE)[0][1]["p_succ"] == p_succ[serve + [game.catalogue.names[s] for s in strokes].index(name)]

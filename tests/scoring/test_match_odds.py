@@ -20,7 +20,7 @@ from shuttle_marl.game.scoring import (
 
 State = tuple[bytes, bytes, int]
 """Points by game, games, and server of one match."""
-chance = st.floats(0.0, 1.0)
+probability = st.floats(0.0, 1.0)
 short = st.sampled_from(
     [
         Rules(points=1, clear=1, cap=1, games=1),
@@ -67,7 +67,7 @@ def enumerated(score: Score, p_serving: float, p_receiving: float) -> float:
 
 
 @settings(max_examples=25, deadline=None)
-@given(short, chance, chance, st.integers(0, 1))
+@given(short, probability, probability, st.integers(0, 1))
 def test_odds_equal_enumeration_of_all_rallies(rules: Rules, serving: float, receiving: float, server: int) -> None:
     exact = enumerated(new([server], rules), serving, receiving)
     found = match_win_probability(serving, receiving, first_server=server, rules=rules)
@@ -75,7 +75,7 @@ def test_odds_equal_enumeration_of_all_rallies(rules: Rules, serving: float, rec
 
 
 @settings(max_examples=25, deadline=None)
-@given(short, chance, chance, st.lists(st.integers(0, 1), max_size=12))
+@given(short, probability, probability, st.lists(st.integers(0, 1), max_size=12))
 def test_odds_from_any_score_equal_enumeration(rules: Rules, serving: float, receiving: float, past: list[int]) -> None:
     score = new([1], rules)
     for winner in past:
@@ -109,7 +109,7 @@ def test_single_rallies_that_the_winner_serves_next(serving: float, receiving: f
     assert match_win_probability(serving, receiving, first_server=0, rules=rules) == pytest.approx(expected, abs=1e-14)
 
 
-@given(chance, chance)
+@given(probability, probability)
 def test_the_players_can_change_names(serving: float, receiving: float) -> None:
     for server in (0, 1):
         one = match_win_probability(serving, receiving, first_server=server)
@@ -122,7 +122,7 @@ def test_even_chances_of_symmetric_players() -> None:
         assert match_win_probability(serving, 1 - serving) == pytest.approx(0.5, abs=1e-13)
 
 
-@given(chance, chance, st.floats(0, 1), st.sampled_from([None, 0, 1]))
+@given(probability, probability, st.floats(0, 1), st.sampled_from([None, 0, 1]))
 def test_winning_more_rallies_never_hurts(serving: float, receiving: float, share: float, server: int | None) -> None:
     odds = match_win_probability(serving, receiving, first_server=server)
     better = serving + share * (1 - serving)
@@ -142,7 +142,7 @@ def test_a_point_and_a_game_help() -> None:
 def test_certain_rallies() -> None:
     assert match_win_probability(1.0, 1.0) == 1.0
     assert match_win_probability(0.0, 0.0) == 0.0
-    assert match_win_probability(1.0, 0.0, first_server=0) == 1.0, "whoever serves keeps the serve"
+    assert match_win_probability(1.0, 0.0, first_server=0) == 1.0, "the server keeps the serve"
     assert match_win_probability(1.0, 0.0, first_server=1) == 0.0
     assert match_win_probability(1.0, 0.0) == 0.5
 
@@ -173,8 +173,8 @@ def test_odds_equal_simulated_matches() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"p_serving": 1.2}, "chance of winning a rally 1.2"),
-        ({"p_receiving": [0.5, float("nan")]}, "chance of winning a rally nan"),
+        ({"p_serving": 1.2}, "probability of winning a rally 1.2"),
+        ({"p_receiving": [0.5, float("nan")]}, "probability of winning a rally nan"),
         ({"first_server": 2}, "server 2"),
         ({"games": (2, 0)}, "games"),
         ({"points": (21, 3)}, "points"),

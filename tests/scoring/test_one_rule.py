@@ -136,8 +136,10 @@ def test_odds_of_a_match_follow_the_rules() -> None:
         open_points = {(i, j) for _, _, i, j, _ in table}
         assert max(max(pair) for pair in open_points) == rules.cap - 1
         for (own, other, i, j, server), (won, lost) in table.items():
-            chance = scoring.match_win_probability(0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules)
-            assert (lost + (0.5 if server else 0.6) * (won - lost)) == pytest.approx(float(chance), abs=1e-12)
+            probability = scoring.match_win_probability(
+                0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules
+            )
+            assert (lost + (0.5 if server else 0.6) * (won - lost)) == pytest.approx(float(probability), abs=1e-12)
 
 
 def test_the_kernel_compiles_the_function_of_scoring() -> None:

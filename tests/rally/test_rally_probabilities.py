@@ -1,4 +1,4 @@
-"""Fixed-point chances, and strokes decided by them."""
+"""Fixed-point probabilities, and strokes decided by them."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.layout import thresholds
 from shuttle_marl.game.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike
 
-chance = st.floats(0.0, 1.0)
+probability = st.floats(0.0, 1.0)
 
 
 def test_thresholds_of_round_chances() -> None:
@@ -19,12 +19,12 @@ def test_thresholds_of_round_chances() -> None:
     # good 3/4: fault below 1/4; winner 3/8 more; returned 3/8, half of it from below.
     assert table[0].tolist() == [0.25 * ONE, 0.625 * ONE, 0.8125 * ONE]
     assert table[1].tolist() == [0, 0.5 * ONE, 0.875 * ONE]
-    assert table[2].tolist() == [ONE - 1, ONE - 1, ONE - 1], "the last outcome keeps the smallest chance there is"
+    assert table[2].tolist() == [ONE - 1, ONE - 1, ONE - 1], "the last outcome keeps the smallest probability there is"
 
 
-@given(st.lists(st.tuples(chance, chance, chance), min_size=1, max_size=20))
-def test_thresholds_are_monotone_and_nearest(chances: list[tuple[float, float, float]]) -> None:
-    good, returned, above = np.array(chances).T
+@given(st.lists(st.tuples(probability, probability, probability), min_size=1, max_size=20))
+def test_thresholds_are_monotone_and_nearest(probabilities: list[tuple[float, float, float]]) -> None:
+    good, returned, above = np.array(probabilities).T
     table = thresholds(good, returned, above).astype(np.int64)
     assert (np.diff(table, axis=1) >= 0).all()
     exact = np.stack([1 - good, 1 - good * returned, 1 - good * returned * above], axis=1)
@@ -35,18 +35,18 @@ def test_thresholds_are_monotone_and_nearest(chances: list[tuple[float, float, f
 
 @pytest.mark.parametrize("position", [0, 1, 2])
 def test_thresholds_refuse_nan(position: int) -> None:
-    chances = [np.array([0.5]), np.array([0.5]), np.array([0.5])]
-    chances[position] = np.array([np.nan])
+    probabilities = [np.array([0.5]), np.array([0.5]), np.array([0.5])]
+    probabilities[position] = np.array([np.nan])
     with pytest.raises(GameError, match="not a number"):
-        thresholds(*chances)
+        thresholds(*probabilities)
 
 
 def test_chances_invert_thresholds() -> None:
     game = default_game()
     rng = np.random.default_rng(4)
     wanted = np.concatenate([rng.uniform(0.05, 1, (2, game.n_pairs)), rng.uniform(0, 1, (1, game.n_pairs))])
-    found = np.stack(dataclasses.replace(game, threshold=thresholds(*wanted)).chances())
-    # A conditional chance is a quotient of two rounded numbers: its error grows as what it is conditional on shrinks.
+    found = np.stack(dataclasses.replace(game, threshold=thresholds(*wanted)).stroke_probabilities())
+    # A conditional probability is a quotient of two rounded numbers: its error grows as what it is conditional on shrinks.
     condition = np.stack([np.ones(game.n_pairs), wanted[0], wanted[0] * wanted[1]])
     assert (np.abs(found - wanted) <= 2.5 / ONE / condition).all()
 
@@ -54,7 +54,7 @@ def test_chances_invert_thresholds() -> None:
 def test_all_draws_of_a_stroke_give_its_chances_exactly() -> None:
     game = default_game()
     rng = np.random.default_rng(5)
-    good, returned, above = game.chances()
+    good, returned, above = game.stroke_probabilities()
     draws = np.arange(ONE)
     for pair in [0, game.n_pairs - 1, *rng.integers(game.n_pairs, size=30)]:
         state = game.pair_state[pair]
