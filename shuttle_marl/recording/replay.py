@@ -30,7 +30,7 @@ class Derived:
     def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
         require_game(log, game)
         self._game = game
-        self._chances = game.chances()
+        self._chances = game.stroke_probabilities()
         chosen = {name: policy.pair_probabilities() for name, policy in (policies or {}).items()}
         self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
 
