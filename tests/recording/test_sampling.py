@@ -90,7 +90,7 @@ def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path,
     for field in ("pairing", "match", "rally", "winner", "stroke"):
         assert np.array_equal(getattr(some, field), getattr(expected, field))
     report = (sampled / "report.md").read_text()
-    assert "one match in 4, drawn by lot, stands with all its rallies in `rallies.mcap`" in report
+    assert "one match in 4, drawn at random, is with all its rallies in `rallies.mcap`" in report
     counted = sum(row["rallies"] for row in pyarrow.parquet.read_table(sampled / "results.parquet").to_pylist())
     assert counted == len(everything)
 
