@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.commands.cli import Command, run
+from shuttle_marl.commands.cli import Command, console, run
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
+from shuttle_marl.text import printable
 
 
 def _report(line: str) -> None:
-    Console(stderr=True, highlight=False).print(f"[dim]{line} …[/]")
+    console(stderr=True).print(f"{line} …", style="dim")
 
 
 def fit(data: Path, out: Path, seed: int = 0) -> None:
@@ -31,8 +31,8 @@ def fit(data: Path, out: Path, seed: int = 0) -> None:
 
     card = make_model(data, out, seed=seed, report=_report)
     health = card["health"]
-    Console(highlight=False).print(
-        f"{out}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
+    console().print(
+        f"{printable(str(out))}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
         f"game {card['game_hash'][:16]}, {'healthy' if health['healthy'] else 'NOT healthy, see the card'}"
     )
 
@@ -65,11 +65,11 @@ def evaluate(
         ratio = s["log_loss"] / s["trees"]["log_loss"]
         numbers = (s["log_loss"], s["trees"]["log_loss"], ratio, s["brier"], s["auc"], s["ece"])
         table.add_row(name, f"{s['rows']:,}", *(f"{x:.4f}" for x in numbers))
-    console = Console(highlight=False)
-    console.print(table)
+    out = console()
+    out.print(table)
     following = result["next_stroke"]
     for key in ("shot_type", "area", "area_given_type"):
-        console.print(f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(following[key])))
+        out.print(f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(following[key])))
 
 
 def card(
