@@ -47,6 +47,9 @@ _HANDSHAKE: Final = 5.0
 """Time that a connection has for its handshake [s]."""
 _FAREWELL: Final = 1.0
 """Time that viewers have to close their connections when the server stops [s]."""
+_MOST_REASONS: Final = 16
+"""Different refusals that are reported; a page could send any number."""
+_LONGEST_NAME: Final = 100
 _MESSAGE, _TIME, _STATE = 1, 2, 5
 """First bytes of binary messages to viewers."""
 _CONTROL: Final = 3
@@ -170,7 +173,7 @@ class LiveScene:
         reason = refusal(request.headers.get_all("Host"), request.headers.get_all("Origin"), self._origins)
         if reason is None:
             return None
-        if self._say is not None and reason not in self._refused:
+        if self._say is not None and reason not in self._refused and len(self._refused) < _MOST_REASONS:
             self._refused.add(reason)
             self._say(reason)
         return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
@@ -306,11 +309,13 @@ def refusal(hosts: Sequence[str], origins: Sequence[str], allowed: Sequence[str]
         allowed: origins of pages that may connect, beside those of this machine.
     """
     if len(hosts) != 1 or _name(f"//{hosts[0]}") not in _LOOPBACK:
-        return f"refused a connection to the host {printable(', '.join(hosts)) or 'of no name'}: expected localhost"
+        return (
+            f"refused a connection to the host {printable(', '.join(hosts))[:_LONGEST_NAME] or 'of no name'}: expected localhost"
+        )
     if len(origins) > 1:
         return "refused a connection with several origins"
     if origins and origins[0] not in allowed and not _is_local(origins[0]):
-        origin = printable(origins[0])
+        origin = printable(origins[0])[:_LONGEST_NAME]
         return f"refused a page of {origin}: --origin {origin} would let it connect"
     return None
 
