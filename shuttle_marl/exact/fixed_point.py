@@ -65,10 +65,11 @@ def largest_continuation(game: Game) -> float:
         ExactError: it is 1, so some stroke never ends a rally and values have no bound.
     """
     # The second threshold is the probability, in fixed point, that the stroke ends the rally.
-    ends = game.threshold[game.pair_start[FIRST_RALLY_STATE] :, 1]
+    first = game.pairs_of(FIRST_RALLY_STATE).start
+    ends = game.threshold[first:, 1]
     if not len(ends) or ends.min() > 0:
         return float(1 - ends.min(initial=ONE - 1) / ONE)
-    pair = int(game.pair_start[FIRST_RALLY_STATE]) + int(np.argmin(ends))
+    pair = first + int(np.argmin(ends))
     raise ExactError(
         f"{game.catalogue.names[game.pair_stroke[pair]]} never ends the rally in state: "
         f"{game.describe(int(game.pair_state[pair]))}; exact values need a probability above 0 for every stroke to end it"

@@ -101,8 +101,8 @@ def greedy_policy(game: Game, following: Floats) -> TabulatedPolicy:
     """The policy that plays the best stroke in every state, ``following`` being the value of the next states to the receiver."""
     cumulative = np.zeros(game.n_pairs, dtype=np.uint16)
     best = np.flatnonzero(greedy_strokes(game, following))
-    after = game.pair_start[game.pair_state[best] + 1] - best
     # From the chosen stroke on, the cumulative probability of its state is 1.
-    certain = np.repeat(best, after) + np.arange(after.sum()) - np.repeat(np.cumsum(after) - after, after)
-    cumulative[certain] = CHOICE_ONE
+    chosen = np.full(game.n_states, game.n_pairs)
+    chosen[game.pair_state[best]] = best
+    cumulative[np.arange(game.n_pairs) >= chosen[game.pair_state]] = CHOICE_ONE
     return TabulatedPolicy(game=game, cumulative=cumulative)

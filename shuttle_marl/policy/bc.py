@@ -45,10 +45,13 @@ class BehaviourClones:
             stroke, catalogue = game.pair_stroke, game.catalogue
             shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
             # 13 means "no stroke yet", as in the models.
-            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.edge_incoming[game.pair_state >> 1]]
-            logit = logit + self.style[m, incoming, game.pair_state & 1, shot, technique] + self.area[m, shot, technique, area]
-        probability = np.exp(logit)
-        return np.asarray(probability / np.bincount(game.pair_state, probability, game.n_states)[game.pair_state])
+            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(game.pair_state)]
+            logit = (
+                logit
+                + self.style[m, incoming, game.contact(game.pair_state), shot, technique]
+                + self.area[m, shot, technique, area]
+            )
+        return game.normalized(np.exp(logit))
 
 
 @functools.cache

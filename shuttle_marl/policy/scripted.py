@@ -122,9 +122,7 @@ def safe(states: States) -> Points:
     probabilities are read from the game itself.
     """
     game = states.game
-    counts = game.legal_count(states.state)
-    row = np.repeat(np.arange(len(states)), counts)
-    pair = np.arange(len(row)) + np.repeat(game.pair_start[states.state] - np.cumsum(counts) + counts, counts)
+    row, pair = game.pairs(states.state)
     fault, winner, below = game.threshold[pair].T.astype(np.float64) / ONE  # cumulative
     points = np.zeros((len(states), game.n_strokes))
     points[row, game.pair_stroke[pair]] = 100.0 * (1 - fault) - 10.0 * (1 - below) + 5.0 * (winner - fault)

@@ -112,9 +112,9 @@ def _pairs(players: list[str]) -> list[tuple[str, str]]:
 def _table(game: Game, name: str, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
     if np.shape(p) != (game.n_pairs,) or not (np.asarray(p) >= 0).all():
         raise SimulationError(f"player {name!r}: expected {game.n_pairs} probabilities, one for each legal pair, none negative")
-    sums = np.bincount(game.pair_state, weights=p, minlength=game.n_states)
-    playable = np.diff(game.pair_start) > 0
-    if (np.abs(sums[playable] - 1) > 1e-4).any():
-        state = int(np.flatnonzero(playable)[np.abs(sums[playable] - 1).argmax()])
+    sums = game.sum_by_state(p)
+    off = np.where(game.playable, np.abs(sums - 1), 0)
+    if (off > 1e-4).any():
+        state = int(off.argmax())
         raise SimulationError(f"player {name!r}: probabilities sum to {sums[state]:g}, not 1, in state: {game.describe(state)}")
     return from_pair_probabilities(game, p)
