@@ -37,8 +37,7 @@ from shuttle_marl import rally_v0
 env = rally_v0.env()
 def play():
     env.reset(seed=1)
-    action = env.action_space(env.agent_selection).sample(env.last()[0]["action_mask"])
-    traced(lambda: env.step(action))
+    traced(lambda: env.step(env.action_space(env.agent_selection).sample(env.last()[0]["action_mask"])))
 """,
     "a stroke of `RallyEnv`": """
 from shuttle_marl.env.batched import RallyEnv
