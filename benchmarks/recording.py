@@ -1,9 +1,9 @@
-"""What recording every rally costs: a tournament, training, and what is written, read back and found again.
+"""Cost of recording every rally: a tournament, training, and what is written, read back and found again.
 
     python -m benchmarks.recording [--quick] [--json]
 
 The tournament is the league's own command with every rally recorded, on all cores; its speed is wall-clock. The log that it
-leaves, of some ten million rallies, is then read back, opened anew for one rally after the other, and copied from memory, so
+leaves, of some ten million rallies, is then read back, opened again for each of many single rallies, and copied from memory, so
 that only the log is timed. Training is a run of PPO with its defaults: the CPU time of the recorder's thread and of all calls of
 the log is compared with that of everything else, as if there were no second core. CPU time is that of all threads, user and
 system, so other programs on the machine hardly change it; of several runs the fastest counts.

@@ -1,4 +1,4 @@
-"""How long commands take to say hello: CPU time of ``--help`` and of imports, each in a fresh interpreter.
+"""Time until commands say hello: CPU time of ``--help`` and of imports, each in a fresh interpreter.
 
     python -m benchmarks.startup [--repeat N] [--json]
 

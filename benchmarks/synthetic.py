@@ -1,4 +1,4 @@
-"""Games of any size, to see what speed costs: random replies, random chances, the same rules."""
+"""Games of any size, to see how speed depends on it: random replies, random probabilities, the same rules."""
 
 import itertools
 from typing import Final
@@ -23,7 +23,7 @@ def synthetic_game(strokes: int, replies: int, seed: int = 0) -> Game:
         strokes: size of the catalogue.
         replies: legal strokes of a state, at most all of the contact's; the game has about ``4 strokes * replies`` states and
             ``replies`` times as many legal pairs.
-        seed: of the replies and the chances.
+        seed: of the replies and the probabilities.
     """
     rng = np.random.default_rng(seed)
     every = [":".join(parts) for parts in itertools.product(SHOTS, AREAS, HEIGHTS, TECHNIQUES)]

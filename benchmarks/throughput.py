@@ -8,8 +8,8 @@ the machine does hardly counts, and seconds on the clock where several do. The f
 a turn slower; the median is given as well.
 
 ``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``. At the end of it stand games of other sizes
-(``strokes``, ``states``, ``legal_pairs``). ``floor_per_s`` is what the reads of a stroke alone would allow
-(:mod:`benchmarks.floor`), ``load`` how many processes wanted a core when a process began to measure.
+(``strokes``, ``states``, ``legal_pairs``). ``bound_per_s`` is what the reads of a stroke alone would allow
+(:mod:`benchmarks.lower_bound`), ``load`` how many processes wanted a core when a process began to measure.
 
 What counts as a stroke: of ``vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of environments of
 other libraries an action.
@@ -31,7 +31,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.machine import machine, this_machine
-from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, floor, game_of_size, kernel, kernel_observed
+from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, game_of_size, kernel, kernel_observed, lower_bound
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
 
@@ -45,7 +45,7 @@ _QUICK_SIZES: Final = SIZES[:3]
 _SIZE_BATCH: Final = 4096
 _FLOOR_BATCH: Final = 8192
 SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
-"""What is measured in games of other sizes, and beside its floor."""
+"""Cases that are measured in games of other sizes too, and beside their lower bound."""
 _NAMES: Final = (*BATCHED, *SINGLE)
 
 
@@ -98,8 +98,8 @@ def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], s
             (measured,) = speeds([BATCHED[what](batch, count)], seconds, turns, count)
             more: Row = {}
             if what in SIZED and batch == _FLOOR_BATCH:
-                least, more["bytes_per_stroke"] = floor(count, observed=what == "kernel_observed")
-                more["floor_per_s"] = max(speeds([least], seconds, turns, count)[0])
+                least, more["bytes_per_stroke"] = lower_bound(count, observed=what == "kernel_observed")
+                more["bound_per_s"] = max(speeds([least], seconds, turns, count)[0])
             found.append(row(what, batch, count, measured, **more))
     return found
 
@@ -155,10 +155,10 @@ def show(rows: Sequence[Row], console: Console) -> None:
         table.add_row(key[0], str(key[1]), *cells, f"{mine[max(mine)]['peak_mb']:,.0f}")
     console.print(table)
     for r in rows:
-        if "floor_per_s" in r:
+        if "bound_per_s" in r:
             console.print(
                 f"{r['what']}, {r['threads']} threads, B = {r['batch']:,}: {1e9 / r['strokes_per_s']:.1f} ns a stroke; the "
-                f"{r['bytes_per_stroke']} bytes that it has to move alone take {1e9 / r['floor_per_s']:.1f} ns (the floor)"
+                f"{r['bytes_per_stroke']} bytes that it has to move alone take {1e9 / r['bound_per_s']:.1f} ns (the lower bound)"
             )
     speed = {r["what"]: r["strokes_per_s"] for r in rows if r["what"] in SINGLE}
     if {"aec", "connect_four_v3"} <= set(speed):

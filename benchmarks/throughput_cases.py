@@ -1,4 +1,4 @@
-"""What ``benchmarks.throughput`` measures: for each name, how to make something that plays.
+"""Cases of ``benchmarks.throughput``: for each name, a function that makes something that plays.
 
 A maker takes a batch and a number of threads and returns a function that plays for a while and says how many strokes (of other
 environments: actions) that were. Libraries are imported by the maker, so that the memory of one is not counted for another.
@@ -28,11 +28,11 @@ def game_of_size(catalogue: int, replies: int) -> Game:
     return synthetic_game(catalogue, replies)
 
 
-def floor(threads: int, *, observed: bool) -> tuple[Play, int]:
-    """What reads as much as the kernel has to and does nothing else, and the bytes of a stroke."""
-    from benchmarks.floor import floor_of
+def lower_bound(threads: int, *, observed: bool) -> tuple[Play, int]:
+    """Reads as many as the kernel has to make and nothing else, and the bytes of a stroke."""
+    from benchmarks.lower_bound import lower_bound_of
 
-    least = floor_of(default_game(), threads)
+    least = lower_bound_of(default_game(), threads)
     read = least.show if observed else least.play
 
     def play() -> int:
@@ -47,7 +47,7 @@ def _steps(batch: int) -> int:
 
 
 def kernel(batch: int, threads: int, game: Game | None = None) -> Play:
-    """Rows that play random legal strokes by themselves; nobody looks."""
+    """Rows that play random legal strokes by themselves; nothing is observed."""
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
@@ -212,7 +212,7 @@ BATCHED: Final[dict[str, Maker]] = {
     "tournament": tournament,
     "cartpole_vector": cartpole_vector,
 }
-"""What is played many times at once; each is measured in a process of its own."""
+"""Cases that play many rallies at once; each is measured in a process of its own."""
 SINGLE: Final[dict[str, Maker]] = {
     "gymnasium": gymnasium_env,
     "aec": _loop(_rally),
@@ -221,4 +221,4 @@ SINGLE: Final[dict[str, Maker]] = {
 }
 """One environment at a time; these take turns in one process."""
 ONE_THREAD: Final = ("cartpole_vector", *SINGLE)
-"""What has no use for a second thread."""
+"""Cases that cannot use a second thread."""

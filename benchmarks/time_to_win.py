@@ -3,8 +3,9 @@
     python -m benchmarks.time_to_win [--seeds N] [--target P] [--limit SECONDS] [--json]
 
 All learners meet the same opponent in the same game, one after another in one process with two threads of PyTorch. The
-clock runs from the call to the evaluation that reaches the target; the chance of a match is exact, and computing it now and
-then is part of the time. MaskablePPO plays `shuttle_marl/Rally-v0` as it comes, with settings like ours where it has them.
+clock runs from the call to the evaluation that reaches the target; the probability to win a match is exact, and computing it
+now and then is part of the time. MaskablePPO plays `shuttle_marl/Rally-v0` as it comes, with settings like ours where it has
+them.
 """
 
 import contextlib
@@ -60,7 +61,7 @@ class Reached:
         reached: whether it did.
         seconds: wall-clock time.
         strokes: strokes of the learner.
-        match_win: exact chance to win a match at the end.
+        match_win: exact probability to win a match at the end.
     """
 
     learner: str
@@ -85,10 +86,10 @@ def ours(seed: int, target: float) -> Reached:
         begun = time.perf_counter()
         done = train(config)
         seconds = time.perf_counter() - begun
-    chance = done.evaluation.match_win
+    match_win = done.evaluation.match_win
     strokes = done.iterations * config.frames
     return Reached(
-        learner="shuttle_marl PPO", seed=seed, reached=chance >= target, seconds=seconds, strokes=strokes, match_win=chance
+        learner="shuttle_marl PPO", seed=seed, reached=match_win >= target, seconds=seconds, strokes=strokes, match_win=match_win
     )
 
 
@@ -101,8 +102,8 @@ def evaluate(model: MaskablePPO, game: Game, evaluator: Evaluator) -> Evaluation
         "action_mask": torch.from_numpy(mask.astype(np.int8)),
     }
     with torch.no_grad():
-        chances: torch.Tensor = cast(Any, model.policy.get_distribution(seen, action_masks=mask)).distribution.probs
-        found = chances.double().numpy()
+        probabilities: torch.Tensor = cast(Any, model.policy.get_distribution(seen, action_masks=mask)).distribution.probs
+        found = probabilities.double().numpy()
     p = np.zeros((game.n_states, game.n_strokes))
     p[states] = found * mask
     return evaluator.evaluate(from_pair_probabilities(game, p[game.pair_state, game.pair_stroke]))
@@ -115,7 +116,7 @@ class _Stop(BaseCallback):
         super().__init__()
         self._evaluated, self._target, self._limit, self._every = evaluated, target, limit, every
         self._begun, self._next = time.perf_counter(), every
-        self.chance = 0.0
+        self.match_win = 0.0
 
     def _on_step(self) -> bool:
         return True
@@ -124,8 +125,8 @@ class _Stop(BaseCallback):
         # Between learning and collecting: here the weights are those that an evaluation should see.
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
-            self.chance = self._evaluated().match_win
-        over = self.chance >= self._target or time.perf_counter() - self._begun > self._limit
+            self.match_win = self._evaluated().match_win
+        over = self.match_win >= self._target or time.perf_counter() - self._begun > self._limit
         if over:
             raise _Over
 
@@ -147,10 +148,10 @@ def theirs(seed: int, target: float, limit: float) -> Reached:
     return Reached(
         learner="sb3-contrib MaskablePPO",
         seed=seed,
-        reached=stop.chance >= target,
+        reached=stop.match_win >= target,
         seconds=time.perf_counter() - begun,
         strokes=model.num_timesteps,
-        match_win=stop.chance,
+        match_win=stop.match_win,
     )
 
 
@@ -182,7 +183,7 @@ def main(
 
     Args:
         seeds: runs of every learner.
-        target: exact chance to win a match.
+        target: exact probability to win a match.
         limit: seconds after which MaskablePPO is stopped.
         as_json: print JSON instead of a table.
     """

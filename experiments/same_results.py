@@ -1,4 +1,4 @@
-"""Whether two checkouts play, solve and train the same: both run the same seeded commands, and what they write is compared.
+"""Comparison of what two checkouts play, solve and train: both run the same seeded commands, and what they write is compared.
 
     python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
 
@@ -76,7 +76,7 @@ def _call(checkout: Path, module: str, *arguments: str) -> str:
 
 
 def differences(before: Path, after: Path, checkouts: tuple[Path, Path]) -> Iterator[str]:
-    """What differs between two folders that :func:`run_commands` filled, a line each.
+    """Differences between two folders that :func:`run_commands` filled, a line each.
 
     Args:
         before: one folder.
@@ -98,7 +98,7 @@ def _files(folder: Path) -> set[str]:
 
 
 def _difference(files: tuple[Path, Path], checkouts: tuple[Path, Path]) -> str:
-    """What differs between two files of other bytes; empty if only what may differ does."""
+    """The difference of two files of other bytes; empty if only what may differ does."""
     if files[0].suffix == ".mcap":
         return _other_strokes([_strokes(file, checkout) for file, checkout in zip(files, checkouts, strict=True)])
     texts = [_lines_without_times(file) for file in files]
@@ -131,7 +131,7 @@ def _strokes(log: Path, checkout: Path) -> pa.Table:
 
 
 def _other_strokes(tables: list[pa.Table]) -> str:
-    """How two tables of strokes differ in the columns that both have."""
+    """The difference of two tables of strokes in the columns that both have."""
     names = [name for name in tables[0].column_names if name in tables[1].column_names]
     if not {"number", "stroke"} <= set(names) or len(tables[0]) != len(tables[1]):
         return f"{len(tables[0]):,} and {len(tables[1]):,} strokes, with {', '.join(names) or 'no columns'} in common"

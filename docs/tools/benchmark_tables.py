@@ -89,20 +89,20 @@ def speed() -> str:
     return f"{markdown(('', 'speed'), lines, left=('', 'speed'))}\n\nOne thread, 8,192 rallies or matches at once."
 
 
-def throughput_floor() -> str:
+def throughput_bound() -> str:
     """The kernel beside what its reads alone allow, from ``benchmarks/results/throughput.json``."""
     lines = [
         (
             f"`{row['what']}`",
             str(row["threads"]),
             str(row["bytes_per_stroke"]),
-            f"{1e9 / row['floor_per_s']:.1f}",
+            f"{1e9 / row['bound_per_s']:.1f}",
             f"{1e9 / row['strokes_per_s']:.1f}",
         )
         for row in saved("benchmarks", "throughput")
-        if "floor_per_s" in row
+        if "bound_per_s" in row
     ]
-    return markdown(("", "threads", "bytes a stroke", "floor, ns", "measured, ns"), lines, left=("",))
+    return markdown(("", "threads", "bytes a stroke", "lower bound, ns", "measured, ns"), lines, left=("",))
 
 
 def throughput_sizes() -> str:
@@ -132,7 +132,7 @@ def _millions(speed: float) -> str:
 
 
 def staging() -> str:
-    """How believable staged rallies are, from ``benchmarks/results/staging.json``."""
+    """Measures of how natural staged rallies look, from ``benchmarks/results/staging.json``."""
     result = saved("benchmarks", "staging")
     rows = [
         ("racket to shuttle at a contact, worst", f"{1000 * result['contact_max']:.1f} mm", "10 mm"),

@@ -21,7 +21,7 @@ SMASH: Final = SHOTS.index("smash")
 
 
 def is_lively(moment: Snapshot) -> bool:
-    """Whether a rally of the deciding game is worth a picture."""
+    """True for a rally of the deciding game that is worth a picture."""
     if len(moment.by_game) < 3 or min(moment.by_game[-1]) < 8 or not 8 <= len(moment.strokes) <= 13:
         return False
     shots = moment.game.catalogue.shot[[s.stroke for s in moment.strokes]]
@@ -43,8 +43,8 @@ def first_lively_moment(seeds: range) -> np.ndarray:
                 env.step(None)
                 continue
             states = States(game=game, state=np.array([env.unwrapped.state_number], dtype=np.int32))
-            chances = policies[env.possible_agents.index(agent)].probabilities(states)[0]
-            env.step(rng.choice(len(chances), p=chances))
+            probability = policies[env.possible_agents.index(agent)].probabilities(states)[0]
+            env.step(rng.choice(len(probability), p=probability))
             if is_lively(env.unwrapped.snapshot()):
                 return env.render()
     raise LookupError(f"no lively moment in matches of seeds {seeds}")

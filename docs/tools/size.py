@@ -47,7 +47,7 @@ def play():
     traced(lambda: env.step(env.rand_action(state)))
 """,
 }
-"""What is played, by its name in the table; compiled functions run as Python."""
+"""Code that plays, by its name in the table; compiled functions run as Python."""
 TRAINING: Final = """
 import tempfile
 from pathlib import Path

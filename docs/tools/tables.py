@@ -43,7 +43,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "stroke_value": experiment_tables.stroke_value,
     "styles": experiment_tables.style_figures,
     "throughput": benchmark_tables.throughput,
-    "throughput_floor": benchmark_tables.throughput_floor,
+    "throughput_bound": benchmark_tables.throughput_bound,
     "throughput_sizes": benchmark_tables.throughput_sizes,
     "time_to_win": experiment_tables.time_to_win,
     "win_rates": experiment_tables.agents,

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("pygame")
 
 from benchmarks import throughput
-from benchmarks.floor import floor_of
+from benchmarks.lower_bound import lower_bound_of
 from benchmarks.synthetic import synthetic_game
 from benchmarks.throughput_cases import BATCHED, SINGLE, Play
 from docs.tools.markdown import saved
@@ -63,7 +63,7 @@ def test_json_is_a_list_of_measurements(capsys: pytest.CaptureFixture[str]) -> N
     for row in rows:
         assert 0 < row["median_per_s"] <= row["strokes_per_s"]
         assert row["peak_mb"] > 10
-        assert ("floor_per_s" in row) == (row in shipped and row["batch"] == 8192)
+        assert ("bound_per_s" in row) == (row in shipped and row["batch"] == 8192)
     sizes = [row for row in rows if "states" in row]
     assert {row["what"] for row in sizes} == {"kernel", "kernel_observed"}
     assert len(sizes) == 2 * (1 + len(throughput.SIZES))
@@ -91,9 +91,9 @@ def test_synthetic_games_have_the_size_asked_for(strokes: int, replies: int) -> 
     assert game.n_states == pytest.approx(4 * strokes * replies, rel=0.1)
 
 
-def test_the_floor_is_that_of_the_tables() -> None:
+def test_the_lower_bound_is_that_of_the_tables() -> None:
     game = default_game()
-    least = floor_of(game, 1)
+    least = lower_bound_of(game, 1)
     assert least.read_bytes == 24
     assert least.shown_bytes == 2 * game.n_strokes + 12
     least.play()

@@ -1,4 +1,4 @@
-"""What is shipped: the wheel holds models and tables, works on its own, and no third-party data is tracked."""
+"""The shipped wheel and repository: the wheel holds models and tables, works on its own, and no third-party data is tracked."""
 
 import ast
 import hashlib
@@ -28,7 +28,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def declared_requirements() -> list[Requirement]:
-    """What pyproject.toml asks for, with all extras; not what the metadata of an older installation say."""
+    """Requirements of pyproject.toml, with all extras; not what the metadata of an older installation say."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     texts = [*project["dependencies"], *(text for extra in project["optional-dependencies"].values() for text in extra)]
     return [need for need in map(Requirement, texts) if need.name != project["name"]]
@@ -144,7 +144,7 @@ def test_no_file_of_the_annotated_matches_is_tracked() -> None:
     assert [path for path in files if re.fullmatch(r"(set\d+|match)\.csv", path.name)] == []
 
 
-def test_no_file_names_a_folder_of_somebodys_machine() -> None:
+def test_no_file_names_a_folder_of_a_certain_machine() -> None:
     home = re.compile(rb"(?<![\w.~)}/*-])/(?:home|root|Users|opt|work|mnt|srv)/\w")
     texts = [path for path in tracked() if path.stat().st_size < TEXT_LIMIT and b"\0" not in path.read_bytes()]
     assert len(texts) > 20

@@ -1,4 +1,4 @@
-"""What the package imports when: commands are light, and play needs no torch."""
+"""Imports of the package: commands are light, and play needs no torch."""
 
 import json
 import pkgutil
@@ -39,7 +39,7 @@ print("\\n" + json.dumps(first))
 
 
 def imported(code: str, names: tuple[str, ...]) -> set[str]:
-    """Which of the packages ``names`` a fresh interpreter holds after running ``code``."""
+    """Those of the packages ``names`` that a fresh interpreter holds after running ``code``."""
     script = f"import sys\ntry:\n    exec({code!r})\nexcept SystemExit:\n    pass\nprint('\\n' + ' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     return set(names) & set(done.stdout.splitlines()[-1].split())

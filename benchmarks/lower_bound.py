@@ -1,4 +1,4 @@
-"""What no kernel for this game can be faster than: the reads and writes of a stroke without anything else.
+"""Lower bound on the time of a stroke in any kernel for this game: its reads and writes without anything else.
 
 Which state and which legal pair a stroke belongs to cannot be foreseen, so each stroke reads two tables at random places. The
 places are those of real play, because some strokes are common; the loop does nothing but read, so that as many reads are under
@@ -64,7 +64,7 @@ def _read_and_show(
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Floor:
+class LowerBound:
     """The least a stroke costs, found in real play.
 
     Attributes:
@@ -82,7 +82,7 @@ class Floor:
     strokes: int
 
 
-def floor_of(game: Game, threads: int) -> Floor:
+def lower_bound_of(game: Game, threads: int) -> LowerBound:
     """The reads that random play of a game needs, ready to be timed."""
     tables = tables_of(game)
     batch = RallyBatch(game, _BATCH, seed=1)
@@ -97,7 +97,7 @@ def floor_of(game: Game, threads: int) -> Floor:
     mask = np.empty(_BATCH * tables.mask.shape[1], np.bool_)
     tokens = np.empty((_BATCH, 3), np.int32)
     reading = (tables.limits, tables.head, pair, state)
-    return Floor(
+    return LowerBound(
         read_bytes=tables.limits.itemsize + tables.head[0].nbytes,
         shown_bytes=2 * game.n_strokes + tokens[0].nbytes,
         play=lambda: in_slices(lambda a, b: _read(*reading, a, b), len(pair), threads),
