@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.checks import KernelError
     from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
-    from shuttle_marl.kernel.played import Matches, Played, SingleRallies
     from shuttle_marl.kernel.rally import RallyBatch, Tally
+    from shuttle_marl.kernel.records import Matches, PlayedMatches, SingleRallies
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
     "BatchLog",
     "KernelError",
     "Matches",
-    "Played",
+    "PlayedMatches",
     "Players",
     "RallyBatch",
     "SingleRallies",
@@ -37,7 +37,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "checks": ("KernelError",),
         "core": ("Players", "pack"),
         "matches": ("play_matches",),
-        "played": ("Matches", "Played", "SingleRallies"),
+        "records": ("Matches", "PlayedMatches", "SingleRallies"),
         "rally": ("RallyBatch", "Tally"),
         "versus": ("VersusBatch",),
     },

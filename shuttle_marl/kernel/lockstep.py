@@ -16,7 +16,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
-from shuttle_marl.kernel.played import Matches, Played, stroke_type
+from shuttle_marl.kernel.records import Matches, PlayedMatches, stroke_type
 
 Ints = npt.NDArray[np.int32]
 Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]
@@ -38,7 +38,7 @@ def play(
     rules: Rules = BWF,
     keep_strokes: bool = True,
     progress: Callable[[int], None] | None = None,
-) -> Played:
+) -> PlayedMatches:
     """Play all matches to their end.
 
     Args:
@@ -157,14 +157,14 @@ class _MatchLog:
         self._score[at] = now[_POINTS:].T
         self._length[at] = now[_STROKE]
 
-    def read(self, games: Ints) -> Played:
+    def read(self, games: Ints) -> PlayedMatches:
         at = np.flatnonzero(self._length)
         match, rally = np.divmod(at, self.longest)
         total = self._length.reshape(self._shape).sum(axis=1)
         stroke = np.empty(0, dtype=self._stroke_type)
         if self._steps:
             stroke = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
-        return Played(
+        return PlayedMatches(
             games=games,
             match=match.astype(np.int32),
             rally=rally.astype(np.int32),

@@ -34,7 +34,7 @@ from shuttle_marl.kernel.core import (
     table_choice,
     tables_of,
 )
-from shuttle_marl.kernel.played import Matches, Played, stroke_type
+from shuttle_marl.kernel.records import Matches, PlayedMatches, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
 
 _STROKES_A_MATCH: Final = 1600
@@ -156,7 +156,7 @@ def _play_block(
     rules: Rules,
     keep: bool,
     type_: np.dtype[np.unsignedinteger],
-) -> Played:
+) -> PlayedMatches:
     size, rallies = len(matches), rules.max_rallies
     log = _Log(
         begun=np.zeros(size, np.int32),
@@ -179,7 +179,7 @@ def _play_block(
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
     was_played = np.arange(rallies) < log.begun[:, None]
     match, rally = np.nonzero(was_played)
-    return Played(
+    return PlayedMatches(
         games=log.games,
         match=match.astype(np.int32),
         rally=rally.astype(np.int32),
@@ -201,7 +201,7 @@ def play_matches(
     keep_strokes: bool = True,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Played:
+) -> PlayedMatches:
     """Play all matches to their end.
 
     Args:
@@ -224,7 +224,7 @@ def play_matches(
     tables = tables_of(game)
     type_ = stroke_type(game)
 
-    def block(first: int) -> Played:
+    def block(first: int) -> PlayedMatches:
         part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})
         return _play_block(tables, players, part, rules, keep_strokes, type_)
 
@@ -238,7 +238,7 @@ def play_matches(
     return _joined(parts, starts, type_)
 
 
-def _in_order(pool: ThreadPoolExecutor, work: Callable[[int], Played], starts: Sequence[int]) -> Iterator[Played]:
+def _in_order(pool: ThreadPoolExecutor, work: Callable[[int], PlayedMatches], starts: Sequence[int]) -> Iterator[PlayedMatches]:
     try:
         yield from pool.map(work, starts)
     except BaseException:
@@ -246,13 +246,13 @@ def _in_order(pool: ThreadPoolExecutor, work: Callable[[int], Played], starts: S
         raise
 
 
-def _joined(parts: Sequence[Played], starts: Sequence[int], type_: np.dtype[np.unsignedinteger]) -> Played:
+def _joined(parts: Sequence[PlayedMatches], starts: Sequence[int], type_: np.dtype[np.unsignedinteger]) -> PlayedMatches:
     if not parts:
         none, few = np.empty(0, np.int32), np.empty(0, np.uint8)
-        return Played(
+        return PlayedMatches(
             games=np.empty((0, 2), np.int32), match=none, rally=none, server=few, winner=few, reason=few,
             score=np.empty((0, 4), np.uint8), length=none, stroke=np.empty(0, type_),
         )  # fmt: skip
-    joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Played)}
+    joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(PlayedMatches)}
     joined["match"] += np.repeat(np.asarray(starts, np.int32), [len(part.match) for part in parts])
-    return Played(**joined)
+    return PlayedMatches(**joined)

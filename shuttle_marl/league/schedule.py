@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from shuttle_marl.game import draws
-from shuttle_marl.kernel.played import Matches
+from shuttle_marl.kernel.records import Matches
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import lockstep
-from shuttle_marl.kernel.played import Matches, Played
+from shuttle_marl.kernel.records import Matches, PlayedMatches
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.results import PairResult, forfeited, tally
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
@@ -82,7 +82,7 @@ class Tournament:
         in_group, match = np.divmod(played.match, last - first)
         return rallies_of(played, pairing=number[in_group], match=first + match, policy=matches.entrant)
 
-    def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> Played:
+    def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
         """Play matches between entrants that all have a table."""
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
@@ -90,7 +90,7 @@ class Tournament:
         seated = Matches(entrant=place[matches.entrant], first_server=matches.first_server, key=matches.key)
         return play_matches(self._game, seated, self._players, keep_strokes=self._keep_strokes, progress=progress)
 
-    def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> Played:
+    def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
         """Play matches in which an entrant has to be asked for every stroke."""
         return lockstep.play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
 

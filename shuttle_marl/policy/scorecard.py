@@ -27,13 +27,13 @@ from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.lockstep import Ints, ask, play
-from shuttle_marl.kernel.played import Matches, Played
+from shuttle_marl.kernel.records import Matches, PlayedMatches
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
-Watch = Callable[[int, Matches, Played], None]
+Watch = Callable[[int, Matches, PlayedMatches], None]
 """``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
 sampled, entrant 1 its opponent."""
 

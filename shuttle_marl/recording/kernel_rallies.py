@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Game
-from shuttle_marl.kernel.played import Matches, Played, SingleRallies
+from shuttle_marl.kernel.records import Matches, PlayedMatches, SingleRallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -17,7 +17,11 @@ from shuttle_marl.recording.schema import Rallies
 
 
 def rallies_of(
-    played: Played, *, pairing: npt.NDArray[np.integer] | int, match: npt.NDArray[np.integer], policy: npt.NDArray[np.integer]
+    played: PlayedMatches,
+    *,
+    pairing: npt.NDArray[np.integer] | int,
+    match: npt.NDArray[np.integer],
+    policy: npt.NDArray[np.integer],
 ) -> Rallies:
     """The rallies of matches, for a log.
 
@@ -73,7 +77,7 @@ def single_rallies_of(
     )
 
 
-Add = Callable[[int, int, Matches, Played], None]
+Add = Callable[[int, int, Matches, PlayedMatches], None]
 """``(pairing, first, matches, played)``: records matches from number ``first`` of a pairing on."""
 
 
@@ -107,7 +111,7 @@ def sampled_log(
     )
     with RallyRecorder.create(path, header, record) as recorder:
 
-        def add(pairing: int, first: int, matches: Matches, played: Played) -> None:
+        def add(pairing: int, first: int, matches: Matches, played: PlayedMatches) -> None:
             seated = np.array([1 + pairing, 0])[matches.entrant]
             recorder.add(rallies_of(played, pairing=pairing, match=first + played.match, policy=seated))
 

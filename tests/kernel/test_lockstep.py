@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from shuttle_marl.dynamics import default_game
 from shuttle_marl.game import draws, scoring
 from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
-from shuttle_marl.kernel.lockstep import Matches, Played, play
+from shuttle_marl.kernel.lockstep import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.schedule import Pairing, groups, join, matches_of, round_robin
 
@@ -22,7 +22,7 @@ STRIKERS = Strikers(GAME, ENTRANTS)
 SHORT = scoring.Rules(points=5, clear=2, cap=7, games=2)
 
 
-def parts(played: Played) -> dict[str, np.ndarray]:
+def parts(played: PlayedMatches) -> dict[str, np.ndarray]:
     return {field.name: getattr(played, field.name) for field in dataclasses.fields(played)}
 
 
@@ -55,7 +55,7 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, i
     return rallies
 
 
-def as_rows(played: Played) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+def as_rows(played: PlayedMatches) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
     ends = np.cumsum(played.length)
     return [
         (

@@ -11,7 +11,7 @@ from shuttle_marl.dynamics import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, Played, matches, pack, play_matches
+from shuttle_marl.kernel import KernelError, Matches, PlayedMatches, matches, pack, play_matches
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
@@ -27,7 +27,9 @@ RULES = {
 }
 
 
-def by_numpy(game: Game, wanted: Matches, tables: list[TabulatedPolicy], rules: Rules, *, keep_strokes: bool = True) -> Played:
+def by_numpy(
+    game: Game, wanted: Matches, tables: list[TabulatedPolicy], rules: Rules, *, keep_strokes: bool = True
+) -> PlayedMatches:
     strikers = Strikers(game, [Entrant(name=str(i), policy=table, table=table) for i, table in enumerate(tables)])
     return play(game, wanted, strikers.choose, rules=rules, keep_strokes=keep_strokes)
 
@@ -41,8 +43,8 @@ def some_matches(size: int, players: int, seed: int) -> Matches:
     )
 
 
-def assert_same(one: Played, other: Played) -> None:
-    for field in dataclasses.fields(Played):
+def assert_same(one: PlayedMatches, other: PlayedMatches) -> None:
+    for field in dataclasses.fields(PlayedMatches):
         a, b = getattr(one, field.name), getattr(other, field.name)
         assert a.dtype == b.dtype, field.name
         assert np.array_equal(a, b), field.name

@@ -39,7 +39,7 @@ class Matches:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Played:
+class PlayedMatches:
     """Record of M matches: R rallies of N strokes, in the order of match, rally, stroke.
 
     Attributes:
