@@ -208,7 +208,7 @@ def check_players(players: Players, game: Game, count: int | None = None) -> Non
     guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, _GUIDES))
     if cumulative is not players.cumulative or guide is not players.guide:
         raise KernelError("packed policies: expected arrays whose numbers lie one behind the other, as pack() makes them")
-    last = np.maximum(np.diff(game.pair_start) - 1, 0)
+    last = np.maximum(np.diff(game.pair_start) - 1, 0).astype(np.uint8)  # pack() takes no game with more than 256
     if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any():
         raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")
 
