@@ -14,9 +14,9 @@ from shuttle_marl.game.stroke import SHOTS
 
 
 def strokes_hash(strokes: pa.Table) -> str:
-    """SHA-256 of a stroke table: the same from the raw files and from Parquet."""
+    """SHA-256 of the columns of a stroke table, not of their descriptions: the same from the raw files and from Parquet."""
     sink = pa.BufferOutputStream()
-    table = strokes.replace_schema_metadata(None).combine_chunks()
+    table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
     return sha256(sink.getvalue()).hexdigest()

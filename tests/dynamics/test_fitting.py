@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES
+from shuttle_marl.dynamics.card import strokes_hash
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import fit
@@ -63,6 +64,14 @@ def test_contexts_of_a_rally_with_a_missed_serve() -> None:
     assert gap.codes["incoming_shot"][1] == SLOTS["incoming_shot"] - 1
     assert gap.next_contact[0] == -1
     assert first.schema.equals(STROKES)
+
+
+def test_the_hash_of_strokes_is_that_of_their_columns() -> None:
+    """A description that is worded otherwise must not make a model look as if it were fitted on other data."""
+    table = load_strokes(SAMPLE)
+    fields = [field.with_metadata({"description": "other words"}) for field in table.schema]
+    assert strokes_hash(table.cast(pa.schema(fields))) == strokes_hash(table)
+    assert strokes_hash(table.slice(1)) != strokes_hash(table)
 
 
 def test_logit_shifts_are_shrunk() -> None:
