@@ -29,7 +29,7 @@ def test_interquartile_mean_and_its_interval() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_ends_in_a_table_and_goes_on(
+def test_a_run_ends_in_a_table_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     agents = {"ppo": PPOConfig(**SMALL), "ppo, self-play": PPOConfig(**SMALL, opponent=("self",))}
