@@ -210,7 +210,8 @@ def test_it_stops_at_once_and_the_port_can_be_taken_again(reel: Any) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="sends an interrupt as a terminal does")
 def test_an_interrupt_ends_it_although_a_connection_is_open(scene_file: Path) -> None:
     code = (
-        "import pathlib, sys; from shuttle_marl.commands.cli import console; from shuttle_marl.scene import live\n"
+        "import pathlib, signal, sys; from shuttle_marl.commands.cli import console; from shuttle_marl.scene import live\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if this runs in the background of a shell\n"
         "live.show_live(pathlib.Path(sys.argv[1]).read_bytes(), live.bind(0), console())"
     )
     command = [sys.executable, "-c", code, str(scene_file)]
