@@ -22,9 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import this_machine
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, visits
 from shuttle_marl.exact.sweeps import warm_up
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
@@ -32,7 +32,7 @@ from shuttle_marl.policy import registry
 _POLICIES = 30
 _COMPILE = """
 import time
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.exact.sweeps import warm_up
 game = default_game()
 begun = time.perf_counter(), time.process_time()

@@ -17,7 +17,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.machine import this_machine
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage, summary
 

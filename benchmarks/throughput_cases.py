@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 
 Play = Callable[[], int]

@@ -28,8 +28,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from benchmarks.machine import this_machine
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.strokes import features
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import from_pair_probabilities, tabulate
 from shuttle_marl.policy.registry import resolve

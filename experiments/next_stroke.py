@@ -20,11 +20,11 @@ from rich.table import Table
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split
-from shuttle_marl.dynamics import model_folder
 from shuttle_marl.dynamics.evaluate import next_stroke_scores
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.make import rows_of
+from shuttle_marl.game import model_folder
 
 PAPER: Final = {
     "Lin Dan": {"shot_type": [0.473, 0.664, 0.785, 0.880], "area": [0.580, 0.763, 0.854, 0.898]},

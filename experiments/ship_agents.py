@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.commands.cli import run
-from shuttle_marl.dynamics import load_game, model_folder
+from shuttle_marl.game import load_game, model_folder
 from shuttle_marl.policy.agents import load_agent, shipped_folder
 
 OF_WIN_RATES: Final = {"ppo": "ppo-0", "a2c": "a2c-0", "sac": "sac-0", "ppo:self-play": "ppo-self-play-0"}

@@ -25,8 +25,8 @@ from rich.table import Table
 from shuttle_marl.analysis import PlayerValue, add_values, pictures, rally_table, rank_players, strokes_of, summarise
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import run
-from shuttle_marl.dynamics import load_game
 from shuttle_marl.files import replace_file
+from shuttle_marl.game import load_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 

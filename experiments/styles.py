@@ -26,8 +26,8 @@ from experiments.spread import mean_and_deviation
 from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS

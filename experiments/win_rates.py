@@ -28,8 +28,8 @@ from experiments.spread import IQM, mean_and_deviation
 from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.dynamics import load_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import load_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.league.config import LeagueConfig

@@ -11,7 +11,7 @@ import numpy as np
 
 from docs.tools.markdown import IMAGES
 from experiments.pictures.raster import Camera, Canvas
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.scene import models
 from shuttle_marl.staging import Motion, play_rallies, stage

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from shuttle_marl.game.rally import Game, GameError, strike
     from shuttle_marl.game.scoring import BWF, Rules, Score
-    from shuttle_marl.game.shipped import default_game, load_game
+    from shuttle_marl.game.shipped import default_game, load_game, model_folder
     from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
     from shuttle_marl.game.table import TabulatedPolicy, tabulate
 
@@ -47,6 +47,7 @@ __all__ = [
     "checked_probabilities",
     "default_game",
     "load_game",
+    "model_folder",
     "reads_score",
     "strike",
     "tabulate",
@@ -66,7 +67,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         ),
         "rally": ("Game", "GameError", "strike"),
         "scoring": ("BWF", "Rules", "Score"),
-        "shipped": ("default_game", "load_game"),
+        "shipped": ("default_game", "load_game", "model_folder"),
         "stroke": ("HEIGHTS", "SHOTS", "TECHNIQUES", "Catalogue"),
         "table": ("TabulatedPolicy", "tabulate"),
     },

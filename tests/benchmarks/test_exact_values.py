@@ -1,7 +1,7 @@
 """The benchmark of the exact solvers measures what it says; how fast anything is, is not tested."""
 
 from benchmarks import exact_values
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 
 
 def test_thirty_policies_differ() -> None:

@@ -12,8 +12,8 @@ from benchmarks.lower_bound import lower_bound_of
 from benchmarks.synthetic import synthetic_game
 from benchmarks.throughput_cases import BATCHED, SINGLE, Play
 from docs.tools.markdown import saved
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import default_game
 
 
 @pytest.mark.parametrize("what", [*BATCHED, *SINGLE])

@@ -17,8 +17,8 @@ from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl import exact, match_v0, rally_v0
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.strokes import features
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import Policy, States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve

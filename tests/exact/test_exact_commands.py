@@ -10,8 +10,8 @@ import pytest
 from shuttle_marl.analysis.replies import aims
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import solve
+from shuttle_marl.game import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay

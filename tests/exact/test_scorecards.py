@@ -6,9 +6,9 @@ import pyarrow.parquet
 import pytest
 from exact_games import hand_made, random_policy
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import tabulate

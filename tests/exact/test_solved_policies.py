@@ -8,8 +8,8 @@ import pytest
 from exact_games import hand_made, random_policy
 from safetensors.numpy import save_file
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry

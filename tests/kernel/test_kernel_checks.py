@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import OptionError
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, VersusBatch, pack, play_matches

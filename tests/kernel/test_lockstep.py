@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.dynamics import default_game
-from shuttle_marl.game import draws, scoring
+from shuttle_marl.game import default_game, draws, scoring
 from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
 from shuttle_marl.kernel.lockstep import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Strikers, enter

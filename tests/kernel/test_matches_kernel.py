@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.table import TabulatedPolicy, tabulate

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel.lockstep import play

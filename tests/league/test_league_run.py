@@ -22,9 +22,8 @@ from markdown_it import MarkdownIt
 
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game import scoring
+from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import Entrant, enter

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy, checked_probabilities
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.kernel import Matches

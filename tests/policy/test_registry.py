@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import policy
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy import registry

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.rally import ROOT

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.modules import FunctionPolicy

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from shuttle_marl.dynamics import default_game, model_folder
+from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.rally import Game, GameError
 
 

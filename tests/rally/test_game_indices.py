@@ -6,7 +6,7 @@ from hypothesis import given
 from test_rally_layout import Bools, games
 
 from shuttle_marl import game as game_package
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, strike
 
 GAME = default_game()

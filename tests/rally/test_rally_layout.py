@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.layout import layout, thresholds
 from shuttle_marl.game.rally import ROOT, Game, GameError
 from shuttle_marl.game.stroke import SHOTS, Catalogue

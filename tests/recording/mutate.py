@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
 from conftest import a_header, some_rallies
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.container import INDEX_NAME, encode, read_record, read_summary, stream

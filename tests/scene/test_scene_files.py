@@ -13,8 +13,8 @@ import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 
 from experiments.studio import NO_PROBLEMS, StudioError, install, visit
 from experiments.studio.__main__ import main
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.write import select, write_scene
 

@@ -13,9 +13,8 @@ import pytest
 
 import shuttle_marl
 from shuttle_marl import match_v0
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.exact.match import match_table
-from shuttle_marl.game import scoring
+from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.table import tabulate

@@ -2,7 +2,7 @@
 
 import pytest
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import Motion, PlayedRally, play_rallies, stage
 

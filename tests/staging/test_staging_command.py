@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.commands.staging import main
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.staging import Motion, PlayedRally, measure, stage, summary
 from shuttle_marl.staging.rally import recorded_rally

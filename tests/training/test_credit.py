@@ -10,8 +10,8 @@ from torch import nn
 from torchrl.objectives.value import GAE
 
 from shuttle_marl import exact
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.game import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 

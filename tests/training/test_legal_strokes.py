@@ -5,8 +5,8 @@ import pytest
 import torch
 from scipy import stats
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import VersusEnv
+from shuttle_marl.game import default_game
 from shuttle_marl.training.networks import LegalStrokes, make_actor, tabulated
 
 GAME = default_game()

@@ -6,9 +6,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.exact import visits
+from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import tabulate

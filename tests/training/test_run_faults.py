@@ -17,10 +17,10 @@ from safetensors.torch import load, save
 
 from shuttle_marl import runs
 from shuttle_marl.commands import training as command
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.files import read_sealed, seal
+from shuttle_marl.game import default_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve

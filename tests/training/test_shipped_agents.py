@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl.dynamics import default_game, model_folder
 from shuttle_marl.files import seal
+from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import default_pool
@@ -45,7 +45,7 @@ def test_self_play_is_hard_to_exploit() -> None:
 
 def test_playing_needs_no_torch() -> None:
     code = (
-        "import sys; from shuttle_marl.dynamics import default_game; from shuttle_marl.policy.registry import resolve\n"
+        "import sys; from shuttle_marl.game import default_game; from shuttle_marl.policy.registry import resolve\n"
         "resolve('ppo', default_game()); assert 'torch' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from shuttle_marl.dynamics import default_game
+from shuttle_marl.game import default_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay

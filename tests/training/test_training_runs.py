@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from tensordict import TensorDictBase
 
-from shuttle_marl.dynamics import default_game
 from shuttle_marl.files import read_sealed, seal
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
