@@ -74,8 +74,8 @@ def test_installed_wheel_loads_its_models_elsewhere(wheel: Path, tmp_path: Path)
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(target)
     code = (
-        "import shuttle_marl, shuttle_marl.dynamics as d\n"
-        "print(shuttle_marl.__file__)\nprint(d.default_game().n_pairs)\nprint(d.model_folder())"
+        "import shuttle_marl, shuttle_marl.game as g\n"
+        "print(shuttle_marl.__file__)\nprint(g.default_game().n_pairs)\nprint(g.model_folder())"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
