@@ -2,7 +2,7 @@
 
     python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
 
-Every style is a documented change of the reward (`shuttle_marl.training.reward_shaping`), trained with several seeds against
+Every style is a documented change of the reward (`shuttle_marl.training.collecting`), trained with several seeds against
 `bc`. What they play is exact (expected visits of every state against `bc`), so figures of one agent carry no noise; what
 varies is the training. Styles are told apart by Welch's t-test over seeds, and from `bc` by a one-sample t-test; p-values
 are adjusted for their number (Benjamini & Yekutieli 2001, which allows for dependence).

@@ -16,19 +16,6 @@ class ActionError(ShuttleError):
     """An action that is not in the action space."""
 
 
-class IllegalStrokeError(ActionError):
-    """A stroke of the catalogue that is not legal in the state, or in the kernel a stroke in a rally that is over.
-
-    Attributes:
-        stroke: its catalogue index.
-        row: row of a batch; None outside of batches.
-    """
-
-    def __init__(self, message: str, stroke: int, row: int | None = None) -> None:
-        super().__init__(message)
-        self.stroke, self.row = stroke, row
-
-
 def whole_number(name: str, value: Any, least: int | None = None) -> int:
     """An option that is a whole number.
 

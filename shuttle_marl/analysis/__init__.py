@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis.logs import strokes_of, strokes_of_log
-    from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, summarise
+    from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
     from shuttle_marl.analysis.values import PlayerValue, add_values, rank_players
 
 __all__ = [
@@ -28,8 +27,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "logs": ("strokes_of", "strokes_of_log"),
-        "summary": ("AnalysisError", "Summary", "rally_table", "summarise"),
+        "summary": ("AnalysisError", "Summary", "rally_table", "strokes_of", "strokes_of_log", "summarise"),
         "values": ("PlayerValue", "add_values", "rank_players"),
     },
 )

@@ -35,7 +35,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.inference import (
     arrange,
     broken_rallies,
@@ -49,6 +48,7 @@ from shuttle_marl.data.inference import (
 )
 from shuttle_marl.data.schema import REACH_OVER, STROKES, Outcome
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
+from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES
 

@@ -18,9 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.data import upstream
-from shuttle_marl.data.errors import DataError, Problem
 from shuttle_marl.data.schema import FAR_OFF, REASONS
-from shuttle_marl.data.strict_csv import StrictCsv
+from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
 from shuttle_marl.data.upstream import discipline, player_id
 from shuttle_marl.game.stroke import SHOTS
 

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 from shuttle_marl import __version__, table_files
 from shuttle_marl.data import upstream
 from shuttle_marl.data.clean import Account, Cleaned, clean_matches
-from shuttle_marl.data.errors import DataError
 from shuttle_marl.data.schema import STROKES
+from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.files import problem
 
 _ACCOUNT: Final = b"shuttle_marl.account"

@@ -13,12 +13,12 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.errors import whole_number
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Observations, Server
+from shuttle_marl.policy.registry import Opponents, tabulated
 
 TOKENS = 3
 """Numbers in an observation: own last stroke, incoming stroke, contact."""

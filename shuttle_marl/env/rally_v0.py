@@ -14,8 +14,8 @@ from pettingzoo import AECEnv
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, EpisodeDraws, Observation, Stroke, tables_of
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
-from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError, whole_number
-from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game
+from shuttle_marl.errors import ActionError, OptionError, whole_number
+from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 
 if TYPE_CHECKING:
@@ -309,13 +309,16 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             stroke = -1
         if self._tables.is_legal(self._state, stroke):
             return stroke
+        raise self._refusal(action, stroke)
+
+    def _refusal(self, action: Any, stroke: int) -> ActionError:
         names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            raise ActionError(f"{self.agent_selection}: action {action!r} is no stroke; expected 0 to {len(names) - 1}")
+            return ActionError(f"{self.agent_selection}: action {action!r} is no stroke; expected 0 to {len(names) - 1}")
         legal = self.game.legal_strokes(self._state).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
-        raise IllegalStrokeError(
+        return IllegalStrokeError(
             f"{self.agent_selection}: stroke {stroke} ({names[stroke]}) is not legal in state: "
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,

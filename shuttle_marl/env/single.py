@@ -4,6 +4,7 @@
 no rules of their own: rallies, observations, masks, pictures and draws are those of the environment inside.
 """
 
+import bisect
 from typing import Any, Literal, cast
 
 import gymnasium
@@ -12,16 +13,54 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from shuttle_marl.env import match_v0, rally_v0
-from shuttle_marl.env.opponents import Opponent
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
 from shuttle_marl.env.strokes import Observation
-from shuttle_marl.errors import IllegalStrokeError, OptionError
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally import Game
+from shuttle_marl.errors import OptionError
+from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
+from shuttle_marl.game.rally import Game, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.policy.registry import named
 
 Seat = Literal[0, 1]
+
+
+class Opponent:
+    """Chooses one stroke at a time: from a table, or by asking a policy that reads the score.
+
+    Attributes:
+        name: the policy's name.
+        policy: the policy.
+        reads_score: whether it has to be told the score.
+
+    Raises:
+        PolicyError: there is no such policy, or it is no distribution over the legal strokes.
+    """
+
+    def __init__(self, opponent: str | Policy, game: Game) -> None:
+        self.policy, self.name = named(opponent, game)
+        self.reads_score = reads_score(self.policy)
+        self._game = game
+        self._cumulative = None if self.reads_score else tabulate(self.policy, game, self.name).cumulative
+
+    def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
+        """Catalogue index of the stroke that is played in a state.
+
+        Args:
+            state: state of the opponent, who is the striker.
+            draw: uniform integer in [0, 65535).
+            score: the opponent's points, the other's points, the opponent's games and the other's games.
+
+        Raises:
+            PolicyError: a policy that reads the score raised, or returned no distribution.
+        """
+        game = self._game
+        if self._cumulative is not None:
+            pairs = game.pairs_of(state)
+            return int(game.pair_stroke[bisect.bisect_right(self._cumulative, draw, pairs.start, pairs.stop)])
+        states = States(game=game, state=np.array([state], np.int32), score=np.array([score], np.int16))
+        return int(drawn_strokes(checked_probabilities(self.policy, states, self.name), np.array([draw]))[0])
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):

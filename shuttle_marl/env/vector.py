@@ -9,7 +9,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from shuttle_marl.env.opponents import Opponents, tabulated
 from shuttle_marl.env.rally_v0 import ILLEGAL
 from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of
 from shuttle_marl.errors import ActionError, OptionError
@@ -17,6 +16,7 @@ from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import VersusBatch
 from shuttle_marl.kernel.rows import Server
+from shuttle_marl.policy.registry import Opponents, tabulated
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -9,7 +9,8 @@ from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.env.strokes import PARTS, STROKE_WIDTH, Observation
-from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError
+from shuttle_marl.errors import ActionError, OptionError
+from shuttle_marl.game.rally import IllegalStrokeError
 
 if TYPE_CHECKING:
     from shuttle_marl.env.rally_v0 import ShuttleEnv

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.exact.exploitability import Exploitability, Regret, Response, best_response, nash_conv, policy_regret
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
     from shuttle_marl.exact.match import Odds, least_gain
     from shuttle_marl.exact.minimax import Solution, solve
     from shuttle_marl.exact.occupancy import Visits, visits
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
-    from shuttle_marl.exact.regret import Regret, policy_regret
-    from shuttle_marl.exact.response import Exploitability, Response, best_response, nash_conv
 
 __all__ = [
     "TOLERANCE",
@@ -42,12 +41,11 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "exploitability": ("Exploitability", "Regret", "Response", "best_response", "nash_conv", "policy_regret"),
         "fixed_point": ("TOLERANCE", "ExactError"),
         "match": ("Odds", "least_gain"),
         "minimax": ("Solution", "solve"),
         "occupancy": ("Visits", "visits"),
         "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
-        "regret": ("Regret", "policy_regret"),
-        "response": ("Exploitability", "Response", "best_response", "nash_conv"),
     },
 )

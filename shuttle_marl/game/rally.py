@@ -24,10 +24,9 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.errors import ActionError, ShuttleError
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.arrays import frozen
-from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.stroke import Catalogue, frozen
 from shuttle_marl.tensor_files import parsed, read_tensors
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
@@ -47,6 +46,19 @@ _ALL: Final = slice(None)
 
 class GameError(ShuttleError):
     """Tables that cannot be read or do not form a game."""
+
+
+class IllegalStrokeError(ActionError):
+    """A stroke of the catalogue that is not legal in the state, or in the kernel a stroke in a rally that is over.
+
+    Attributes:
+        stroke: its catalogue index.
+        row: row of a batch; None outside of batches.
+    """
+
+    def __init__(self, message: str, stroke: int, row: int | None = None) -> None:
+        super().__init__(message)
+        self.stroke, self.row = stroke, row
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,9 +92,10 @@ class Game:
         self._check_layout()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.catalogue, self._arrays())
+        arrays: dict[str, Any] = self._arrays()
+        return functools.partial(Game, catalogue=self.catalogue, **arrays), ()
 
-    @property
+    @functools.cached_property
     def n_strokes(self) -> int:
         """Number of strokes in the catalogue."""
         return len(self.catalogue)
@@ -354,10 +367,6 @@ class Game:
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
         return game
-
-
-def _restored(catalogue: Catalogue, arrays: dict[str, Any]) -> Game:
-    return Game(catalogue=catalogue, **arrays)
 
 
 def _within(array: npt.NDArray[np.integer], low: int, high: int) -> bool:

@@ -9,14 +9,23 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.arrays import frozen
 from shuttle_marl.game.court import AREAS
+
+A = TypeVar("A", bound=np.generic)
+
+
+def frozen(array: npt.NDArray[A]) -> npt.NDArray[A]:
+    """The numbers of an array in memory that can never be made writable; a frozen array is not copied again."""
+    if isinstance(array.base, bytes) and array.flags.c_contiguous and not array.flags.writeable:
+        return array
+    return np.ndarray(array.shape, array.dtype, array.tobytes())
+
 
 SHOTS: Final = (
     "short-serve",

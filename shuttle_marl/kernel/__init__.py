@@ -9,11 +9,10 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.batch_log import BatchLog
-    from shuttle_marl.kernel.checks import KernelError
     from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
-    from shuttle_marl.kernel.records import Matches, PlayedMatches, SingleRallies
+    from shuttle_marl.kernel.records import KernelError, Matches, PlayedMatches, SingleRallies
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
@@ -34,10 +33,9 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "batch_log": ("BatchLog",),
-        "checks": ("KernelError",),
         "core": ("Players", "pack"),
         "matches": ("play_matches",),
-        "records": ("Matches", "PlayedMatches", "SingleRallies"),
+        "records": ("KernelError", "Matches", "PlayedMatches", "SingleRallies"),
         "rally": ("RallyBatch", "Tally"),
         "versus": ("VersusBatch",),
     },

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -34,7 +33,7 @@ from shuttle_marl.kernel.core import (
     table_choice,
     tables_of,
 )
-from shuttle_marl.kernel.records import Matches, PlayedMatches, stroke_type
+from shuttle_marl.kernel.records import Matches, PlayedMatches, checked_array, checked_number, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
 
 _STROKES_A_MATCH: Final = 1600

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -27,6 +26,7 @@ from shuttle_marl.kernel.core import (
     table_choice,
     uniform_choice,
 )
+from shuttle_marl.kernel.records import checked_number
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
 
 _NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -26,6 +25,7 @@ from shuttle_marl.kernel.core import (
     strike,
     table_choice,
 )
+from shuttle_marl.kernel.records import KernelError, checked_array
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
 
 

@@ -19,7 +19,7 @@ import dataclasses
 import difflib
 import functools
 import importlib.metadata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -33,6 +33,8 @@ from shuttle_marl.policy.time_limit import limited
 from shuttle_marl.text import described
 
 Load = Callable[[str | None, Game], Policy]
+Opponents = str | Policy | Sequence[str | Policy]
+"""Name of a policy, a policy, or several of either."""
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
 """Group of the entry points by which installed packages add families."""
@@ -163,6 +165,25 @@ def resolve_recorded(name: str, game: Game) -> Policy:
     return resolve(name, game)
 
 
+def named(opponent: str | Policy, game: Game) -> tuple[Policy, str]:
+    """A policy and what to call it.
+
+    Raises:
+        PolicyError: there is no policy of that name.
+    """
+    return (resolve(opponent, game), opponent) if isinstance(opponent, str) else (opponent, type(opponent).__name__)
+
+
+def tabulated(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
+    """One opponent or several as tables.
+
+    Raises:
+        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
+    """
+    several = opponents if isinstance(opponents, Sequence) and not isinstance(opponents, str) else [opponents]
+    return [tabulate(policy, game, name) for policy, name in (named(opponent, game) for opponent in several)]
+
+
 def _check_depth(name: str) -> None:
     inner = name
     for _ in range(_DEEPEST):
@@ -264,7 +285,7 @@ def minimax_policy(game: Game) -> TabulatedPolicy:
 
 
 def _load_best_response(name: str | None, game: Game) -> Policy:
-    from shuttle_marl.exact.response import best_response  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.exploitability import best_response  # noqa: PLC0415  numba, only when it is asked for
 
     if not name:
         raise PolicyError("policy best-response: expected the name of a policy behind the colon, as in best-response:bc")

@@ -14,13 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
+from shuttle_marl.exact.exploitability import Response, best_response, policy_regret
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import evaluate
-from shuttle_marl.exact.regret import policy_regret
-from shuttle_marl.exact.response import Response, best_response
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally import ROOT, Game

@@ -1,12 +1,27 @@
-"""Strokes to learn from: TorchRL's collectors on the batched environments, named by a seed that can be given again."""
+"""Strokes to learn from: TorchRL's collectors on the batched environments, and how the rewards that they bring are shaped.
+
+A collector is named by a seed that can be given again. Shaped rewards hold a bonus for shot types, and aversion to losing points
+by one's own faults: the return of a rally is G = +1 or -1, and -1 - c where it was lost by an own fault, with c the cost of a
+fault. Aversion to risk is the entropic risk measure: the agent minimises rho(-G) = log(E exp(-b G)) / b (Föllmer & Schied 2002)
+with b the aversion. As G takes three values only, this is the same as maximising an expected reward with u(g) = -exp(-b g),
+scaled so that u(1) = 1 and u(-1) = -1: a loss by an own fault counts -1 - k, where
+
+    k = 2 (exp(b (1 + c)) - exp(b)) / (exp(b) - exp(-b)),    k = c for b = 0.
+
+So without a cost of faults (c = 0) no aversion to risk changes anything: a rally is won or lost, and minimising the
+risk of losing is maximising the probability of winning. The cost is charged as its expectation, k times the probability of
+a fault of the stroke chosen, which is the same on average and varies less.
+"""
 
 import functools
 import importlib
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torchrl import collectors
@@ -15,7 +30,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 
@@ -149,3 +165,42 @@ def _ray_collector(makers: Sequence[Callable[[], EnvBase]], actor: Probabilistic
 
 def _environment(game: Game, opponents: Sequence[TabulatedPolicy], rows: int) -> EnvBase:
     return VersusEnv(rows, opponents=opponents, game=game) if opponents else RallyEnv(rows, game=game)
+
+
+def fault_penalty(cost: float, aversion: float) -> float:
+    """Penalty k above: a loss by an own fault counts -1 - k.
+
+    Args:
+        cost: c, from 0 on.
+        aversion: b, from 0 on.
+    """
+    if aversion == 0:
+        return cost
+    return 2 * math.exp(aversion) * math.expm1(aversion * cost) / (2 * math.sinh(aversion))
+
+
+class RewardShaping:
+    """Adds bonus and penalty to rewards.
+
+    Args:
+        config: of the run.
+        game: the tables.
+    """
+
+    def __init__(self, config: TrainingConfig, game: Game) -> None:
+        bonus = np.zeros(len(SHOTS))
+        for shot, points in config.bonuses().items():
+            bonus[SHOTS.index(shot)] = points
+        penalty = fault_penalty(config.fault_cost, config.risk_aversion)
+        self.changes_nothing = not bonus.any() and penalty == 0
+        fault = game.threshold[:, 0].astype(np.float64) / ONE
+        self._game = game
+        self._added = (bonus[game.catalogue.shot[game.pair_stroke]] - penalty * fault).astype(np.float32)
+
+    def rewards(self, data: TensorDictBase) -> torch.Tensor:
+        """``[..., 1]`` rewards of what was collected, with bonus and penalty added to those of the rules."""
+        game = self._game
+        state = game.state_of(*np.moveaxis(data["observation"].cpu().numpy(), -1, 0))
+        pair = game.pair(state, data["action"].cpu().numpy())
+        reward: torch.Tensor = data["next", "reward"]
+        return reward + torch.from_numpy(self._added[pair]).unsqueeze(-1).to(reward.device)

@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from tensordict import TensorDictBase
 
-from shuttle_marl.errors import IllegalStrokeError
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import Game, IllegalStrokeError
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import BatchLog, RallyBatch, VersusBatch
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, RecordingError, Sampling

@@ -13,10 +13,9 @@ from shuttle_marl import rally_v0
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.rally_v0 import ShuttleEnv
 from shuttle_marl.env.strokes import stroke_features
-from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.rally import ROOT, IllegalStrokeError
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel import KernelError
 from shuttle_marl.policy.registry import resolve

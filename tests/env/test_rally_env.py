@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.errors import ActionError, IllegalStrokeError, OptionError
+from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, strike
+from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, IllegalStrokeError, strike
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 AGENTS = ("player_0", "player_1")

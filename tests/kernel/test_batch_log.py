@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from shuttle_marl.errors import IllegalStrokeError
+from shuttle_marl.game.rally import IllegalStrokeError
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import BatchLog, KernelError, RallyBatch, SingleRallies, VersusBatch, batch_log

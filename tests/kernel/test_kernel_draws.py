@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.env.opponents import Opponent
+from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import States, drawn_strokes

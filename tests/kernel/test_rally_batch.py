@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, strike
+from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, IllegalStrokeError, strike
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally
 from shuttle_marl.kernel.rows import Observations, Rows, _show

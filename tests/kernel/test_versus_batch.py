@@ -8,9 +8,8 @@ import numpy.typing as npt
 import pytest
 
 from shuttle_marl import rally_v0
-from shuttle_marl.errors import IllegalStrokeError
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.rally import ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, VersusBatch
 from shuttle_marl.policy.registry import resolve

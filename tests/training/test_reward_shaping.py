@@ -14,7 +14,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError, train
-from shuttle_marl.training.reward_shaping import RewardShaping, fault_penalty
+from shuttle_marl.training.collecting import RewardShaping, fault_penalty
 
 GAME = default_game()
 
