@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pygltflib as gltf
 
-from shuttle_marl.scene.glb import read_array, read_file
-from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, tube
+from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
 from shuttle_marl.staging import RACKET_LENGTH, SWEET_SPOT, finger_pose, load_skeleton, model_file
 from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE

@@ -13,8 +13,7 @@ from experiments.pictures.raster import Camera, Canvas, linear
 from experiments.pictures.scene_file import SceneFile
 from shuttle_marl.scene import SceneError, models
 from shuttle_marl.scene.commentary import percent
-from shuttle_marl.scene.glb import GlbWriter, read_array
-from shuttle_marl.scene.mesh import Mesh, glb, joined, lathe, read_glb, tube
+from shuttle_marl.scene.mesh import GlbWriter, Mesh, glb, joined, lathe, read_array, read_glb, tube
 from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
 
 RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
