@@ -19,7 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
-from shuttle_marl.scene.poses import WORLD
+from shuttle_marl.scene.moving import WORLD
 from shuttle_marl.staging.rotation import matrix
 
 Floats = npt.NDArray[np.float64]

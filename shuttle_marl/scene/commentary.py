@@ -10,9 +10,9 @@ from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimi
 from shuttle_marl.game.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.messages import Send, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp, text
-from shuttle_marl.scene.poses import PLAY, WORLD
+from shuttle_marl.scene.moving import PLAY, WORLD
 from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
+from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp, text
 from shuttle_marl.staging import ENDS
 from shuttle_marl.staging.trajectory import facing
 

@@ -1,4 +1,4 @@
-"""Models of a scene: athletes, racket and shuttle, as meshes.
+"""All that does not move by itself: court and net, and the models that follow their frames of reference.
 
 Athletes come in rigid parts, one a bone, because viewers of scenes cannot bend a skin. A triangle belongs to the bone that
 moves it most, and to every other one that moves it noticeably, so that parts overlap around a joint and no gap opens when it
@@ -12,11 +12,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pygltflib as gltf
+from foxglove.messages import LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
-from shuttle_marl.staging import RACKET_LENGTH, SWEET_SPOT, finger_pose, load_skeleton, model_file
+from shuttle_marl.scene.moving import SHUTTLE, WORLD, bone_frame, name_frame
+from shuttle_marl.scene.topics import at, box, colour, model, point, stamp, text
+from shuttle_marl.staging import RACKET_LENGTH, SWEET_SPOT, Motion, finger_pose, load_skeleton, model_file
 from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.staging.trajectory import net_height
 
 Floats = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -25,7 +30,6 @@ _FROM_GLTF: Final = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
 """From the axes of the athletes' files (y up, facing +z) to those of the staging (z up, facing +y)."""
 _SHARED: Final = 0.12
 """Mean weight from which a bone has a triangle too that another one moves more."""
-
 
 SHUTTLE_SCALE: Final = 1.9
 """Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
@@ -39,6 +43,21 @@ _STRING: Final = (0.85, 0.85, 0.80)
 _CORK: Final = (0.90, 0.88, 0.80)
 _BAND: Final = (0.02, 0.25, 0.08)
 _FEATHER: Final = (0.95, 0.95, 0.95)
+
+KITS: Final[tuple[tuple[Colour, Colour], ...]] = (
+    ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),
+    ((0.03, 0.16, 0.62), (0.80, 0.80, 0.82)),
+)
+"""Shirt and shorts of seats 0 and 1, linear."""
+NAME_COLOURS: Final = (colour(1.0, 0.55, 0.50), colour(0.55, 0.75, 1.0))
+
+_LINE: Final = 0.04
+"""Width of the lines (BWF Law 1.3) [m]."""
+_LONG_SERVICE_DOUBLES: Final = 0.76
+_NET_DEPTH: Final = 0.76
+_TAPE: Final = 0.075
+_FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
+_WHITE: Final = colour(0.96, 0.96, 0.94)
 
 
 @functools.cache
@@ -123,9 +142,13 @@ def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
     ring = np.stack([_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - _HEAD[0] * np.cos(angle)], axis=-1)
     meshes.append(tube(ring, 0.006, _FRAME))
     for along, (reach, width) in enumerate((_HEAD, _HEAD[::-1])):
-        for at in np.linspace(-0.86, 0.86, 11) * width:
-            half = reach * np.sqrt(1 - (at / width) ** 2)
-            ends = np.array([[at, 0.0, -half], [at, 0.0, half]]) if along == 0 else np.array([[-half, 0.0, at], [half, 0.0, at]])
+        for offset in np.linspace(-0.86, 0.86, 11) * width:
+            half = reach * np.sqrt(1 - (offset / width) ** 2)
+            ends = (
+                np.array([[offset, 0.0, -half], [offset, 0.0, half]])
+                if along == 0
+                else np.array([[-half, 0.0, offset], [half, 0.0, offset]])
+            )
             meshes.append(tube(ends + np.array([0, 0, SWEET_SPOT]), 0.0009, _STRING, 4))
     # Here the shaft is z and the normal y.
     axes = frame(shaft, normal)
@@ -148,3 +171,75 @@ def shuttle() -> list[Mesh]:
         normals = normals_of(vertices, triangles)
         meshes.append(Mesh(vertices=vertices, normals=normals, triangles=triangles, colour=_FEATHER, two_sided=True))
     return [dataclasses.replace(mesh, vertices=SHUTTLE_SCALE * mesh.vertices) for mesh in joined(meshes)]
+
+
+def court(time: int) -> list[SceneEntity]:
+    """Court and net as the laws draw them (BWF Laws 1.1 to 1.10)."""
+    edge_x, edge_y = WIDTH / 2, HALF_LENGTH
+    boxes = [
+        box((0, 0, -0.065), (WIDTH + 4, LENGTH + 4, 0.1), _FLOOR),
+        box((0, 0, -0.0075), (WIDTH + 1, LENGTH + 1.2, 0.015), _MAT),
+    ]
+
+    def line(x0: float, y0: float, x1: float, y1: float) -> None:
+        size = (max(abs(x1 - x0), _LINE), max(abs(y1 - y0), _LINE), 0.003)
+        boxes.append(box(((x0 + x1) / 2, (y0 + y1) / 2, 0.0015), size, _WHITE))
+
+    half = _LINE / 2
+    for side in (-1, 1):
+        for x in (edge_x, HALF_WIDTH):
+            line(side * (x - half), -edge_y, side * (x - half), edge_y)
+        for y in (edge_y - half, edge_y - _LONG_SERVICE_DOUBLES, SHORT_SERVICE + half):
+            line(-edge_x, side * y, edge_x, side * y)
+        line(0, side * SHORT_SERVICE, 0, side * edge_y)
+    ground = SceneEntity(id="court", timestamp=stamp(time), frame_id=WORLD, frame_locked=True, cubes=boxes)
+    return [ground, _net(time)]
+
+
+def _net(time: int) -> SceneEntity:
+    across = np.linspace(-WIDTH / 2, WIDTH / 2, 82)
+    top = net_height(across)
+    strands = [p for x, z in zip(across, top, strict=True) for p in ((x, 0, z), (x, 0, z - _NET_DEPTH))]
+    for drop in np.linspace(0, _NET_DEPTH, 11):
+        for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
+            strands += [(across[a], 0, top[a] - drop), (across[b], 0, top[b] - drop)]
+    mesh = LinePrimitive(
+        type=LinePrimitiveLineType.LineList,
+        pose=at((0, 0, 0)),
+        thickness=1.0,
+        scale_invariant=True,
+        points=[point(p) for p in strands],
+        color=colour(0.75, 0.78, 0.80, 0.55),
+    )
+    tape = []
+    for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
+        middle = ((across[a] + across[b]) / 2, 0, (top[a] + top[b] - _TAPE) / 2)
+        tape.append(box(middle, (across[b] - across[a] + 0.002, 0.02, _TAPE), _WHITE))
+    posts = [box((side * WIDTH / 2, 0, NET_HEIGHT / 2), (0.04, 0.04, NET_HEIGHT), colour(0.8, 0.8, 0.82)) for side in (-1, 1)]
+    return SceneEntity(id="net", timestamp=stamp(time), frame_id=WORLD, frame_locked=True, lines=[mesh], cubes=tape + posts)
+
+
+def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEntity]:
+    """Models that follow the bones of both players and the shuttle, and the names over their heads."""
+    out = [_carried(time, SHUTTLE, models=[model(shuttle())])]
+    for seat in (0, 1):
+        right = motion.handedness[seat] == "right"
+        shirt, shorts = KITS[seat]
+        found = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
+        found = {**found, "Racket": racket(*motion.racket(seat))}
+        out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
+        out.append(_carried(time, name_frame(seat), texts=[text(names[seat], (0, 0, 0), 0.20, NAME_COLOURS[seat])]))
+    return out
+
+
+def _carried(
+    time: int, frame: str, *, models: list[ModelPrimitive] | None = None, texts: list[TextPrimitive] | None = None
+) -> SceneEntity:
+    return SceneEntity(
+        id=frame,
+        timestamp=stamp(time),
+        frame_id=frame,
+        frame_locked=True,
+        models=models or [],
+        texts=texts or [],
+    )

@@ -15,11 +15,11 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
-from shuttle_marl.scene import SceneError, layout, still, topics
+from shuttle_marl.scene import SceneError, layout, models, topics
 from shuttle_marl.scene.commentary import commentary
-from shuttle_marl.scene.messages import update
 from shuttle_marl.scene.moving import motion_messages
 from shuttle_marl.scene.report import SECOND, Annotator, Resolve, StagedRally
+from shuttle_marl.scene.topics import update
 from shuttle_marl.staging import stage
 from shuttle_marl.text import printable
 
@@ -109,10 +109,10 @@ def write_scene(
         motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
-            to.scenes[topics.COURT].log(update(start, still.court(start)), log_time=start)
+            to.scenes[topics.COURT].log(update(start, models.court(start)), log_time=start)
         if not i or names != report.names:
             names = report.names
-            to.scenes[topics.PLAYERS].log(update(start, still.players(start, motion, names)), log_time=start)
+            to.scenes[topics.PLAYERS].log(update(start, models.players(start, motion, names)), log_time=start)
         for time, send in sorted([*motion_messages(staged), *commentary(staged)], key=lambda timed: timed[0]):
             send(to, time)
         # The next rally begins a frame later: a cut, as in a broadcast.

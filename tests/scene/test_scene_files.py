@@ -21,7 +21,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.poses import PLAY, WORLD
+from shuttle_marl.scene.moving import PLAY, WORLD
 from shuttle_marl.scene.write import EPOCH, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.rotation import matrix
