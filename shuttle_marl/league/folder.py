@@ -14,8 +14,7 @@ from shuttle_marl.files import open_file, problem, replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.league.config import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.league.results import PairResult
-from shuttle_marl.league.schedule import Pairing
+from shuttle_marl.league.tournament import Pairing, PairResult
 
 PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"

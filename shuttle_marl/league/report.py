@@ -9,10 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 from shuttle_marl.league.config import LeagueConfig
-from shuttle_marl.league.exact_odds import ExactOdds
 from shuttle_marl.league.folder import RALLIES
-from shuttle_marl.league.ranking import Standing
-from shuttle_marl.league.results import PairResult
+from shuttle_marl.league.ranking import ExactOdds, Standing
+from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 from shuttle_marl.text import printable
 

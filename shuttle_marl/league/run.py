@@ -20,12 +20,9 @@ from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.entrants import Entrant, enter
-from shuttle_marl.league.exact_odds import ExactOdds, exact_odds
-from shuttle_marl.league.ranking import Standing, rank, ranking_table
+from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
-from shuttle_marl.league.results import PairResult, results_table
-from shuttle_marl.league.schedule import Pairing, round_robin
-from shuttle_marl.league.tournament import Tournament
+from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin
 from shuttle_marl.policy.time_limit import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings

@@ -1,22 +1,211 @@
-"""Play of a tournament: the pairings, a group at a time, and their results."""
+"""Play of a tournament: the schedule of pairings, their matches a group at a time, and the results.
 
+A pairing's matches come in cells of two: the entrants swap seats, while the seat that serves first and the luck of each seat
+stay. In every second cell the other seat serves first. A rally's draws are named by its number and the seat that serves; by
+its number alone, the two matches would become the same one as soon as one entrant serves in both. What happens in a match
+depends on the seed, the two names and its number, so other entrants, their order, and the size of a batch never change it.
+"""
+
+import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import lockstep
 from shuttle_marl.kernel.records import Matches, PlayedMatches
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
-from shuttle_marl.league.results import PairResult, forfeited, tally
-from shuttle_marl.league.schedule import Pairing, groups, join, matches_of
 from shuttle_marl.recording import Rallies
 from shuttle_marl.recording.kernel_rallies import rallies_of
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players
+
+COUNTS = (
+    "matches",
+    "wins",
+    "games_won",
+    "games_lost",
+    "points_won",
+    "points_lost",
+    "served",
+    "served_won",
+    "rallies",
+    "strokes",
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pairing:
+    """Two entrants who play each other.
+
+    Attributes:
+        number: position in the schedule, from 0.
+        entrants: their positions in the pool, the lower one first.
+        names: their names, in that order.
+    """
+
+    number: int
+    entrants: tuple[int, int]
+    names: tuple[str, str]
+
+    @property
+    def key(self) -> int:
+        """Key of the draws of the pairing, whatever the order of its names."""
+        return draws.pairing_key(*self.names)
+
+    @property
+    def swapped(self) -> bool:
+        """Whether the second entrant sits at seat 0 in match 0: the one whose name sorts first does."""
+        return self.names[0] > self.names[1]
+
+
+def round_robin(pool: Sequence[str]) -> list[Pairing]:
+    """Every pair of a pool once."""
+    pairs = itertools.combinations(range(len(pool)), 2)
+    return [Pairing(number=n, entrants=(a, b), names=(pool[a], pool[b])) for n, (a, b) in enumerate(pairs)]
+
+
+def matches_of(pairing: Pairing, seed: int, first: int, last: int) -> Matches:
+    """Matches ``first`` up to ``last`` of a pairing."""
+    number = np.arange(first, last)
+    cell = number >> 1
+    seat_0 = (number & 1) ^ pairing.swapped
+    entrant = np.array(pairing.entrants, dtype=np.int32)[np.stack([seat_0, 1 - seat_0], axis=1)]
+    return Matches(entrant=entrant, first_server=(cell & 1).astype(np.int8), key=draws.stream(seed, pairing.key, cell))
+
+
+def join(parts: Sequence[Matches]) -> Matches:
+    """Several matches, one after the other."""
+    return Matches(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in dataclasses.fields(Matches)})
+
+
+def groups(pairings: Sequence[Pairing], matches: int, batch: int, alone: set[int]) -> Iterator[list[Pairing]]:
+    """Pairings that are played together: as many as fit into a batch, those numbered in ``alone`` by themselves."""
+    group: list[Pairing] = []
+    for pairing in pairings:
+        single = pairing.number in alone
+        if group and (single or (len(group) + 1) * matches > batch):
+            yield group
+            group = []
+        group.append(pairing)
+        if single:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairResult:
+    """The matches of one pairing, seen by its first entrant.
+
+    Attributes:
+        pairing: number of the pairing.
+        names: the entrants.
+        seats: at seat 0 and at seat 1, each :data:`COUNTS` as numbers: matches, wins, games and points of the first entrant
+            and of the second, rallies that the first one served and won of those, rallies and strokes in all.
+        cells: in how many cells the first entrant won neither match, one, and both.
+        forfeit: entrants that failed, so that the pairing was not played or was thrown away; empty if none did.
+        reason: why they failed.
+    """
+
+    pairing: int
+    names: tuple[str, str]
+    seats: tuple[dict[str, int], dict[str, int]]
+    cells: tuple[int, int, int] = (0, 0, 0)
+    forfeit: tuple[str, ...] = ()
+    reason: str = ""
+
+    def seen_by(self, name: str) -> dict[str, int]:
+        """:data:`COUNTS` over both seats, as this entrant of the two has them."""
+        first = {count: self.seats[0][count] + self.seats[1][count] for count in COUNTS}
+        if name == self.names[0]:
+            return first
+        return {
+            **first,
+            "wins": first["matches"] - first["wins"],
+            "games_won": first["games_lost"],
+            "games_lost": first["games_won"],
+            "points_won": first["points_lost"],
+            "points_lost": first["points_won"],
+            "served": first["rallies"] - first["served"],
+            "served_won": first["points_lost"] - (first["served"] - first["served_won"]),
+        }
+
+    def __add__(self, more: "PairResult") -> "PairResult":
+        """This and further matches of the same pairing."""
+        seat_0, seat_1 = ({n: a[n] + b[n] for n in COUNTS} for a, b in zip(self.seats, more.seats, strict=True))
+        lost, split, won = (a + b for a, b in zip(self.cells, more.cells, strict=True))
+        return dataclasses.replace(self, seats=(seat_0, seat_1), cells=(lost, split, won))
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any]) -> "PairResult":
+        """Read the fields that ``dataclasses.asdict`` gave."""
+        lists = {name: tuple(fields[name]) for name in ("names", "seats", "cells", "forfeit")}
+        return cls(**{**fields, **lists})
+
+
+def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:
+    """The result of a pairing that an entrant forfeited."""
+    nothing = dict.fromkeys(COUNTS, 0)
+    return PairResult(
+        pairing=pairing.number,
+        names=pairing.names,
+        seats=(nothing, dict(nothing)),
+        forfeit=tuple(by),
+        reason=reason,
+    )
+
+
+def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
+    """Count the rallies of some matches of a pairing; the winner of a match won its last rally.
+
+    Args:
+        pairing: the pairing.
+        rallies: whole cells of it in order; as they were played, or as they were read back from the rally log.
+        first_policy: number of the first entrant in ``rallies.policy``.
+    """
+    seat = rallies.policy[:, 1] == first_policy
+    won = rallies.winner == seat
+    last_of_match = np.r_[rallies.match[1:] != rallies.match[:-1], True]
+    # A game ends where the next rally is at love all, and with the match.
+    last_of_game = last_of_match | np.r_[(rallies.score[1:, 0] | rallies.score[1:, 1]) == 0, True]
+
+    def count(where: npt.NDArray[np.bool_]) -> list[int]:
+        at_one = int(np.count_nonzero(where & seat))
+        return [int(np.count_nonzero(where)) - at_one, at_one]
+
+    # Without strokes kept, their number is still known.
+    strokes, strokes_at_one = (int(rallies.length.sum(dtype=np.int64, where=where)) for where in (True, seat))
+    counts = {
+        "matches": count(last_of_match),
+        "wins": count(last_of_match & won),
+        "games_won": count(last_of_game & won),
+        "games_lost": count(last_of_game & ~won),
+        "points_won": count(won),
+        "points_lost": count(~won),
+        "served": count(rallies.server == seat),
+        "served_won": count((rallies.server == seat) & won),
+        "rallies": count(np.ones(len(rallies), dtype=np.bool_)),
+        "strokes": [strokes - strokes_at_one, strokes_at_one],
+    }
+    match_won = won[last_of_match].astype(np.int64)
+    per_cell = np.bincount((rallies.match[last_of_match] - rallies.match[0]) >> 1, weights=match_won)
+    cells = np.bincount(per_cell.astype(np.int64), minlength=3)
+    seats = tuple({name: counts[name][s] for name in COUNTS} for s in (0, 1))
+    return PairResult(
+        pairing=pairing.number,
+        names=pairing.names,
+        seats=(seats[0], seats[1]),
+        cells=(int(cells[0]), int(cells[1]), int(cells[2])),
+    )
+
 
 Block = tuple[PairResult, list[Rallies]]
 """A finished pairing and all its rallies, in order."""

@@ -142,12 +142,12 @@ def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
     ring = np.stack([_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - _HEAD[0] * np.cos(angle)], axis=-1)
     meshes.append(tube(ring, 0.006, _FRAME))
     for along, (reach, width) in enumerate((_HEAD, _HEAD[::-1])):
-        for offset in np.linspace(-0.86, 0.86, 11) * width:
-            half = reach * np.sqrt(1 - (offset / width) ** 2)
+        for side in np.linspace(-0.86, 0.86, 11) * width:
+            half = reach * np.sqrt(1 - (side / width) ** 2)
             ends = (
-                np.array([[offset, 0.0, -half], [offset, 0.0, half]])
+                np.array([[side, 0.0, -half], [side, 0.0, half]])
                 if along == 0
-                else np.array([[-half, 0.0, offset], [half, 0.0, offset]])
+                else np.array([[-half, 0.0, side], [half, 0.0, side]])
             )
             meshes.append(tube(ends + np.array([0, 0, SWEET_SPOT]), 0.0009, _STRING, 4))
     # Here the shaft is z and the normal y.

@@ -12,10 +12,8 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
-from shuttle_marl.league.ranking import rank
-from shuttle_marl.league.results import results_table
-from shuttle_marl.league.schedule import matches_of, round_robin
-from shuttle_marl.league.tournament import Tournament
+from shuttle_marl.league.ranking import rank, results_table
+from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.modules import FunctionPolicy
 from shuttle_marl.policy.registry import resolve

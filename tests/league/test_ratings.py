@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from shuttle_marl.league.ranking import wilson
-from shuttle_marl.league.ratings import ELO, bradley_terry, ratings, smoothed, wins_of
+from shuttle_marl.league.ranking import ELO, bradley_terry, ratings, smoothed, wilson, wins_of
 
 
 def test_two_players() -> None:
