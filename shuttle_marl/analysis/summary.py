@@ -15,7 +15,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.log_file import SUFFIX
-from shuttle_marl.recording.stroke_table import stroke_table
+from shuttle_marl.recording.simulate import stroke_table
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -217,7 +217,7 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     """Strokes of a rally log in the schema of annotated matches, whole batches of it evenly spread over the log.
 
     A log holds decisions and outcomes; points on the court and times are drawn as in simulated tables
-    (:func:`shuttle_marl.recording.stroke_table.stroke_table`). A match is named by its pairing and its number; where every
+    (:func:`shuttle_marl.recording.simulate.stroke_table`). A match is named by its pairing and its number; where every
     rally stands for itself, it is a match of its own.
 
     Args:
