@@ -1,1 +1,1 @@
-"""The commands: ``python -m shuttle_marl.X`` and ``shuttle-marl X`` call ``shuttle_marl.commands.X``."""
+"""The commands: ``python -m shuttle_marl.NAME`` and ``shuttle-marl NAME`` call the module ``NAME`` of this folder."""

@@ -85,7 +85,7 @@ Add = Callable[[int, int, Matches, PlayedMatches], None]
 def sampled_log(
     path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
 ) -> Iterator[Add]:
-    """A log of the matches that policies are sampled in against one opponent (:func:`shuttle_marl.exact.sample`).
+    """A log of the matches that policies are sampled in against one opponent (:func:`shuttle_marl.policy.scorecard.sample`).
 
     Args:
         path: where the finished log goes.
