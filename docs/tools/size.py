@@ -8,8 +8,8 @@ has one importer if exactly one other module of the package, packages' ``__init_
 
 Files of a stroke are counted while it is played for the second time, so that preparation does not count: those of which any
 function runs, and those from which such a function takes a name. Compiled functions run as Python; but in training, where that
-would take hours, environment and kernel are those of a stroke of `RallyEnv`. A stroke of training is a run of two iterations of
-PPO from its settings to its agent, without the solvers, policies and logs that it uses.
+would take hours, environment and kernel are those of a stroke of `RallyEnv`. A stroke of training is an iteration of PPO in
+self-play, from the collector to the checkpoint, that records nothing, evaluates nothing and shapes no reward.
 """
 
 import ast
@@ -55,16 +55,30 @@ from shuttle_marl.training import PPOConfig, train
 def play():
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        traced(lambda: train(PPOConfig(opponent=("self",), rows=2, steps=2, strokes=8, width=4, minibatch=2, out=out)))
+        sizes = dict(rows=2, steps=2, strokes=8, width=4, minibatch=2, checkpoint_every=1)
+        config = PPOConfig(opponent=("self",), record="none", out=out, **sizes)
+        traced(lambda: train(config), begin="collect", end="save_checkpoint")
 """
 _TRACE: Final = """
 import json, sys
 files = {{}}
-def note(frame, event, _):
+def note(frame):
     files.setdefault(frame.f_code.co_filename, set()).update(frame.f_code.co_names)
-def traced(call):
+def traced(call, begin=None, end=None):
     files.clear()
-    sys.setprofile(note)
+    noting, over = begin is None, False
+    def profile(frame, event, _):
+        nonlocal noting, over
+        name = frame.f_code.co_name if "{package}/training/" in frame.f_code.co_filename else None
+        if event == "call" and name == begin and begin and not over:
+            noting = True
+            note(frame.f_back)
+        if noting:
+            note(frame)
+        if event == "return" and name == end and noting and end:
+            noting, over = False, True
+            note(frame.f_back)
+    sys.setprofile(profile)
     try:
         call()
     finally:
@@ -155,14 +169,15 @@ def parts_of(root: Path, found: dict[Path, Module], setup: str, *, compiled: boo
     Args:
         root: of the checkout.
         found: its modules.
-        setup: defines ``play``, which calls ``traced`` once; see :data:`STROKES`.
+        setup: defines ``play``, which calls ``traced`` once; see :data:`STROKES`. It is traced from the first call of a function
+            ``begin`` of training until a function ``end`` returns, where they are given.
         compiled: leave compiled functions compiled; their files are not seen then.
 
     Raises:
         SizeError: it cannot be played.
     """
     environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_DISABLE_JIT": "0" if compiled else "1"}
-    command = [sys.executable, "-W", "ignore", "-c", _TRACE.format(setup=setup)]
+    command = [sys.executable, "-W", "ignore", "-c", _TRACE.format(setup=setup, package=PACKAGE)]
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SizeError(f"{root}: cannot play:\n{done.stderr[-2000:]}")

@@ -192,7 +192,6 @@ class RewardShaping:
         for shot, points in config.bonuses().items():
             bonus[SHOTS.index(shot)] = points
         penalty = fault_penalty(config.fault_cost, config.risk_aversion)
-        self.changes_nothing = not bonus.any() and penalty == 0
         fault = game.threshold[:, 0].astype(np.float64) / ONE
         self._game = game
         self._added = (bonus[game.catalogue.shot[game.pair_stroke]] - penalty * fault).astype(np.float32)

@@ -162,6 +162,11 @@ class TrainingConfig:
         return points
 
     @property
+    def shapes_rewards(self) -> bool:
+        """Whether the learner's rewards differ from those of the rules: by a bonus, or by a cost of faults."""
+        return any(self.bonuses().values()) or self.fault_cost > 0
+
+    @property
     def frames(self) -> int:
         """Strokes that are collected in an iteration."""
         return self.rows * self.steps

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -33,54 +33,6 @@ _STROKES_A_STEP: Final = 2
 """The learner's stroke and the reply to it, to count what waits."""
 
 
-class RunLog(Protocol):
-    """Log of the rallies of a run."""
-
-    def begin(self, segment: int) -> None:
-        """From here on rallies belong to what follows the given checkpoint, counted from 0."""
-        ...
-
-    def add(self, data: TensorDictBase, update: int) -> None:
-        """Record ``[rows, steps]`` strokes after the learner has learned from them.
-
-        Raises:
-            RecordingError: the log cannot be written any further; every rally before is there.
-        """
-        ...
-
-    def flush(self) -> int:
-        """Have everything on the disk; returns the number of rallies there."""
-        ...
-
-    def close(self) -> None:
-        """Move the log into place."""
-        ...
-
-    def abort(self) -> None:
-        """Leave the log unfinished, for a run that continues it."""
-        ...
-
-
-class NoLog:
-    """Records nothing."""
-
-    def begin(self, segment: int) -> None:
-        """Nothing."""
-
-    def add(self, data: TensorDictBase, update: int) -> None:
-        """Nothing."""
-
-    def flush(self) -> int:
-        """No rally."""
-        return 0
-
-    def close(self) -> None:
-        """Nothing."""
-
-    def abort(self) -> None:
-        """Nothing."""
-
-
 def open_log(
     folder: Path,
     config: TrainingConfig,
@@ -89,8 +41,8 @@ def open_log(
     seeds: Sequence[Sequence[int]],
     *,
     rallies: int,
-) -> RunLog:
-    """The log of a run, or of the rest of one.
+) -> "RunLog | None":
+    """The log of a run, or of the rest of one; None where nothing is recorded.
 
     Rallies on a Ray cluster are not recorded: which of its processes a stroke comes from is not known here.
 
@@ -106,7 +58,7 @@ def open_log(
         RecordingError: the log cannot be written, or holds fewer rallies than that.
     """
     if not Sampling.parse(config.record).every or config.collector == "ray":
-        return NoLog()
+        return None
     names = () if config.self_play else config.opponent
     header = LogHeader(
         seed=config.seed,
@@ -129,7 +81,7 @@ def open_log(
         for _ in range(config.processes)
     ]
     recorder = RallyRecorder(resume(folder / RALLIES, header, rallies))
-    return _Log(recorder, logs, seeds, header.columns, seat=0 if opponents else None)
+    return RunLog(recorder, logs, seeds, header.columns, seat=0 if opponents else None)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -143,7 +95,17 @@ class _Collected:
     extra: npt.NDArray[np.float32]
 
 
-class _Log:
+class RunLog:
+    """Log of the rallies of a run.
+
+    Args:
+        recorder: writes them.
+        logs: one for each process.
+        seeds: of the environments, by segment and process.
+        columns: of the log.
+        seat: the learner's; None in self-play.
+    """
+
     def __init__(
         self,
         recorder: RallyRecorder,
@@ -160,9 +122,15 @@ class _Log:
         """Segment that the batches are in; they live in the recorder's thread."""
 
     def begin(self, segment: int) -> None:
+        """From here on rallies belong to what follows the given checkpoint, counted from 0."""
         self._segment = segment
 
     def add(self, data: TensorDictBase, update: int) -> None:
+        """Record ``[rows, steps]`` strokes after the learner has learned from them.
+
+        Raises:
+            RecordingError: the log cannot be written any further; every rally before is there.
+        """
         extra = np.empty((len(self._columns), *data.shape), np.float32)
         for figures, name in zip(extra, self._columns, strict=True):
             figures[:] = data[_ENTRIES[name]].detach().cpu().numpy().reshape(data.shape)
@@ -176,12 +144,15 @@ class _Log:
         self._recorder.add_later(functools.partial(self._rallies, collected), _STROKES_A_STEP * data.numel())
 
     def flush(self) -> int:
+        """Have everything on the disk; returns the number of rallies there."""
         return self._recorder.flush()
 
     def close(self) -> None:
+        """Move the log into place."""
         self._recorder.close()
 
     def abort(self) -> None:
+        """Leave the log unfinished, for a run that continues it."""
         self._recorder.abort()
 
     def _rallies(self, collected: _Collected) -> Rallies:

@@ -41,7 +41,7 @@ from shuttle_marl.training.learner import (
 )
 from shuttle_marl.training.networks import imitate, logit_network, tabulated
 from shuttle_marl.training.ppo import make_ppo
-from shuttle_marl.training.recorded import RALLIES, NoLog, RunLog, open_log
+from shuttle_marl.training.recorded import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import make_sac
 
 AGENT: Final = "agent"
@@ -156,7 +156,7 @@ class _Run:
         self.evaluator = Evaluator(game, measured)
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
-        self.shaping = RewardShaping(config, game)
+        self.shaping = RewardShaping(config, game) if config.shapes_rewards else None
         self.collector = Collector(config, game, opponents, self.learner.actor)
         self.metrics = _Metrics(folder / METRICS)
         self.opponents = opponents
@@ -198,36 +198,40 @@ class _Run:
                 while self.iteration < config.iterations and not self.stopped:
                     self._segment(after, log)
             except BaseException:
-                log.abort()
+                if log is not None:
+                    log.abort()
                 raise
             finally:
                 self.collector.close()
-            log.close()
+            if log is not None:
+                log.close()
         return self._finish(about)
 
-    def _open_log(self) -> RunLog:
+    def _open_log(self) -> RunLog | None:
         config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
         if ended and (self.folder / RALLIES).exists():
-            return NoLog()
+            return None
         environments = [seeds(self._seed(_SEGMENT, segment), config.processes) for segment in range(config.segments)]
         return open_log(self.folder, config, self.game, self.opponents, environments, rallies=self.rallies)
 
-    def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog) -> None:
+    def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
         """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
         config = self.config
         segment = self.iteration // config.checkpoint_every
         self.collector.begin(self._seed(_SEGMENT, segment))
-        log.begin(segment)
+        if log is not None:
+            log.begin(segment)
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             data = self._collect()
             rewards = data["next", "reward"]
-            if not self.shaping.changes_nothing:
+            if self.shaping is not None:
                 data["next", "reward"] = self.shaping.rewards(data)
             with self._diverging(self.iteration + 1):
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
                 self.learner.check_weights()
             data["next", "reward"] = rewards
-            log.add(data, self.iteration)
+            if log is not None:
+                log.add(data, self.iteration)
             self.iteration += 1
             after(losses)
             if self.stopped:
@@ -236,7 +240,7 @@ class _Run:
         with self._diverging(self.iteration):
             check_finite(state.values())
         # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
-        self.rallies = log.flush()
+        self.rallies = 0 if log is None else log.flush()
         about = {
             "game": self.game.hash,
             "seconds": self.seconds,
