@@ -67,6 +67,32 @@ def test_files_that_run_and_that_running_code_names(root: Path) -> None:
     assert {path.name for path in parts} == {"top.py", "low.py", "errors.py"}
 
 
+PLAY_RUN = """
+from shuttle_marl.training import before, run, after
+def call():
+    before.f()
+    run.one_stroke()
+    after.f()
+def play():
+    traced(call, begin="collect", end="save_checkpoint")
+"""
+RUNS = {
+    "before.py": "def f(): return 1\n",
+    "after.py": "def f(): return 2\n",
+    "kept.py": "def save_checkpoint(): return learned()\ndef learned(): return 3\n",
+    "rows.py": "def collect(): return 4\n",
+    "run.py": "from shuttle_marl.training import kept, rows\ndef one_stroke():\n    rows.collect()\n    kept.save_checkpoint()\n",
+}
+
+
+def test_a_part_of_what_is_played_is_counted(root: Path) -> None:
+    (root / "shuttle_marl/training").mkdir()
+    for name, text in {"__init__.py": "", **RUNS}.items():
+        (root / "shuttle_marl/training" / name).write_text(text, encoding="utf-8")
+    parts = size.parts_of(root, size.modules(root), PLAY_RUN)
+    assert {path.name for path in parts} == {"run.py", "rows.py", "kept.py"}
+
+
 def test_a_folder_without_the_package_is_refused(tmp_path: Path) -> None:
     with pytest.raises(size.SizeError, match="no package shuttle_marl here"):
         size.modules(tmp_path)
@@ -76,4 +102,4 @@ def test_a_stroke_of_the_environment() -> None:
     found = size.modules(size.ROOT)
     parts = size.parts_of(size.ROOT, found, size.STROKES["a stroke of `rally_v0`"])
     assert "shuttle_marl.game.rally" in {found[path].name for path in parts}
-    assert len(parts) <= 7
+    assert len(parts) <= 4

@@ -56,7 +56,6 @@ def test_the_penalty_without_aversion_is_the_cost() -> None:
     assert fault_penalty(0.7, 0) == 0.7
     assert fault_penalty(0.7, 1e-6) == pytest.approx(0.7, rel=1e-5)
     assert fault_penalty(0, 3) == 0
-    assert fault_penalty(0.0, 2.0) == 0
     assert not PPOConfig(risk_aversion=2.0).shapes_rewards
 
 
