@@ -107,7 +107,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     report("calibration on matches that a network did not see")
     blind_fault, share = _blind_faults(success, target, known, config)
     blind_return = _blind_returns(return_network, good, returned, config)
-    blind_above = log_odds(unseen(_chances(contact, met), met.match, config.folds))
+    blind_above = log_odds(unseen(_probabilities(contact, met), met.match, config.folds))
     calibration = np.stack([
         _calibrate(blind_fault, share, known.outcome == Outcome.FAULT),
         _calibrate(blind_return[:, None], np.ones((len(good), 1)), returned),
@@ -165,7 +165,7 @@ def _targets(target: Ensemble, rows: Rows) -> Floats:
     return np.asarray(softmax(predict(target, encode(target.spec, rows.codes))).mean(axis=0))
 
 
-def _chances(network: Ensemble, rows: Rows) -> Floats:
+def _probabilities(network: Ensemble, rows: Rows) -> Floats:
     return sigmoid(predict(network, encode(network.spec, rows.codes))[..., 0])
 
 
@@ -184,7 +184,7 @@ def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], 
         inside = fold == k
         weights = fit_ridge(rows.take(~inside).codes, label[~inside])
         convex[inside] = ridge_logits(weights, rows.take(inside).codes)
-    return 0.5 * (log_odds(unseen(_chances(network, rows), rows.match, config.folds)) + convex)
+    return 0.5 * (log_odds(unseen(_probabilities(network, rows), rows.match, config.folds)) + convex)
 
 
 def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:

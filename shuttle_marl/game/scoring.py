@@ -256,7 +256,7 @@ def game_win_probability(
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
-    serving, receiving = _chances(p_serving, p_receiving)
+    serving, receiving = _probabilities(p_serving, p_receiving)
     _check_server(server)
     return _by_server(_game(serving, receiving, points, rules), server)
 
@@ -286,7 +286,7 @@ def match_win_probability(
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
-    serving, receiving = _chances(p_serving, p_receiving)
+    serving, receiving = _probabilities(p_serving, p_receiving)
     _check_server(first_server)
     if not all(0 <= g < rules.games for g in games):
         raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match continues")
@@ -327,7 +327,7 @@ def _game(serving: Floats, receiving: Floats, points: tuple[int, int], rules: Ru
     return below[other]
 
 
-def _chances(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[Floats, Floats]:
+def _probabilities(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[Floats, Floats]:
     serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
     for p in (serving, receiving):
         bad = ~((p >= 0) & (p <= 1))

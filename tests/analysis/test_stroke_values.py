@@ -53,7 +53,7 @@ def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: 
         rallies = Rallies.join([batch for _, batch in log.batches()])
     state, _ = states(game, rallies)
     value = evaluate(bc, bc).striking[0]
-    quality, chance = game.stroke_values(value), bc.pair_probabilities()
+    quality, probability = game.stroke_values(value), bc.pair_probabilities()
     fault = 1 - game.stroke_probabilities()[0]
     for row in np.flatnonzero(column(valued, "outcome") == Outcome.FAULT)[:20]:
         pairs = np.arange(game.pair_start[state[row]], game.pair_start[state[row] + 1])
@@ -61,7 +61,7 @@ def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: 
         kind = (game.catalogue.shot[stroke] == valued["shot"][row].as_py()) & (
             game.catalogue.technique[stroke] == valued["technique"][row].as_py()
         )
-        weight = (chance * fault)[pairs[kind]]
+        weight = (probability * fault)[pairs[kind]]
         expected = (weight @ quality[pairs[kind]] / weight.sum() - value[state[row]]) / 2
         assert valued["decision"][row].as_py() == pytest.approx(expected, abs=1e-9)
 
@@ -79,7 +79,7 @@ def test_the_values_of_a_rally_add_up_to_its_outcome(valued: pa.Table, bc: Tabul
 
 
 def test_the_reference_adds_nothing_to_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
-    """bc against a player of the same play: decisions and execution are 0 but for chance; minimax decides better."""
+    """bc against a player of the same play: decisions and execution are 0 but for luck; minimax decides better."""
     from shuttle_marl.league import LeagueConfig, run_league
 
     folder = run_league(LeagueConfig(pool=("bc", "bc@1.0", "minimax"), matches=20, out=tmp_path / "run")).folder

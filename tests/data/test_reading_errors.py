@@ -160,8 +160,8 @@ def test_lists_alone(tmp_path: Path) -> None:
 
 
 def test_unknown_match(path: Path) -> None:
-    with pytest.raises(DataError, match="no files of nobody"):
-        clean_matches(path.parents[3], [NAME, "nobody"])
+    with pytest.raises(DataError, match="no files of stranger"):
+        clean_matches(path.parents[3], [NAME, "stranger"])
 
 
 def test_missing_homography_file(path: Path) -> None:

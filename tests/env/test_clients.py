@@ -44,7 +44,7 @@ class Learned:
         return p / p.sum(axis=1, keepdims=True)
 
 
-def chance_against_bc(policy: Policy) -> float:
+def probability_against_bc(policy: Policy) -> float:
     """Exact probability to win a rally against ``bc``."""
     return exact.evaluate(tabulate(policy, GAME), tabulate(resolve("bc", GAME), GAME)).odds().rally
 
@@ -66,8 +66,8 @@ def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
         policy_kwargs={"net_arch": [64]},
     )
     model.learn(32_768)
-    random = chance_against_bc(resolve("random", GAME))
-    assert chance_against_bc(Learned(model)) > random + 0.06
+    random = probability_against_bc(resolve("random", GAME))
+    assert probability_against_bc(Learned(model)) > random + 0.06
     reward, _ = evaluate_policy(model, gymnasium.make(NAMES[0]), n_eval_episodes=50, deterministic=False, warn=False)
     assert -1 <= reward <= 1
 

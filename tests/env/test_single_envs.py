@@ -97,7 +97,7 @@ def test_the_ids_are_known_in_every_order_of_imports(code: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_waiting_for_gymnasium_is_in_nobodys_way() -> None:
+def test_waiting_for_gymnasium_is_in_no_ones_way() -> None:
     code = """
 import sys, shuttle_marl, importlib.resources, importlib.util
 assert "gymnasium" not in sys.modules

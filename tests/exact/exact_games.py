@@ -25,7 +25,7 @@ OUTCOMES = {  # fault, winner, returned from below, returned from above, in sixt
 
 
 def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
-    """A serve, then strokes whose chances depend on the shot type alone, each legal whenever the contact is its own."""
+    """A serve, then strokes whose probabilities depend on the shot type alone, each legal whenever the contact is its own."""
     catalogue = Catalogue.from_names(names)
     rally = ~catalogue.is_serve
     tables = layout(catalogue, np.vstack([np.tile(rally, (len(names), 1)), catalogue.is_serve]))
@@ -50,11 +50,11 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
     replies[n] = catalogue.is_serve
     tables = layout(catalogue, replies)
     threshold = np.zeros((int(tables["pair_start"][-1]), 3), np.uint16)
-    return with_chances(Game(catalogue=catalogue, threshold=threshold, **tables), seed)
+    return with_probabilities(Game(catalogue=catalogue, threshold=threshold, **tables), seed)
 
 
-def with_chances(game: Game, seed: int) -> Game:
-    """A game of the same layout with other chances; good and returned ones between 0.3 and 0.97."""
+def with_probabilities(game: Game, seed: int) -> Game:
+    """A game of the same layout with other probabilities; good and returned ones between 0.3 and 0.97."""
     rng = np.random.default_rng([seed, 1])
     good, returned = rng.uniform(0.3, 0.97, (2, int(game.pair_start[-1])))
     above = rng.uniform(0, 1, len(good))
@@ -63,7 +63,7 @@ def with_chances(game: Game, seed: int) -> Game:
 
 
 def random_policy(game: Game, seed: int, sharpness: float = 1.0) -> TabulatedPolicy:
-    """Chances drawn from a Dirichlet distribution in every state; sharper ones play fewer strokes."""
+    """Probabilities drawn from a Dirichlet distribution in every state; sharper ones play fewer strokes."""
     weight = np.random.default_rng([seed, 2]).gamma(1 / sharpness, size=game.n_pairs) + 1e-9
     return from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
 
@@ -77,25 +77,25 @@ def pairs_of(game: Game, state: int) -> range:
     return range(int(game.pair_start[state]), int(game.pair_start[state + 1]))
 
 
-def linear_values(games: tuple[Game, Game], chances: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Values of a profile of ``[P]`` chances by one dense linear system over the states of both players."""
+def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Values of a profile of ``[P]`` probabilities by one dense linear system over the states of both players."""
     size = games[0].n_states
     matrix, constant = np.eye(2 * size), np.zeros(2 * size)
-    for player, (game, chance) in enumerate(zip(games, chances, strict=True)):
+    for player, (game, probability) in enumerate(zip(games, probabilities, strict=True)):
         fault, winner, below = game.threshold.astype(float).T / ONE
         for state in range(size):
             for pair in pairs_of(game, state):
                 row, after = player * size + state, (1 - player) * size + 2 * int(game.pair_edge[pair])
-                constant[row] += chance[pair] * ((winner[pair] - fault[pair]) - fault[pair])
-                matrix[row, after] += chance[pair] * (below[pair] - winner[pair])
-                matrix[row, after + 1] += chance[pair] * (1 - below[pair])
+                constant[row] += probability[pair] * ((winner[pair] - fault[pair]) - fault[pair])
+                matrix[row, after] += probability[pair] * (below[pair] - winner[pair])
+                matrix[row, after + 1] += probability[pair] * (1 - below[pair])
     solution = np.linalg.solve(matrix, constant)
     return solution[:size], solution[size:]
 
 
 def improved(game: Game, following: Floats) -> Floats:
     """``[P]`` the best stroke of every state, given the values of the next states to the receiver."""
-    chance = np.zeros(game.n_pairs)
+    probability = np.zeros(game.n_pairs)
     fault, winner, below = game.threshold.astype(float).T / ONE
     for state in range(game.n_states):
         worth = [
@@ -106,27 +106,27 @@ def improved(game: Game, following: Floats) -> Floats:
             for p in pairs_of(game, state)
         ]
         if worth:
-            chance[pairs_of(game, state)[int(np.argmax(worth))]] = 1
-    return chance
+            probability[pairs_of(game, state)[int(np.argmax(worth))]] = 1
+    return probability
 
 
 def response_by_policy_iteration(games: tuple[Game, Game], opponent: Floats) -> tuple[Floats, Floats]:
-    """Values of player 0's best response to ``[P]`` chances of player 1 (Howard 1960)."""
-    chance = improved(games[0], np.zeros(games[0].n_states))
+    """Values of player 0's best response to ``[P]`` probabilities of player 1 (Howard 1960)."""
+    probability = improved(games[0], np.zeros(games[0].n_states))
     while True:
-        values = linear_values(games, (chance, opponent))
+        values = linear_values(games, (probability, opponent))
         better = improved(games[0], values[1])
-        if np.array_equal(better, chance):
+        if np.array_equal(better, probability):
             return values
-        chance = better
+        probability = better
 
 
 def minimax_by_policy_iteration(games: tuple[Game, Game]) -> tuple[Floats, Floats]:
     """Minimax values by strategy iteration: improve player 1 against the best response of player 0 (Hoffman & Karp 1966)."""
-    chance = improved(games[1], np.zeros(games[1].n_states))
+    probability = improved(games[1], np.zeros(games[1].n_states))
     while True:
-        values = response_by_policy_iteration(games, chance)
+        values = response_by_policy_iteration(games, probability)
         better = improved(games[1], values[0])
-        if np.array_equal(better, chance):
+        if np.array_equal(better, probability):
             return values
-        chance = better
+        probability = better

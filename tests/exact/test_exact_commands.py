@@ -173,7 +173,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
     [
         (["evaluate"], "no policy given"),
         (["crossplay"], "no policy given"),
-        (["evaluate", "nobody"], "no policy 'nobody'"),
+        (["evaluate", "stranger"], "no policy 'stranger'"),
         (["evaluate", "bc", "--matches", "0"], "--matches 0: expected a number from 1"),
         (["evaluate", "bc", "--matches", "9" * 30], "expected a number from 1 to 10,000,000"),
         (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a number from 0"),

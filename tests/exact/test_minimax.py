@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from exact_games import THREE_STROKES, games, hand_made, minimax_by_policy_iteration, random_game, seeds, with_chances
+from exact_games import THREE_STROKES, games, hand_made, minimax_by_policy_iteration, random_game, seeds, with_probabilities
 from hypothesis import given, settings
 from value_iteration import ValueIteration
 
@@ -48,7 +48,7 @@ def test_value_iteration_equals_policy_iteration(game: Game) -> None:
 @settings(max_examples=20, deadline=None)
 @given(games, seeds)
 def test_players_with_tables_of_their_own(game: Game, seed: int) -> None:
-    other = with_chances(game, seed + 1)
+    other = with_probabilities(game, seed + 1)
     solution = solve(game, other, tolerance=1e-10)
     for found, expected in zip(solution.value, minimax_by_policy_iteration((game, other)), strict=True):
         assert np.abs(found - expected).max() <= solution.error_bound

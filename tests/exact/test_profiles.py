@@ -13,7 +13,7 @@ from exact_games import (
     random_policy,
     response_by_policy_iteration,
     seeds,
-    with_chances,
+    with_probabilities,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -56,8 +56,8 @@ def test_best_response_by_hand() -> None:
     assert expected > -39 / 368, "perfect play gives less away"
 
 
-def _certain(game: Game, chance: np.ndarray) -> np.ndarray:
-    total = np.cumsum(chance)
+def _certain(game: Game, probability: np.ndarray) -> np.ndarray:
+    total = np.cumsum(probability)
     before = np.r_[0, total][game.pair_start[game.pair_state]]
     return ((total - before) * 65535).astype(np.uint16)
 
@@ -65,7 +65,7 @@ def _certain(game: Game, chance: np.ndarray) -> np.ndarray:
 @settings(max_examples=30, deadline=None)
 @given(games, seeds, sharpness)
 def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: float) -> None:
-    other = with_chances(game, seed + 7)
+    other = with_probabilities(game, seed + 7)
     policies = random_policy(game, seed, sharp), random_policy(other, seed + 1, sharp)
     value = evaluate(*policies, tolerance=1e-10)
     expected = linear_values((game, other), (policies[0].pair_probabilities(), policies[1].pair_probabilities()))
@@ -80,7 +80,7 @@ def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: floa
 @settings(max_examples=30, deadline=None)
 @given(games, seeds, sharpness)
 def test_best_response_equals_policy_iteration_and_beats_every_policy(game: Game, seed: int, sharp: float) -> None:
-    other = with_chances(game, seed + 7)
+    other = with_probabilities(game, seed + 7)
     policy = random_policy(other, seed, sharp)
     answer = best_response(policy, game=game, tolerance=1e-10)
     expected = response_by_policy_iteration((game, other), policy.pair_probabilities())
@@ -129,7 +129,7 @@ def test_coarse_profiles_are_within_their_bound(game: Game, seed: int) -> None:
 @settings(max_examples=20, deadline=None)
 @given(games, seeds, st.sampled_from([0, 1, None]))
 def test_visits_give_the_odds_and_add_up(game: Game, seed: int, server: int | None) -> None:
-    other = with_chances(game, seed + 7)
+    other = with_probabilities(game, seed + 7)
     first, second = random_policy(game, seed), random_policy(other, seed + 1)
     seen = visits(first, second, server=server, tolerance=1e-10)
     ends = seen.endings()
@@ -212,4 +212,4 @@ def test_the_bound_of_a_match_follows_from_that_of_a_rally(bc: TabulatedPolicy) 
     wide = dataclasses.replace(odds, error_bound=1e-4)
     assert wide.match_error_bound() == pytest.approx(max(high.match() - odds.match(), odds.match() - low.match()), abs=1e-12)
     sure = dataclasses.replace(odds, serving=1.0, receiving=1.0, error_bound=0.3)
-    assert 0 < sure.match_error_bound() < 1, "chances end at 1"
+    assert 0 < sure.match_error_bound() < 1, "probabilities end at 1"

@@ -14,7 +14,7 @@ from shuttle_marl.game.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, 
 probability = st.floats(0.0, 1.0)
 
 
-def test_thresholds_of_round_chances() -> None:
+def test_thresholds_of_round_probabilities() -> None:
     table = thresholds(np.array([0.75, 1.0, 0.0]), np.array([0.5, 0.5, 0.3]), np.array([0.5, 0.25, 0.7]))
     # good 3/4: fault below 1/4; winner 3/8 more; returned 3/8, half of it from below.
     assert table[0].tolist() == [0.25 * ONE, 0.625 * ONE, 0.8125 * ONE]
@@ -41,7 +41,7 @@ def test_thresholds_refuse_nan(position: int) -> None:
         thresholds(*probabilities)
 
 
-def test_chances_invert_thresholds() -> None:
+def test_probabilities_invert_thresholds() -> None:
     game = default_game()
     rng = np.random.default_rng(4)
     wanted = np.concatenate([rng.uniform(0.05, 1, (2, game.n_pairs)), rng.uniform(0, 1, (1, game.n_pairs))])
@@ -51,7 +51,7 @@ def test_chances_invert_thresholds() -> None:
     assert (np.abs(found - wanted) <= 2.5 / ONE / condition).all()
 
 
-def test_all_draws_of_a_stroke_give_its_chances_exactly() -> None:
+def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
     game = default_game()
     rng = np.random.default_rng(5)
     good, returned, above = game.stroke_probabilities()

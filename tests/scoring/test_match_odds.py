@@ -117,7 +117,7 @@ def test_the_players_can_change_names(serving: float, receiving: float) -> None:
         assert one + other == pytest.approx(1.0, abs=1e-12)
 
 
-def test_even_chances_of_symmetric_players() -> None:
+def test_even_probabilities_of_symmetric_players() -> None:
     for serving in (0.2, 0.5, 0.8):
         assert match_win_probability(serving, 1 - serving) == pytest.approx(0.5, abs=1e-13)
 
