@@ -81,8 +81,8 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     from rich.table import Table  # noqa: PLC0415
 
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
+    from shuttle_marl.errors import printable  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
-    from shuttle_marl.text import printable  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):

@@ -12,9 +12,8 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.files import NO_ROOM
-from shuttle_marl.text import printable
 
 Command = Callable[..., Any]
 

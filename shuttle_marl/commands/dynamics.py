@@ -11,8 +11,8 @@ from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, console, run
 from shuttle_marl.data.upstream import Split
+from shuttle_marl.errors import printable
 from shuttle_marl.game.shipped import model_folder, read_model_card
-from shuttle_marl.text import printable
 
 
 def _report(line: str) -> None:

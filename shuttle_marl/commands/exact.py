@@ -13,10 +13,10 @@ import tyro
 from rich.progress import track
 
 from shuttle_marl.commands import cli
+from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.policy.time_limit import POLICY_TIMEOUT, time_limit
-from shuttle_marl.text import printable
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import tyro
 
 from shuttle_marl.commands import cli
+from shuttle_marl.errors import printable
 from shuttle_marl.league.config import LeagueConfig
 from shuttle_marl.league.report import console_table
 from shuttle_marl.league.run import run_league
-from shuttle_marl.text import printable
 
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:

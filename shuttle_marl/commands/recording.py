@@ -12,6 +12,7 @@ import numpy.typing as npt
 import tyro
 
 from shuttle_marl.commands import cli
+from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.policy import Policy
@@ -26,7 +27,6 @@ from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import SceneError
-from shuttle_marl.text import printable
 
 if TYPE_CHECKING:
     from shuttle_marl.scene.report import Resolve

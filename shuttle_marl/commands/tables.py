@@ -8,8 +8,8 @@ import numpy.typing as npt
 from rich.table import Table
 from rich.text import Text
 
+from shuttle_marl.errors import printable
 from shuttle_marl.policy.scorecard import Scorecard
-from shuttle_marl.text import printable
 
 Floats = npt.NDArray[np.float64]
 

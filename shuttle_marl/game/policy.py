@@ -8,11 +8,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import frozen
-from shuttle_marl.text import described
 
 
 class PolicyError(ShuttleError):

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from shuttle_marl import runs
+from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game
@@ -28,7 +29,6 @@ from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
 from shuttle_marl.table_files import csv_bytes, write_parquet
-from shuttle_marl.text import printable
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.rally import Game
-from shuttle_marl.text import described
 
 
 class ModuleMissingError(PolicyError):

@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
+from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -30,7 +31,6 @@ from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.modules import ModuleMissingError, from_module
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 from shuttle_marl.policy.time_limit import limited
-from shuttle_marl.text import described
 
 Load = Callable[[str | None, Game], Policy]
 Opponents = str | Policy | Sequence[str | Policy]

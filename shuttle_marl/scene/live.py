@@ -26,9 +26,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from shuttle_marl.errors import printable
 from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.playback import Message, Playback, Status, Topic
-from shuttle_marl.text import printable
 
 HOST: Final = "127.0.0.1"
 """Scenes are served to this machine only."""

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.errors import printable
 from shuttle_marl.exact.profile import ProfileValue, evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.policy import Policy, PolicyError
@@ -23,7 +24,6 @@ from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion, PlayedRally
 from shuttle_marl.staging.rally import rally_of
-from shuttle_marl.text import printable
 
 Floats = npt.NDArray[np.float64]
 Resolve = Callable[[str, Game], Policy]

@@ -11,6 +11,7 @@ from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from shuttle_marl import __version__
+from shuttle_marl.errors import printable
 from shuttle_marl.game.rally import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog
@@ -21,7 +22,6 @@ from shuttle_marl.scene.moving import motion_messages
 from shuttle_marl.scene.report import SECOND, Annotator, Resolve, StagedRally
 from shuttle_marl.scene.topics import update
 from shuttle_marl.staging import stage
-from shuttle_marl.text import printable
 
 EPOCH: Final = 1_735_689_600 * SECOND
 """Start of every scene: rallies are played at no date, and viewers want one (2025-01-01)."""

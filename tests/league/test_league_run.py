@@ -22,7 +22,7 @@ from markdown_it import MarkdownIt
 
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
@@ -36,7 +36,6 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.runs import LOCK, is_finished, locked
 from shuttle_marl.table_files import csv_bytes
-from shuttle_marl.text import printable
 
 POOL = ("random", "safe", "attacking")
 PAIRINGS = round_robin(POOL)

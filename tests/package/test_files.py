@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from shuttle_marl.errors import printable
 from shuttle_marl.files import FileWriteError, open_file, replace_file
 from shuttle_marl.table_files import csv_bytes, open_parquet, parquet_bytes, read_parquet, write_parquet
-from shuttle_marl.text import printable
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
 
