@@ -12,11 +12,18 @@ import torch
 from safetensors.numpy import load_file, save
 
 from experiments.truth.matches import Floats, Strokes
-from shuttle_marl.dynamics.compile import compile_game, empty_game, pair_log_choices, pair_probabilities
+from shuttle_marl.dynamics.compiled import (
+    catalogue_of,
+    compile_game,
+    empty_game,
+    pair_log_choices,
+    pair_probabilities,
+    replies_of,
+    support_of,
+)
 from shuttle_marl.dynamics.fit import fit, intended_targets
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
-from shuttle_marl.dynamics.support import catalogue_of, replies_of, support_of
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game, model_folder

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
-from shuttle_marl.dynamics.compile import empty_game
+from shuttle_marl.dynamics.compiled import Support, catalogue_of, empty_game, replies_of, support_of
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import (
@@ -33,7 +33,6 @@ from shuttle_marl.dynamics.models import (
     was_met,
 )
 from shuttle_marl.dynamics.network import Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
-from shuttle_marl.dynamics.support import Support, catalogue_of, replies_of, support_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game

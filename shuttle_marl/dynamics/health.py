@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.dynamics.support import Support, is_serve_pair
+from shuttle_marl.dynamics.compiled import Support, is_serve_pair
 from shuttle_marl.exact.exploitability import best_response
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.minimax import solve

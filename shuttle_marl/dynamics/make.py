@@ -14,13 +14,20 @@ from shuttle_marl import __version__
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
-from shuttle_marl.dynamics.compile import LEAST_END, compile_game, pair_log_choices, pair_probabilities
+from shuttle_marl.dynamics.compiled import (
+    CREDIBLE,
+    LEAST_END,
+    PRIOR_STROKES,
+    Support,
+    compile_game,
+    pair_log_choices,
+    pair_probabilities,
+)
 from shuttle_marl.dynamics.evaluate import evaluate
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.health import extremes, health
-from shuttle_marl.dynamics.support import CREDIBLE, PRIOR_STROKES, Support
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
