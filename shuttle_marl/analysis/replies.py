@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from shuttle_marl.analysis import pictures
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.exact.minimax import Solution
+from shuttle_marl.exact.optimal import Solution
 from shuttle_marl.game.court import AREAS, N_AREAS, area_centre
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
-from shuttle_marl.exact.exploitability import best_response
 from shuttle_marl.exact.fixed_point import largest_continuation
-from shuttle_marl.exact.minimax import solve
 from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.optimal import best_response, solve
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import SHOTS

@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.exploitability import Exploitability, Regret, Response, best_response, nash_conv, policy_regret
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
     from shuttle_marl.exact.match import Odds, least_gain
-    from shuttle_marl.exact.minimax import Solution, solve
     from shuttle_marl.exact.occupancy import Visits, visits
+    from shuttle_marl.exact.optimal import (
+        Exploitability,
+        Regret,
+        Response,
+        Solution,
+        best_response,
+        nash_conv,
+        policy_regret,
+        solve,
+    )
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
 
 __all__ = [
@@ -41,11 +49,10 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "exploitability": ("Exploitability", "Regret", "Response", "best_response", "nash_conv", "policy_regret"),
         "fixed_point": ("TOLERANCE", "ExactError"),
         "match": ("Odds", "least_gain"),
-        "minimax": ("Solution", "solve"),
         "occupancy": ("Visits", "visits"),
+        "optimal": ("Exploitability", "Regret", "Response", "Solution", "best_response", "nash_conv", "policy_regret", "solve"),
         "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
     },
 )

@@ -279,13 +279,13 @@ def _bc_names() -> list[str]:
 @functools.lru_cache(maxsize=4)
 def minimax_policy(game: Game) -> TabulatedPolicy:
     """The minimax policy of a game, solved once."""
-    from shuttle_marl.exact.minimax import solve  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba, only when it is asked for
 
     return solve(game).policy[0]
 
 
 def _load_best_response(name: str | None, game: Game) -> Policy:
-    from shuttle_marl.exact.exploitability import best_response  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba, only when it is asked for
 
     if not name:
         raise PolicyError("policy best-response: expected the name of a policy behind the colon, as in best-response:bc")

@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from shuttle_marl.exact.exploitability import Response, best_response, policy_regret
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.exact.minimax import Solution, solve
 from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score

@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / ("lint-imports.exe" if sys.platform == "win32" else "lint-imports")
 FORBIDDEN = {
     ("game/rally.py", "shuttle_marl.policy.registry"): "import {}",
-    ("kernel/core.py", "shuttle_marl.exact.minimax"): "from {} import solve",
-    ("exact/minimax.py", "shuttle_marl.dynamics.health"): "import {}",
+    ("kernel/core.py", "shuttle_marl.exact.optimal"): "from {} import solve",
+    ("exact/optimal.py", "shuttle_marl.dynamics.health"): "import {}",
     ("data/clean.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
     ("policy/registry.py", "shuttle_marl.commands.cli"): "import {}",
     ("league/run.py", "shuttle_marl.scene.write"): "import {}",

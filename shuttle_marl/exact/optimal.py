@@ -1,8 +1,9 @@
-"""Value that a policy gives away: to its best response, and stroke by stroke to perfect play.
+"""Optimal play: minimax, best responses, and the value that a policy gives away to them.
 
-Regret is the second. In a state s the policy loses regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a) by not playing the best
-stroke, Q* the minimax value of a stroke. Weighted by how often the policy strikes in s, the regrets add up exactly to what it
-loses against a perfect opponent (the performance difference lemma: Kakade & Langford, ICML 2002):
+The regret of a policy is what it gives away to perfect play, stroke by stroke. In a state s it loses
+regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a) by not playing the best stroke, Q* the minimax value of a stroke. Weighted by how
+often the policy strikes in s, the regrets add up exactly to what it loses against a perfect opponent (the performance
+difference lemma: Kakade & Langford, ICML 2002):
 
     V* - V^pi = sum_s visits(s) regret(s),        visits: of the policy against the minimax policy.
 """
@@ -13,12 +14,107 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.exact.fixed_point import TOLERANCE, iterate, largest_continuation
-from shuttle_marl.exact.minimax import Solution, greedy_policy, solve
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import best_values
+from shuttle_marl.exact.sweeps import best_values, greedy_strokes
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Solution:
+    """The solved game.
+
+    Attributes:
+        games: the tables with which player 0 and player 1 strike; one and the same in the symmetric game.
+        value: ``[S]`` each: minimax value of the states in which player 0 strikes, to player 0, and of those in which player
+            1 strikes, to player 1; from -1 to 1.
+        policy: of each player, the best stroke in every state.
+        sweeps: how often all legal pairs of a game were swept.
+        residual: by how much the last sweep before the bound was met changed a value.
+        contraction: factor by which a sweep (a pair of sweeps, where the games differ) shrinks an error.
+        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
+    """
+
+    games: tuple[Game, Game]
+    value: tuple[Floats, Floats]
+    policy: tuple[TabulatedPolicy, TabulatedPolicy]
+    sweeps: int
+    residual: float
+    contraction: float
+    error_bound: float
+
+    @property
+    def value_at_serve(self) -> float:
+        """Value of a rally to player 0, who serves it."""
+        return float(self.value[0][ROOT])
+
+
+def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
+    """Minimax value and policies.
+
+    Args:
+        game: the tables with which player 0 strikes.
+        other: those with which player 1 strikes, of the same layout; None: the same, the symmetric game.
+        tolerance: largest error bound that is good enough.
+
+    Raises:
+        ExactError: the layouts differ, or some stroke never ends a rally.
+    """
+    if other is None or other is game:
+        return _solve_symmetric(game, tolerance)
+    check_same_layout(game, other)
+    contraction = largest_continuation(game) * largest_continuation(other)
+    between = np.empty(game.n_states)
+
+    def operator(x: Floats, out: Floats) -> None:
+        best_values(game, best_values(other, x, between), out)
+
+    z, sweeps, residual, bound = iterate(operator, np.zeros(game.n_states), contraction, tolerance)
+    y = best_values(other, z)
+    z[ROOT] = best_values(game, y)[ROOT]
+    policies = (greedy_policy(game, y), greedy_policy(other, z))
+    return Solution(
+        games=(game, other),
+        value=(z, y),
+        policy=policies,
+        sweeps=2 * sweeps + 2,
+        residual=residual,
+        contraction=contraction,
+        error_bound=bound,
+    )
+
+
+def _solve_symmetric(game: Game, tolerance: float) -> Solution:
+    contraction = largest_continuation(game)
+    value, sweeps, residual, bound = iterate(
+        lambda x, out: best_values(game, x, out), np.zeros(game.n_states), contraction, tolerance
+    )
+    value[ROOT] = best_values(game, value)[ROOT]
+    policy = greedy_policy(game, value)
+    return Solution(
+        games=(game, game),
+        value=(value, value),
+        policy=(policy, policy),
+        sweeps=sweeps + 1,
+        residual=residual,
+        contraction=contraction,
+        error_bound=bound,
+    )
+
+
+def greedy_policy(game: Game, following: Floats) -> TabulatedPolicy:
+    """The policy that plays the best stroke in every state, ``following`` being the value of the next states to the receiver."""
+    cumulative = np.zeros(game.n_pairs, dtype=np.uint16)
+    best = np.flatnonzero(greedy_strokes(game, following))
+    # From the chosen stroke on, the cumulative probability of its state is 1.
+    chosen = np.full(game.n_states, game.n_pairs)
+    chosen[game.pair_state[best]] = best
+    cumulative[np.arange(game.n_pairs) >= chosen[game.pair_state]] = CHOICE_ONE
+    return TabulatedPolicy(game=game, cumulative=cumulative)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,9 +195,6 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
     # The game is zero-sum, so what both players get from the profile itself adds up to 0.
     gain = answer.value.odds().value + other.value.odds().value
     return Exploitability(nash_conv=gain, error_bound=answer.value.error_bound + other.value.error_bound)
-
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
