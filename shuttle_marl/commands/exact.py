@@ -47,7 +47,6 @@ def solve(
         own: the striker's own last stroke in the picture; default: the mean over all.
         json_output: print JSON.
     """
-    from shuttle_marl.commands.tables import facts, percent, shares  # noqa: PLC0415
     from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
     from shuttle_marl.exact import solve as solve_game  # noqa: PLC0415  numba
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
@@ -77,15 +76,15 @@ def solve(
     ends = seen.endings()
     winners = ends["winner of player 0"] + ends["winner of player 1"]
     rows = {
-        "value at the serve": f"{solution.value_at_serve:+.6f}: the server wins {percent(serving)} of the rallies",
+        "value at the serve": f"{solution.value_at_serve:+.6f}: the server wins {cli.percent(serving)} of the rallies",
         "error bound": f"{solution.error_bound:.1e} (residual {solution.residual:.1e}, contraction {solution.contraction:.5f})",
         "solved in": f"{seconds:.2f} s: {solution.sweeps} sweeps of {tables.n_pairs:,} legal pairs in {tables.n_states:,} states",
         "strokes a rally": f"{seen.rally_length:.2f}",
-        "rallies end by": f"winner {percent(winners)}, fault {percent(1 - winners)}",
-        "shots": shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
+        "rallies end by": f"winner {cli.percent(winners)}, fault {cli.percent(1 - winners)}",
+        "shots": cli.shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
         "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
     }
-    cli.console().print(facts(rows))
+    cli.console().print(cli.facts(rows))
 
 
 def evaluate(
@@ -114,7 +113,6 @@ def evaluate(
         policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
-    from shuttle_marl.commands.tables import play, scorecards  # noqa: PLC0415
     from shuttle_marl.game.policy import reads_score  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
     from shuttle_marl.policy.scorecard import MOST_MATCHES, Scorer  # noqa: PLC0415  numba
@@ -138,8 +136,8 @@ def evaluate(
         _say(json_format.dumps([card.as_json() for card in cards]))
         return
     console = cli.console()
-    console.print(scorecards(cards))
-    console.print(play(cards))
+    console.print(cli.scorecards(cards))
+    console.print(cli.play(cards))
     best = scorer.reference_response.value.odds()
     console.print(
         f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
@@ -171,7 +169,6 @@ def best_response(
         policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
-    from shuttle_marl.commands.tables import facts, percent, shares  # noqa: PLC0415
     from shuttle_marl.exact import best_response as respond  # noqa: PLC0415  numba
     from shuttle_marl.exact import visits  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
@@ -202,20 +199,20 @@ def best_response(
     if json_output:
         _say(json_format.dumps(figures))
         return
-    wins = f"{percent(odds.rally)} of rallies ({percent(odds.serving)} serving, {percent(odds.receiving)} receiving)"
+    wins = f"{cli.percent(odds.rally)} of rallies ({cli.percent(odds.serving)} serving, {cli.percent(odds.receiving)} receiving)"
     rows = {
         "the best response to": policy,
-        "wins": f"{wins}, {percent(odds.match())} of matches",
+        "wins": f"{wins}, {cli.percent(odds.match())} of matches",
         "exploitability": f"{odds.value:.6f} (within {answer.value.error_bound:.0e})",
         "strokes a rally": f"{seen.rally_length:.2f}",
-        "rallies end by": shares({name.replace("player 0", "the response"): share for name, share in seen.endings().items()})
+        "rallies end by": cli.shares({name.replace("player 0", "the response"): share for name, share in seen.endings().items()})
         .replace("player 1", policy),
-        "shots of the response": shares(mix[0]),
-        f"shots of {policy}": shares(mix[1]),
+        "shots of the response": cli.shares(mix[0]),
+        f"shots of {policy}": cli.shares(mix[1]),
     }  # fmt: skip
     if save is not None:
         rows["saved as"] = f"table:{save}"
-    cli.console().print(facts(rows))
+    cli.console().print(cli.facts(rows))
 
 
 def crossplay(
@@ -229,7 +226,6 @@ def crossplay(
         policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
-    from shuttle_marl.commands.tables import matrix  # noqa: PLC0415
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
@@ -257,8 +253,8 @@ def crossplay(
         _say(json_format.dumps(figures))
         return
     console = cli.console()
-    console.print(matrix("Matches won by the row against the column", policies, odds.match()))
-    console.print(matrix("Rallies won by the row against the column", policies, odds.rally))
+    console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
+    console.print(cli.matrix("Rallies won by the row against the column", policies, odds.rally))
     console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
 
 

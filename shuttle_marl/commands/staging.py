@@ -64,7 +64,6 @@ def measure(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.commands.tables import facts  # noqa: PLC0415
     from shuttle_marl.staging import StagingError, stage, summary  # noqa: PLC0415
     from shuttle_marl.staging import measure as measured  # noqa: PLC0415
 
@@ -83,7 +82,7 @@ def measure(
         return
     rows = {label: text.format(figures[name]) for name, (label, text) in _LABELS.items() if name in figures}
     staged = f"{figures['rallies']:,} rallies, {figures['strokes']:,} strokes, {figures['seconds']:,.1f} s"
-    cli.console().print(facts({"staged": staged, **rows}))
+    cli.console().print(cli.facts({"staged": staged, **rows}))
 
 
 def _simulated(game: Game, policies: tuple[str, str], rallies: int, seed: int) -> "Sequence[PlayedRally]":
