@@ -32,7 +32,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import load_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve

@@ -25,7 +25,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.dynamics.card import as_markdown
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import model_folder, read_model_card
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 
 LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {

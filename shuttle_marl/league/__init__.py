@@ -1,6 +1,6 @@
 """Tournaments between policies: schedule, results, ratings with intervals, and the run folder."""
 
-from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
+from shuttle_marl.league.entrants import LeagueConfig, LeagueError, default_pool
 from shuttle_marl.league.ranking import bradley_terry
 from shuttle_marl.league.run import LeagueRun, run_league
 

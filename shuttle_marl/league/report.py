@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from shuttle_marl.errors import printable
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.ranking import ExactOdds, Standing
 from shuttle_marl.league.tournament import PairResult

@@ -19,8 +19,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import folder as run_folder
-from shuttle_marl.league.config import LeagueConfig, LeagueError, default_pool
-from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from docs.tools import league_tables, tables
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 
 PAGE = "before\n<!-- begin: x -->\nold\n<!-- end: x -->\nafter\n"

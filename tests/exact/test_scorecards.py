@@ -13,8 +13,7 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.league.config import ANCHORS, default_pool
-from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.entrants import ANCHORS, Entrant, default_pool, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer, sample

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from experiments import same_results
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 
 ROOT = Path(__file__).parents[2]

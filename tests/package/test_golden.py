@@ -12,7 +12,7 @@ import pytest
 from shuttle_marl.exact import solve
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import default_game
-from shuttle_marl.league.config import LeagueConfig
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
