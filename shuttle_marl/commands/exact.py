@@ -16,7 +16,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.policy.time_limit import POLICY_TIMEOUT, time_limit
+from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer

@@ -16,8 +16,8 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.lockstep import Ints, ask
 from shuttle_marl.policy import registry
+from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.time_limit import POLICY_TIMEOUT
 from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000

@@ -23,7 +23,7 @@ from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, def
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin
-from shuttle_marl.policy.time_limit import time_limit
+from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log

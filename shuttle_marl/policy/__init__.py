@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.policy.modules import FunctionPolicy
+    from shuttle_marl.policy.foreign import FunctionPolicy
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
     from shuttle_marl.policy.scorecard import SampledOdds, Scorecard, Scorer, sample
     from shuttle_marl.policy.scripted import ScriptedPolicy

@@ -28,9 +28,8 @@ from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, Unifor
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import agents, bc
-from shuttle_marl.policy.modules import ModuleMissingError, from_module
+from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
-from shuttle_marl.policy.time_limit import limited
 
 Load = Callable[[str | None, Game], Policy]
 Opponents = str | Policy | Sequence[str | Policy]
@@ -132,11 +131,11 @@ def resolve(name: str, game: Game) -> Policy:
     """Find a policy by a name that the user gave. A name from a file goes to :func:`resolve_recorded`.
 
     Args:
-        name: see the module's first lines; for ``module:attribute`` see :func:`shuttle_marl.policy.modules.from_module`.
+        name: see the module's first lines; for ``module:attribute`` see :func:`shuttle_marl.policy.foreign.from_module`.
         game: the tables that the policy will play on.
 
     Returns:
-        The policy; within :func:`shuttle_marl.policy.time_limit.time_limit` under that limit.
+        The policy; within :func:`shuttle_marl.policy.foreign.time_limit` under that limit.
 
     Raises:
         PolicyError: there is no such policy (with the closest names), or it cannot be made.

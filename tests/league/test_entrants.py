@@ -15,9 +15,8 @@ from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
 from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.modules import FunctionPolicy
+from shuttle_marl.policy.foreign import FunctionPolicy, time_limit
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.time_limit import time_limit
 
 GAME = default_game()
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, TemperedPolicy, checked_probabilities
-from shuttle_marl.policy.modules import FunctionPolicy
+from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 
 GAME = default_game()

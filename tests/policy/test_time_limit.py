@@ -13,9 +13,8 @@ import pytest
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.table import tabulate
-from shuttle_marl.policy.modules import FunctionPolicy
+from shuttle_marl.policy.foreign import FunctionPolicy, TimedPolicy, limited, time_limit
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.time_limit import TimedPolicy, limited, time_limit
 
 GAME = default_game()
 STATES = States(game=GAME, state=np.zeros(2, dtype=np.int32))
@@ -135,8 +134,8 @@ def test_a_table_needs_no_limit() -> None:
 HANGS = """
 import sys, time
 import numpy as np
-from shuttle_marl.policy.modules import FunctionPolicy
-from shuttle_marl.policy.time_limit import TimedPolicy
+from shuttle_marl.policy.foreign import FunctionPolicy
+from shuttle_marl.policy.foreign import TimedPolicy
 
 try:
     TimedPolicy(FunctionPolicy(lambda states: time.sleep(1000)), 0.05).probabilities(None)
