@@ -13,8 +13,8 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.table import tabulate
+from shuttle_marl.league.folder import HEADINGS, cells
 from shuttle_marl.league.ranking import Standing
-from shuttle_marl.league.report import HEADINGS, cells
 from shuttle_marl.policy.registry import resolve
 
 SHORT: Final = ("minimax", "ppo:self-play", "best-response:bc", "ppo", "bc", "random")

@@ -21,7 +21,6 @@ from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
-from shuttle_marl.league.report import report
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
@@ -200,7 +199,7 @@ def _write_tables(
     replace_file(folder / "results.csv", csv_bytes(table))
     write_parquet(folder / "results.parquet", table)
     replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
-    replace_file(folder / "report.md", report(config, standings, results, game.hash, exact).encode())
+    replace_file(folder / "report.md", run_folder.report(config, standings, results, game.hash, exact).encode())
     return standings
 
 

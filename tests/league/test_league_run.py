@@ -27,9 +27,8 @@ from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import Entrant, enter
-from shuttle_marl.league.folder import append_results, check_same, manifest, open_run, read_results
+from shuttle_marl.league.folder import append_results, check_same, console_table, manifest, open_run, read_results, report
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table, ratings
-from shuttle_marl.league.report import console_table, report
 from shuttle_marl.league.tournament import forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
