@@ -4,7 +4,7 @@
 
 The matches tell when each stroke was struck (frames of the video), where the shuttle was met, where the players
 stood, and how faults ended. They do not tell how high a contact was, other than above or below the net; see
-:mod:`shuttle_marl.staging.contact`. Only the training matches are used.
+:mod:`shuttle_marl.staging.motions`. Only the training matches are used.
 """
 
 import json

@@ -15,7 +15,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.scene import models
 from shuttle_marl.staging import Motion, play_rallies, stage
-from shuttle_marl.staging.contact import MOTIONS
+from shuttle_marl.staging.motions import MOTIONS
 from shuttle_marl.staging.rotation import matrix, unit
 from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import facing

@@ -8,8 +8,13 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
-from shuttle_marl.staging.contact import (
+from shuttle_marl.staging.feet import Feet, move, steps
+from shuttle_marl.staging.legs import legs, reach_of, settle
+from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
+from shuttle_marl.staging.motions import (
+    CONTACT,
     DEFENCE_BACKHAND,
+    KEYS,
     KILL_BACKHAND,
     LUNGE_BACKHAND,
     OVERHEAD_BACKHAND,
@@ -17,10 +22,6 @@ from shuttle_marl.staging.contact import (
     SERVE_FOREHAND,
     SIDE_BACKHAND,
 )
-from shuttle_marl.staging.feet import Feet, move, steps
-from shuttle_marl.staging.legs import legs, reach_of, settle
-from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
-from shuttle_marl.staging.motions import CONTACT, KEYS
 from shuttle_marl.staging.rotation import apply, turned, unit, yaw_pitch_roll
 from shuttle_marl.staging.skeleton import (
     BONE,

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.contact import (
+from shuttle_marl.staging.motions import (
     AROUND,
     DEFENCE,
     DEFENCE_BACKHAND,

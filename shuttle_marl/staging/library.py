@@ -8,19 +8,25 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.contact import (
+from shuttle_marl.staging.motions import (
+    AIM,
     AROUND,
+    CONTACT,
     DEFENCE,
     DEFENCE_BACKHAND,
+    KEYS,
     LUNGE,
     LUNGE_BACKHAND,
     MOTIONS,
     OVERHEAD,
     OVERHEAD_BACKHAND,
+    READY,
+    REST,
     SIDE,
     SIDE_BACKHAND,
+    WAIT,
+    Key,
 )
-from shuttle_marl.staging.motions import AIM, CONTACT, KEYS, READY, REST, WAIT, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     HIPS_HEIGHT,

@@ -1,28 +1,145 @@
-"""The strokes as poses: what the body does before, at and after each kind of contact.
+"""Contacts of strokes and their poses: kind and height of the contact, and what the body does before, at and after it.
 
-Written for a right-handed player of 1.79 m; other athletes scale, left-handers mirror. Every key pose gives hips and spine as
-angles, and both hands as places and directions in the *facing frame* (origin on the floor under the hips, y where the hips
-face, x to their right). :mod:`shuttle_marl.staging.library` turns them into joint angles within the limits.
+The matches say whether a contact was above or below the net, not how high. The heights below are choices within that:
+clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), the rest where players are
+seen to meet the shuttle.
+
+Frames: a *stroke frame* has its origin on the floor under the hips; y points where the player strides or faces (the net, but
+for strides into a corner), x to the right. All is written for a right-hander of 1.79 m; other athletes scale, and a left-hander
+is the mirror image. Every key pose gives hips and spine as angles, and both hands as places and directions in the *facing
+frame* (origin on the floor under the hips, y where the hips face, x to their right).
+:mod:`shuttle_marl.staging.library` turns them into joint angles within the limits.
 """
 
 import dataclasses
 from typing import Final
 
-from shuttle_marl.staging.contact import (
-    AROUND,
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    KILL,
-    KILL_BACKHAND,
-    LUNGE,
-    LUNGE_BACKHAND,
-    OVERHEAD,
-    OVERHEAD_BACKHAND,
-    SERVE_BACKHAND,
-    SERVE_FOREHAND,
-    SIDE,
-    SIDE_BACKHAND,
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
+
+Floats = npt.NDArray[np.float64]
+
+SERVE_BACKHAND, SERVE_FOREHAND, OVERHEAD, AROUND, OVERHEAD_BACKHAND = range(5)
+KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND, SIDE, SIDE_BACKHAND, DEFENCE, DEFENCE_BACKHAND = range(5, 13)
+MOTIONS: Final = (
+    "backhand serve",
+    "forehand serve",
+    "overhead",
+    "around the head",
+    "backhand overhead",
+    "net kill",
+    "backhand net kill",
+    "lunge",
+    "backhand lunge",
+    "side arm",
+    "backhand side arm",
+    "defence",
+    "backhand defence",
 )
+"""Kinds of motion."""
+
+_HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
+    "short-serve": ((0.98, 1.10), (0.98, 1.10)),
+    "long-serve": ((0.68, 0.90), (0.68, 0.90)),
+    "clear": ((1.05, 1.42), (2.40, 2.64)),
+    "lift": ((0.50, 1.20), (1.62, 1.80)),
+    "drop": ((1.05, 1.42), (2.36, 2.60)),
+    "smash": ((1.30, 1.45), (2.50, 2.84)),
+    "half-smash": ((1.30, 1.45), (2.42, 2.68)),
+    "drive": ((0.95, 1.42), (1.62, 2.00)),
+    "push": ((1.05, 1.45), (1.60, 1.80)),
+    "net-kill": ((1.38, 1.48), (1.70, 2.00)),
+    "net-shot": ((0.75, 1.42), (1.60, 1.72)),
+    "block": ((0.55, 1.20), (1.60, 1.85)),
+    "cross-court-net-shot": ((0.75, 1.38), (1.60, 1.72)),
+}
+"""Range of the contact height [m] below and above the net."""
+
+_LOWER: Final = (0.0, 0.14, 0.05)
+"""Height by which an overhead stroke is met lower than with the forehand [m], by technique."""
+
+STRIDES: Final = frozenset({KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND})
+"""Motions whose stroke frame turns towards the shuttle."""
+_WIDEST_STRIDE: Final = np.radians(55)
+OVERHEAD_FROM: Final = 2.1
+"""Contacts above this height [m] are met overhead."""
+_NET_ZONE: Final = 2.7
+"""Distance from the net within which a low shuttle is met with a lunge forward [m]."""
+_ABOVE_FROM: Final = 1.55
+
+
+@dataclasses.dataclass(frozen=True)
+class Stance:
+    """Place and motion of a player who strikes.
+
+    Attributes:
+        motion: index into :data:`MOTIONS`.
+        heading: how far the stroke frame is turned to the left of the player's own [rad].
+        root: ``[2]`` the hips over the floor, in the player's own frame [m].
+        reach: 0 to 1, how far the player has to stretch sideways.
+    """
+
+    motion: int
+    heading: float
+    root: Floats
+    reach: float
+
+
+def height_range(shot: int, height: int, technique: int) -> tuple[float, float]:
+    """Least and greatest contact height of a kind of stroke [m]."""
+    low, high = _HEIGHTS[SHOTS[shot]][height]
+    if SHOTS[shot] == "long-serve" and TECHNIQUES[technique] == "backhand":
+        low, high = _HEIGHTS["short-serve"][height]
+    if low > OVERHEAD_FROM:
+        return low - _LOWER[technique], high - _LOWER[technique]
+    if height and TECHNIQUES[technique] == "around-the-head":
+        return 2.12, 2.3
+    return low, high
+
+
+def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
+    """Kind of motion for a stroke that is met at height ``z``, ``from_net`` metres from the net."""
+    backhand = TECHNIQUES[technique] == "backhand"
+    if shot < 2:
+        return SERVE_BACKHAND if backhand else SERVE_FOREHAND
+    if z > OVERHEAD_FROM:
+        return (OVERHEAD, OVERHEAD_BACKHAND, AROUND)[technique]
+    if z > _ABOVE_FROM:
+        if from_net < _NET_ZONE:
+            return KILL_BACKHAND if backhand else KILL
+        return SIDE_BACKHAND if backhand else SIDE
+    if from_net < _NET_ZONE:
+        return LUNGE_BACKHAND if backhand else LUNGE
+    if z > 1.2:
+        return SIDE_BACKHAND if backhand else SIDE
+    return DEFENCE_BACKHAND if backhand else DEFENCE
+
+
+def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool, natural: Floats) -> Stance:
+    """Place of the hips when a player who comes from ``base`` meets the shuttle.
+
+    Args:
+        motion: index into :data:`MOTIONS`.
+        contact: ``[3]`` where the shuttle is met, in the player's own frame [m].
+        base: ``[2]`` where the player was when the opponent struck [m].
+        right_handed: the other hand mirrors the stroke frame.
+        natural: ``[3]`` where this motion meets the shuttle best, in the stroke frame of a right-hander [m].
+    """
+    way = contact[:2] - base
+    far = float(np.clip((np.hypot(*way) - 0.9) / 1.3, 0, 1))
+    heading = 0.0
+    if motion in STRIDES:
+        heading = float(np.clip(np.arctan2(-way[0], max(way[1], 0.2)), -_WIDEST_STRIDE, _WIDEST_STRIDE))
+    x, y = natural[:2]
+    x = x if right_handed else -x
+    c, s = np.cos(heading), np.sin(heading)
+    root = contact[:2] - np.array([c * x - s * y, s * x + c * y])
+    # Hips stay behind the net.
+    root[1] = min(root[1], -0.45)
+    return Stance(motion=motion, heading=heading, root=root, reach=far)
+
 
 Triple = tuple[float, float, float]
 

@@ -9,7 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.contact import (
+from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
+from shuttle_marl.staging.flight import GRAVITY
+from shuttle_marl.staging.library import TRUNK, Library, bent
+from shuttle_marl.staging.motions import (
+    CONTACT,
     DEFENCE,
     DEFENCE_BACKHAND,
     KILL,
@@ -17,10 +21,6 @@ from shuttle_marl.staging.contact import (
     LUNGE_BACKHAND,
     Stance,
 )
-from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
-from shuttle_marl.staging.flight import GRAVITY
-from shuttle_marl.staging.library import TRUNK, Library, bent
-from shuttle_marl.staging.motions import CONTACT
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.trajectory import RETURN, Trajectory, facing
 

@@ -15,10 +15,10 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, NET_HEIGHT, NET_HEIGHT_CENTRE, SHORT_SERVICE, WIDTH
 from shuttle_marl.game.rally import FAULT, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
-from shuttle_marl.staging.contact import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.flight import Flights, shoot
 from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
+from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.rally import PlayedRally
 
 Floats = npt.NDArray[np.float64]
