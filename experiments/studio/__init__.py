@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.scene.layout import lichtblick
-from shuttle_marl.scene.write import EPOCH
+from shuttle_marl.scene.write import EPOCH, lichtblick
 
 NO_PROBLEMS: Final = "No problems found"
 """Studio's message about a file without problems."""

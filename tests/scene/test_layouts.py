@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from shuttle_marl.scene import layout, topics
+from shuttle_marl.scene import topics
+from shuttle_marl.scene.write import LAYOUTS, lichtblick
 
 DOCS = Path(__file__).parents[2] / "docs" / "layouts"
 
@@ -20,9 +21,9 @@ def texts(thing: Any) -> list[str]:
     return [thing] if isinstance(thing, str) else []
 
 
-@pytest.mark.parametrize("name", layout.FILES)
+@pytest.mark.parametrize("name", LAYOUTS)
 def test_every_path_leads_somewhere(name: str) -> None:
-    paths = [text for text in texts(json.loads(layout.FILES[name]())) if re.match(r"/(rally|scene|log|tf)", text)]
+    paths = [text for text in texts(json.loads(LAYOUTS[name]())) if re.match(r"/(rally|scene|log|tf)", text)]
     assert set(topics.SCENES) <= set(paths)
     assert topics.LOG in paths
     plotted = [path for path in paths if "." in path]
@@ -34,13 +35,13 @@ def test_every_path_leads_somewhere(name: str) -> None:
             schema = schema["properties"][field]
 
 
-@pytest.mark.parametrize("name", layout.FILES)
+@pytest.mark.parametrize("name", LAYOUTS)
 def test_the_documentation_has_the_same_layouts(name: str) -> None:
-    assert (DOCS / name).read_bytes() == layout.FILES[name](), f"write it again: layout.FILES[{name!r}]()"
+    assert (DOCS / name).read_bytes() == LAYOUTS[name](), f"write it again: LAYOUTS[{name!r}]()"
 
 
 def test_lichtblick_finds_every_panel_of_the_arrangement() -> None:
-    document = json.loads(layout.lichtblick())
+    document = json.loads(lichtblick())
 
     def panels(node: Any) -> list[str]:
         return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
