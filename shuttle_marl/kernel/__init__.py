@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
-    from shuttle_marl.kernel.records import KernelError, Matches, PlayedMatches, SingleRallies
+    from shuttle_marl.kernel.uncompiled import KernelError, Matches, PlayedMatches, SingleRallies
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
@@ -35,8 +35,8 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "batch_log": ("BatchLog",),
         "core": ("Players", "pack"),
         "matches": ("play_matches",),
-        "records": ("KernelError", "Matches", "PlayedMatches", "SingleRallies"),
         "rally": ("RallyBatch", "Tally"),
+        "uncompiled": ("KernelError", "Matches", "PlayedMatches", "SingleRallies"),
         "versus": ("VersusBatch",),
     },
 )

@@ -9,8 +9,8 @@ from shuttle_marl.game.rally import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import Tables, tables_of
 from shuttle_marl.kernel.rally import RallyBatch
-from shuttle_marl.kernel.records import KernelError, SingleRallies, stroke_type
 from shuttle_marl.kernel.rows import Rows
+from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, stroke_type
 from shuttle_marl.kernel.versus import VersusBatch
 
 _ROOM = 64

@@ -19,7 +19,7 @@ from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.records import KernelError, checked_array
+from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
 _GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)

@@ -1,6 +1,6 @@
 """Whole matches between tabulated policies, side by side, compiled.
 
-Bit for bit what :func:`shuttle_marl.kernel.lockstep.play` does with the same tables and keys; there the policies may also
+Bit for bit what :func:`shuttle_marl.kernel.uncompiled.play` does with the same tables and keys; there the policies may also
 read the score, here they may not, and a stroke costs a small part of it.
 """
 
@@ -33,8 +33,8 @@ from shuttle_marl.kernel.core import (
     table_choice,
     tables_of,
 )
-from shuttle_marl.kernel.records import Matches, PlayedMatches, checked_array, checked_number, stroke_type
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
+from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, checked_array, checked_number, stroke_type
 
 _STROKES_A_MATCH: Final = 1600
 """First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of

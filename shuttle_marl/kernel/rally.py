@@ -26,8 +26,8 @@ from shuttle_marl.kernel.core import (
     table_choice,
     uniform_choice,
 )
-from shuttle_marl.kernel.records import checked_number
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
+from shuttle_marl.kernel.uncompiled import checked_number
 
 _NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
 

@@ -14,7 +14,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game, IllegalStrokeError
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import BLOCK, Tables, draw, draw_strokes, extend, first_server, new_block, tables_of, uniform_choice
-from shuttle_marl.kernel.records import KernelError, check_room, checked_array, checked_number
+from shuttle_marl.kernel.uncompiled import KernelError, check_room, checked_array, checked_number
 
 DRAWN: Final = -1
 """The seat that serves is drawn at random."""

@@ -25,8 +25,8 @@ from shuttle_marl.kernel.core import (
     strike,
     table_choice,
 )
-from shuttle_marl.kernel.records import KernelError, checked_array
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
+from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
 
 class Opponents(NamedTuple):

@@ -14,7 +14,7 @@ from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.lockstep import Ints, ask
+from shuttle_marl.kernel.uncompiled import Ints, ask
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
@@ -156,7 +156,7 @@ class Strikers:
             self._rows[first : first + len(table), : table.shape[1]] = table
 
     def choose(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
-        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.lockstep.Choose`.
+        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.uncompiled.Choose`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.

@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
-from shuttle_marl.kernel import lockstep
-from shuttle_marl.kernel.records import Matches, PlayedMatches
+from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.recording import Rallies
 from shuttle_marl.recording.kernel_rallies import rallies_of
@@ -281,7 +280,7 @@ class Tournament:
 
     def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
         """Play matches in which an entrant has to be asked for every stroke."""
-        return lockstep.play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+        return play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
 
     @functools.cached_property
     def _players(self) -> "Players":

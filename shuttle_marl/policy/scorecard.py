@@ -24,8 +24,7 @@ from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.lockstep import Ints, ask, play
-from shuttle_marl.kernel.records import Matches, PlayedMatches
+from shuttle_marl.kernel.uncompiled import Ints, Matches, PlayedMatches, ask, play
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -227,7 +226,7 @@ def sample(
 ) -> SampledOdds:
     """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
 
-    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
+    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.uncompiled.play`.
 
     Args:
         policy: may read the score.
@@ -275,7 +274,7 @@ def sample(
 
 
 class _Choose:
-    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.lockstep.Choose`."""
+    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.uncompiled.Choose`."""
 
     def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
         self._policy, self._name = policy, name

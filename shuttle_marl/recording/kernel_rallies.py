@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Game
-from shuttle_marl.kernel.records import Matches, PlayedMatches, SingleRallies
+from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, SingleRallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game, draws, scoring
 from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
-from shuttle_marl.kernel.lockstep import Matches, PlayedMatches, play
+from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.tournament import Pairing, groups, join, matches_of, round_robin
 

@@ -12,7 +12,7 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, PlayedMatches, matches, pack, play_matches
-from shuttle_marl.kernel.lockstep import play
+from shuttle_marl.kernel.uncompiled import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
