@@ -28,7 +28,7 @@ from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.a2c import make_a2c
-from shuttle_marl.training.collecting import Collector, RewardShaping, seeds
+from shuttle_marl.training.collecting import RALLIES, Collector, RewardShaping, RunLog, open_log, seeds
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.learner import (
@@ -41,7 +41,6 @@ from shuttle_marl.training.learner import (
 )
 from shuttle_marl.training.networks import imitate, logit_network, tabulated
 from shuttle_marl.training.ppo import make_ppo
-from shuttle_marl.training.recorded import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import make_sac
 
 AGENT: Final = "agent"

@@ -15,7 +15,8 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.file_writer import NoRoomError, Sink
-from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, recorded, train
+from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training.collecting import open_log
 from tests.kernel.episodes import compare_with_rally_v0
 
 GAME = default_game()
@@ -101,7 +102,7 @@ def test_a_log_refuses_strokes_and_rewards_of_other_rallies(tmp_path: Path) -> N
     opponents, shape = [tabulate(resolve("bc", GAME), GAME)], (config.rows, config.steps)
     zeros = torch.zeros(shape)
     for stroke in (-1, 0, GAME.n_strokes - 1, GAME.n_strokes):
-        log = recorded.open_log(tmp_path / str(stroke), config, GAME, opponents, [[5]], rallies=0)
+        log = open_log(tmp_path / str(stroke), config, GAME, opponents, [[5]], rallies=0)
         data = {"action": torch.full(shape, stroke), "action_log_prob": zeros, "state_value": zeros[..., None]}
         log.add(TensorDict({**data, "next": {"reward": zeros[..., None]}}, shape), 0)
         with pytest.raises(RecordingError, match="process 0: its strokes and rewards do not follow from its seed"):
