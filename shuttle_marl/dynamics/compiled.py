@@ -26,9 +26,9 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.layout import layout, thresholds
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
+from shuttle_marl.game.table import layout, thresholds
 
 Floats = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]

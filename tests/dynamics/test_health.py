@@ -11,10 +11,10 @@ from safetensors.numpy import load_file
 from shuttle_marl.dynamics.health import health, play_statistics
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.layout import layout, thresholds
 from shuttle_marl.game.rally import FAULT, ROOT, Game, strike
 from shuttle_marl.game.shipped import BC, default_game, model_folder
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import layout, thresholds
 from shuttle_marl.policy import bc
 
 NAMES = (

@@ -4,10 +4,9 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.game.layout import layout, thresholds
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, layout, thresholds
 
 Floats = npt.NDArray[np.float64]
 

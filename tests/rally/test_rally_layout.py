@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.layout import layout, thresholds
 from shuttle_marl.game.rally import ROOT, Game, GameError
 from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.game.table import layout, thresholds
 
 Bools = npt.NDArray[np.bool_]
 

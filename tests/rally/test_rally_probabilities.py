@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.layout import thresholds
 from shuttle_marl.game.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike
+from shuttle_marl.game.table import thresholds
 
 probability = st.floats(0.0, 1.0)
 
