@@ -30,7 +30,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "modules": ("FunctionPolicy",),
+        "foreign": ("FunctionPolicy",),
         "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
         "scorecard": ("SampledOdds", "Scorecard", "Scorer", "sample"),
         "scripted": ("ScriptedPolicy",),
