@@ -19,7 +19,6 @@ from rich.table import Table
 
 from shuttle_marl.commands import cli
 from shuttle_marl.data import split_of, upstream
-from shuttle_marl.data.clean import clean_game
 from shuttle_marl.data.inference import (
     MIRRORED,
     arrange,
@@ -33,6 +32,7 @@ from shuttle_marl.data.inference import (
 )
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
+from shuttle_marl.data.table import clean_game
 from shuttle_marl.game import court
 
 Measures = dict[str, npt.NDArray[np.bool_]]

@@ -13,9 +13,8 @@ from rich.table import Table
 
 from shuttle_marl.commands import cli
 from shuttle_marl.data import upstream
-from shuttle_marl.data.clean import DROP_REASONS, Account, clean_matches
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import load_account, provenance_of, write_parquet
+from shuttle_marl.data.table import DROP_REASONS, Account, clean_matches, load_account, provenance_of, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split
 from shuttle_marl.data.validate import Report
 from shuttle_marl.data.validate import validate as check

@@ -1,4 +1,4 @@
-"""Reads the files of ShuttleSet and ShuttleSet22 strictly, as they are; :mod:`shuttle_marl.data.clean` does the rest.
+"""Reads the files of ShuttleSet and ShuttleSet22 strictly, as they are; :mod:`shuttle_marl.data.table` does the rest.
 
 Sources: Wang et al., "ShuttleSet: A Human-Annotated Stroke-Level Singles Dataset for Badminton Tactical Analysis",
 KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT.

@@ -8,11 +8,10 @@ from pathlib import Path
 import pooch
 
 from shuttle_marl.data import upstream
-from shuttle_marl.data.clean import Account, clean_matches
 from shuttle_marl.data.schema import violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
-from shuttle_marl.data.table import load_account, read_parquet
+from shuttle_marl.data.table import Account, clean_matches, load_account, read_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 

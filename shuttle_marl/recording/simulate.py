@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data import placing
-from shuttle_marl.data.clean import Account
 from shuttle_marl.data.schema import STROKES, Outcome, outcome_of
+from shuttle_marl.data.table import Account
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court, draws

@@ -23,8 +23,8 @@ from upstream_layout import (
 )
 
 from shuttle_marl.data import clean_matches
-from shuttle_marl.data.clean import Cleaned
 from shuttle_marl.data.schema import OUTCOMES, REASONS, Outcome, violations
+from shuttle_marl.data.table import Cleaned
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import SHOTS
 

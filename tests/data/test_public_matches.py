@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.data import clean_matches, matches_of, split_of
-from shuttle_marl.data.clean import DROP_REASONS, Cleaned
 from shuttle_marl.data.schema import violations
 from shuttle_marl.data.shuttleset import list_matches
+from shuttle_marl.data.table import DROP_REASONS, Cleaned
 
 ROOT = os.environ.get("SHUTTLESET")
 pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow]

@@ -14,7 +14,7 @@ FORBIDDEN = {
     ("game/rally.py", "shuttle_marl.policy.registry"): "import {}",
     ("kernel/core.py", "shuttle_marl.exact.optimal"): "from {} import solve",
     ("exact/optimal.py", "shuttle_marl.dynamics.health"): "import {}",
-    ("data/clean.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
+    ("data/table.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
     ("policy/registry.py", "shuttle_marl.commands.cli"): "import {}",
     ("league/run.py", "shuttle_marl.scene.write"): "import {}",
     ("recording/reader.py", "torch"): "def late():\n    import {}",
