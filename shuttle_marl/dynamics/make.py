@@ -23,11 +23,10 @@ from shuttle_marl.dynamics.compiled import (
     pair_log_choices,
     pair_probabilities,
 )
-from shuttle_marl.dynamics.evaluate import evaluate
+from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.health import extremes, health
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from shuttle_marl.dynamics.health import health, play_statistics
+from shuttle_marl.dynamics.evaluate import health, play_statistics
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import FAULT, ROOT, Game, strike

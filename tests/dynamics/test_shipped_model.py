@@ -9,8 +9,8 @@ import pytest
 
 from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.compiled import LEAST_END, is_serve_pair
+from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.health import health
 from shuttle_marl.dynamics.make import load_support, reference_game
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.rally import ONE

@@ -13,7 +13,7 @@ LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / ("lint-imports.exe" if sys.
 FORBIDDEN = {
     ("game/rally.py", "shuttle_marl.policy.registry"): "import {}",
     ("kernel/core.py", "shuttle_marl.exact.optimal"): "from {} import solve",
-    ("exact/optimal.py", "shuttle_marl.dynamics.health"): "import {}",
+    ("exact/optimal.py", "shuttle_marl.dynamics.evaluate"): "import {}",
     ("data/table.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
     ("policy/registry.py", "shuttle_marl.commands.cli"): "import {}",
     ("league/run.py", "shuttle_marl.scene.write"): "import {}",
