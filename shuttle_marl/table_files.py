@@ -113,7 +113,7 @@ def without_formulas(table: pa.Table) -> pa.Table:
 
 
 def _footer(file: BinaryIO) -> tuple[int, int]:
-    """Where the footer of a Parquet file begins, and the size of the file [bytes].
+    """Start of the footer of a Parquet file, and the size of the file [bytes].
 
     Raises:
         pa.ArrowInvalid: it is no Parquet file.

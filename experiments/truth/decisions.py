@@ -26,7 +26,7 @@ LEAST_STROKES: Final = 50
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Promises:
-    """What a game promises for N real strokes; NaN where it knows no such state or stroke.
+    """Promises of a game for N real strokes; NaN where it knows no such state or stroke.
 
     Attributes:
         value: ``[N]`` V(s), from -1 to 1.
@@ -38,7 +38,7 @@ class Promises:
 
 
 def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
-    """What the game of ``bc`` promises for each stroke, if both players continue as ``bc``."""
+    """Promises of the game of ``bc`` for each stroke, if both players continue as ``bc``."""
     game = bc.game
     value = evaluate(bc, bc).striking[0]
     state = states_of(game, strokes.rows)

@@ -94,7 +94,7 @@ def _auc(sides: list["_Features"], seed: int) -> tuple[float, Floats]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Features:
-    """What the trees see of each rally, ``[R, F]``, and its match ``[R]``."""
+    """Input of the trees: ``[R, F]`` features of each rally, and its match ``[R]``."""
 
     values: Floats
     match: Ints

@@ -214,7 +214,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
 
 
 def rallies_of_pairings(path: Path, pairings: int) -> int:
-    """How many rallies of an unfinished log, all parts together, belong to the pairings below a number.
+    """Number of rallies of an unfinished log, all parts together, that belong to the pairings below a number.
 
     Pairings must be recorded in the order of their numbers, each to its end before the next one begins.
 

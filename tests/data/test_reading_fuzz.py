@@ -78,7 +78,7 @@ def test_cut_and_overwritten_files(at: int, junk: bytes) -> None:
 
 
 def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
-    """What a spreadsheet may write: the line told is the one in the file."""
+    """Lines as a spreadsheet may write them: the line told is the one in the file."""
     path = Layout(tmp_path).match("m", [plain_game(4)]) / "set1.csv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))

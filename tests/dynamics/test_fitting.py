@@ -103,7 +103,7 @@ def test_choice_shifts_move_towards_what_a_player_does() -> None:
 
 
 def test_ridge_learns_an_interaction() -> None:
-    """What holds for one technique from above and for the other from below: no sum of single effects can say that."""
+    """A rule for one technique from above and for the other from below: no sum of single effects can say that."""
     rows = sample()
     backhand, contact = rows.codes["technique"] == 1, rows.codes["contact"] == 1
     truth = expit(np.where(backhand ^ contact, 1.5, -1.5))

@@ -28,7 +28,7 @@ def test_another_library_finds_the_same(seed: int, n: int) -> None:
 
 
 def test_a_gradient_of_zero_at_one_sided_results() -> None:
-    """Where the smoothed wins are lopsided, the expected wins are still the observed ones."""
+    """The smoothed wins are lopsided, yet the expected wins are still the observed ones."""
     cells = np.array([[0, 0, 500], [0, 0, 500], [0, 3, 497]], dtype=float)
     pairs = np.array([[0, 1], [0, 2], [1, 2]])
     counts = smoothed(cells)
