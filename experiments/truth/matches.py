@@ -9,10 +9,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -94,23 +92,13 @@ def strokes_of(table: pa.Table) -> Strokes:
 
 def states_of(game: Game, rows: Rows) -> Ints:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is not known."""
-    own, incoming = (_stroke_before(game, rows, name) for name in ("own", "incoming"))
+    own, incoming = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
     known = (own >= 0) & (incoming >= 0)
     contact = rows.codes["contact"].astype(np.int64)
     state = np.full(len(rows), -1)
     state[known] = game.state_of(own[known], incoming[known], contact[known])
     state[state >= 0] = np.where(game.legal_count(state[state >= 0]) > 0, state[state >= 0], -1)
     return state
-
-
-def _stroke_before(game: Game, rows: Rows, name: str) -> Ints:
-    """``[N]`` catalogue index of a stroke before: n for none yet, -1 where it is unknown or not in the catalogue."""
-    parts = ("shot", "area", "height", "technique")
-    shot, area, height, technique = (rows.codes[f"{name}_{part}"].astype(np.int64) for part in parts)
-    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
-    found = np.where(shot == N_SHOTS, game.n_strokes, -1)
-    found[known] = game.catalogue.by_parts[shot[known], area[known], height[known], technique[known]]
-    return found
 
 
 def ratio_by_match(top: Floats, bottom: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:

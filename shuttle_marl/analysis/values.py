@@ -15,7 +15,7 @@ from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rally
 from shuttle_marl.game.court import N_AREAS
@@ -63,7 +63,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     game = reference.game
     rows = rows_from_strokes(strokes)
     nearest = _nearest(game.catalogue)
-    own, incoming = (_stroke_before(rows, name, nearest, game) for name in ("own", "incoming"))
+    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     contact = rows.codes["contact"].astype(np.int64)
     state = game.state_of(own, incoming, contact).astype(np.int64)
     value = evaluate(reference, reference).striking[0]
@@ -102,18 +102,6 @@ def _nearest(catalogue: Catalogue) -> Ints:
             if (there >= 0).any():
                 best = np.where(there >= 0, distance, distance.max() + 1).argmin(axis=1)
                 found[shot, :, height] = there[best].reshape(N_AREAS, N_TECHNIQUES)
-    return found
-
-
-def _stroke_before(rows: Rows, name: str, nearest: Ints, game: Game) -> Ints:
-    """``[N]`` catalogue index of a stroke before: n for none yet, -1 where it is not known."""
-    shot, area, height, technique = (
-        rows.codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
-    )
-    none = shot == N_SHOTS
-    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
-    found = np.where(none, game.n_strokes, _UNKNOWN)
-    found[known] = nearest[shot[known], area[known], height[known], technique[known]]
     return found
 
 

@@ -141,6 +141,24 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     )
 
 
+def strokes_before(rows: Rows, name: str, strokes: npt.NDArray[np.integer], n_strokes: int) -> npt.NDArray[np.int64]:
+    """``[N]`` catalogue index of the stroke before each: n for none yet, -1 where it is not known or not in the catalogue.
+
+    Args:
+        rows: N strokes in context.
+        name: ``own`` or ``incoming``.
+        strokes: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique.
+        n_strokes: n, the number of strokes in the catalogue.
+    """
+    shot, area, height, technique = (
+        rows.codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
+    )
+    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
+    found = np.where(shot == N_SHOTS, n_strokes, -1)
+    found[known] = strokes[shot[known], area[known], height[known], technique[known]]
+    return found
+
+
 def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Codes]:
     """Codes of the context of states, ``[N]`` each; without discipline."""
     catalogue = game.catalogue
