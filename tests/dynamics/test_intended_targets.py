@@ -44,6 +44,7 @@ def simulated() -> tuple[Rows, np.ndarray]:
         striker=np.full(N, "a"),
         receiver=np.full(N, "b"),
         stroke=np.full(N, 3, dtype=np.int16),
+        **{name: np.zeros(N, dtype=np.int16) for name in ("attacks", "opponent_attacks", "net_run")},
     )
     return rows, target
 

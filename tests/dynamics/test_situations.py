@@ -1,0 +1,115 @@
+"""Effort and long duels: counted in rallies with gaps, and recovered from strokes with a planted fatigue."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy.special import expit
+
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.game.stroke import SHOTS
+from tests.dynamics.test_fitting import SAMPLE
+
+SERVE, SMASH, NET, CROSS, LIFT = (
+    SHOTS.index(shot) for shot in ("short-serve", "smash", "net-shot", "cross-court-net-shot", "lift")
+)
+
+
+def rally(shots: list[int]) -> pa.Table:
+    """The first rally of the sample that is as long, with other shot types."""
+    table = load_strokes(SAMPLE)
+    key = np.stack([table[name].to_numpy(zero_copy_only=False) for name in ("game", "rally", "stroke")])
+    starts = np.flatnonzero(key[2] == 1)
+    lengths = np.diff(np.r_[starts, len(table)])
+    part = table.slice(int(starts[lengths >= len(shots)][0]), len(shots))
+    column = part.schema.get_field_index("shot")
+    return part.set_column(column, part.schema.field(column), pa.array(shots, part.schema.field(column).type))
+
+
+def counts(table: pa.Table) -> list[list[int]]:
+    rows = rows_from_strokes(table)
+    return [getattr(rows, name).tolist() for name in ("attacks", "opponent_attacks", "net_run")]
+
+
+def test_attacks_and_net_shots_of_a_rally_are_counted() -> None:
+    table = rally([SERVE, LIFT, SMASH, NET, CROSS, NET, NET, LIFT, SMASH])
+    attacks, opponent, run = counts(table)
+    assert attacks == [0, 0, 0, 0, 1, 0, 1, 0, 1]
+    assert opponent == [0, 0, 0, 1, 0, 1, 0, 1, 0]
+    assert run == [0, 0, 0, 0, 1, 2, 3, 4, 0]
+
+
+def test_a_dropped_row_is_not_counted_as_no_attack() -> None:
+    """It may have been an attack of its player, and a net shot: both are unknown from there on, but a serve is neither."""
+    table = rally([SERVE, LIFT, SMASH, NET, CROSS, NET, NET, LIFT, SMASH])
+    without = pa.concat_tables([table.slice(0, 3), table.slice(4)])
+    attacks, opponent, run = counts(without)
+    assert attacks == [0, 0, 0, 1, -1, 1, -1, 1]
+    assert opponent == [0, 0, 0, -1, 1, -1, 1, -1]
+    assert run == [0, 0, 0, -1, -1, -1, -1, 0]
+    assert counts(table.slice(1)) == [part[1:] for part in counts(table)]
+
+
+def simulated(count: int, effort: float, duel: float) -> tuple[np.ndarray, np.ndarray, Rows]:
+    """Logits of two targets, their shares, and rows whose faults follow them with planted offsets."""
+    rng = np.random.default_rng(3)
+    logit, share = rng.normal(-2.0, 0.8, (count, 2)), rng.dirichlet([2.0, 1.0], count)
+    attacks = np.where(rng.random(count) < 0.05, -1, rng.poisson(0.7, count)).astype(np.int16)
+    run = rng.integers(-1, 6, count).astype(np.int16)
+    codes = {name: np.zeros(count, dtype=np.int16) for name in SLOTS}
+    codes["shot"] = rng.choice([NET, LIFT], count).astype(np.int16)
+    # Unknown rows fault more often than their counts would say: taken for zero they would spoil the fit.
+    hidden = np.where(attacks < 0, 2, np.minimum(attacks, 2))
+    offset = effort * hidden + duel * ((codes["shot"] == NET) & (run >= 3))
+    fault = rng.random(count) < (share * expit(0.8 * logit - 0.3 + offset[:, None])).sum(axis=1)
+    rows = Rows(
+        codes=codes,
+        outcome=np.where(fault, Outcome.FAULT, Outcome.RETURNED).astype(np.int8),
+        reason=np.full(count, REASONS.index("returned"), dtype=np.int8),
+        next_contact=np.full(count, -1, dtype=np.int8),
+        match=(np.arange(count) // 600).astype(np.int32),
+        matches=tuple(map(str, range(count // 600 + 1))),
+        striker=np.full(count, "a"),
+        receiver=np.full(count, "b"),
+        stroke=np.full(count, 3, dtype=np.int16),
+        attacks=attacks,
+        opponent_attacks=attacks,
+        net_run=run,
+    )
+    return logit, share, rows
+
+
+def test_a_planted_fatigue_is_recovered() -> None:
+    logit, share, rows = simulated(60_000, effort=0.25, duel=0.6)
+    line, found = fit_situations(logit, share, rows)
+    assert line == pytest.approx([0.8, -0.3], abs=0.08)
+    assert found.effort == pytest.approx([0, 0.25, 0.5], abs=0.06)
+    assert found.duel == pytest.approx(0.6, abs=0.1)
+    assert found.duel_share == pytest.approx(3 / 4, abs=0.02)
+    assert found.effort_share[0] == pytest.approx(np.exp(-0.7) * np.array([1, 0.7, np.exp(0.7) - 1.7]), abs=0.01)
+
+
+def test_without_fatigue_none_is_found() -> None:
+    logit, share, rows = simulated(60_000, effort=0.0, duel=0.0)
+    found = fit_situations(logit, share, rows)[1]
+    assert np.abs(found.effort).max() < 0.06
+    assert abs(found.duel) < 0.08
+
+
+def test_what_is_not_known_is_averaged_over() -> None:
+    shares = np.zeros((SLOTS["own_shot"], 3))
+    shares[:] = (0.7, 0.2, 0.1)
+    situations = Situations(effort=np.array([0.0, 0.1, 0.2]), duel=0.5, effort_share=shares, duel_share=0.25)
+    rows = simulated(2000, effort=0.0, duel=0.0)[2]
+    weights = situations.weights(rows)
+    assert weights.sum(axis=1) == pytest.approx(1)
+    known = (rows.attacks >= 0) & (rows.net_run >= 0)
+    assert (np.sort(weights[known])[:, -1] == 1).all()
+    long = known & (rows.net_run >= 3) & (rows.codes["shot"] == NET) & (rows.attacks == 1)
+    assert long.any()
+    assert situations.mixed(np.zeros(len(rows)), weights)[long] == pytest.approx(expit(0.6))
+    neither = (rows.attacks < 0) & (rows.net_run < 0) & (rows.codes["shot"] == NET)
+    assert neither.any()
+    assert weights[neither] == pytest.approx(np.outer(np.ones(neither.sum()), [0.525, 0.15, 0.075, 0.175, 0.05, 0.025]))
