@@ -65,9 +65,7 @@ class Situations:
         long = np.where(rows.net_run < 0, -1, rows.net_run >= LONG_DUEL)
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
 
-    def spread(
-        self, own_shot: npt.NDArray[np.integer], level: npt.NDArray[np.integer], long: npt.NDArray[np.integer]
-    ) -> Floats:
+    def spread(self, own_shot: npt.NDArray[np.integer], level: npt.NDArray[np.integer], long: npt.NDArray[np.integer]) -> Floats:
         """``[N, 2 L]`` probability of each situation.
 
         Args:
