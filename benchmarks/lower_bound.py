@@ -2,7 +2,7 @@
 
 Which state and which legal pair a stroke belongs to cannot be foreseen, so each stroke reads two tables at random places. The
 places are those of real play, because some strokes are common; the loop does nothing but read, so that as many reads are under
-way at once as the processor can take. With an observation, a row of the mask and three numbers are copied as well.
+way at once as the processor can take. With an observation, a row of the mask and six numbers are copied as well.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.core import tables_of
-from shuttle_marl.kernel.rows import in_slices
+from shuttle_marl.kernel.rows import TOKENS, in_slices
 
 _BATCH: Final = 8192
 _STEPS: Final = 16
@@ -56,7 +56,7 @@ def _read_and_show(
     for i in range(first, last):
         at = i % n
         tokens[at] = i
-        row = legal[np.uint64(head[state[i], 3])]
+        row = legal[np.uint64(head[state[i], 3] & 0xFFFF)]
         place = mask[at * rows : (at + 1) * rows]
         for j in range(rows):
             place[j] = row[j]
@@ -91,11 +91,12 @@ def lower_bound_of(game: Game, threads: int) -> LowerBound:
         stroke = batch.random_strokes()
         state = batch.rows.state.copy()
         states.append(state)
-        pairs.append(game.pair_start[state] + tables.rank[tables.head[state, 3], stroke])
+        level = game.effort(state) * np.int64(game.n_base_pairs)
+        pairs.append(level + game.base_pair_start[game.base(state)] + game.rank(state, stroke))
         batch.step(stroke)
     pair, state = np.concatenate(pairs).astype(np.uint64), np.concatenate(states).astype(np.uint64)
     mask = np.empty(_BATCH * tables.mask.shape[1], np.bool_)
-    tokens = np.empty((_BATCH, 3), np.int32)
+    tokens = np.empty((_BATCH, TOKENS), np.int32)
     reading = (tables.limits, tables.head, pair, state)
     return LowerBound(
         read_bytes=tables.limits.itemsize + tables.head[0].nbytes,

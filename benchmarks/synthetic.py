@@ -8,7 +8,7 @@ import numpy as np
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.game.table import layout, thresholds
+from shuttle_marl.game.table import base_pairs, layout, thresholds
 
 _SERVES: Final = 4
 """Strokes of a synthetic catalogue that are serves."""
@@ -37,6 +37,6 @@ def synthetic_game(strokes: int, replies: int, seed: int = 0) -> Game:
         for stroke in range(strokes):
             legal[stroke, rng.choice(own, min(replies, len(own)), replace=False)] = True
     tables = layout(catalogue, legal)
-    pairs = int(tables["pair_start"][-1])
+    pairs = base_pairs(tables)
     good, returned = rng.uniform(0.85, 0.99, (2, pairs))
     return Game(catalogue=catalogue, threshold=thresholds(good, returned, rng.uniform(0, 1, pairs)), **tables)

@@ -74,25 +74,25 @@ def style_of(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, fl
     """The :data:`FIGURES` of a policy against an opponent, exactly, both serving equally often."""
     game = policy.game
     seen = exact.visits(policy, opponent)
-    own = seen.pairs(0)
-    shot = game.catalogue.shot[game.pair_stroke]
-    both = own + seen.pairs(1)
-    rally = own * ~game.catalogue.is_serve[game.pair_stroke]
+    own, theirs = (seen.base_pairs(seat).sum(axis=0) for seat in (0, 1))
+    shot = game.catalogue.shot[game.base_pair_stroke]
+    both = own + theirs
+    rally = own * ~game.catalogue.is_serve[game.base_pair_stroke]
     moved = np.isfinite(metres := _metres(game))
     return {
         "attack": float(own[np.isin(shot, [SHOTS.index(name) for name in ATTACK])].sum() / own.sum()),
-        "net": float(rally[game.catalogue.area[game.pair_stroke] < 3].sum() / rally.sum()),
+        "net": float(rally[game.catalogue.area[game.base_pair_stroke] < 3].sum() / rally.sum()),
         "tempo": float(both.sum() / (both @ load_measured().flight_time[shot, 1])),
-        "faults": float(own @ (game.threshold[:, 0] / ONE) / own.sum()),
+        "faults": float((seen.base_pairs(0) * game.limits[..., 0]).sum() / ONE / own.sum()),
         "movement": float(own[moved] @ metres[moved] / own[moved].sum()),
     }
 
 
 def _metres(game: Game) -> npt.NDArray[np.float64]:
-    """``[P]`` from the area of one's own last stroke, where the opponent struck, to that of the next; NaN without one."""
+    """``[base pairs]`` from the area of the own last stroke, where the opponent struck, to that of the next; NaN without one."""
     centres = np.append(area_centre(game.catalogue.area), np.full((1, 2), np.nan), axis=0)
-    before = centres[game.edge_own[game.pair_state >> 1]]
-    return np.asarray(np.linalg.norm(centres[game.pair_stroke] - before, axis=1))
+    before = centres[game.own(game.base_pair_state)]
+    return np.asarray(np.linalg.norm(centres[game.base_pair_stroke] - before, axis=1))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

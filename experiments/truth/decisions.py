@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from experiments.truth.matches import Floats, Strokes, ratio_by_match, states_of
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy
 
 HORIZONS: Final = (1, 4, 8)
@@ -43,17 +43,17 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     value = evaluate(bc, bc).striking[0]
     state = states_of(game, strokes.rows)
     known = state >= 0
-    kinds = N_SHOTS * N_TECHNIQUES
-    pair_kind = game.catalogue.shot[game.pair_stroke].astype(np.int64) * N_TECHNIQUES + game.catalogue.technique[game.pair_stroke]
-    key = game.pair_state.astype(np.int64) * kinds + pair_kind
-    weight = bc.pair_probabilities()
-    total = np.bincount(key, weight, kinds * game.n_states)
-    worth = np.bincount(key, weight * game.stroke_values(value), kinds * game.n_states)
-    kind = strokes.rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + strokes.rows.codes["technique"]
-    chosen = np.where(known, state, 0) * kinds + kind
-    legal = known & (total[chosen] > 0)
+    shot, technique = (strokes.rows.codes[part][known] for part in ("shot", "technique"))
+    row, pairs = game.pairs(state[known])
+    aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
+    alike = (game.catalogue.shot[aimed] == shot[row]) & (game.catalogue.technique[aimed] == technique[row])
+    row, pairs = row[alike], pairs[alike]
+    weight = bc.chances(pairs)
+    total = np.bincount(row, weight, len(shot))
+    with np.errstate(invalid="ignore"):
+        worth = np.bincount(row, weight * game.stroke_values(value, pairs), len(shot)) / total
     advantage = np.full(len(strokes), np.nan)
-    advantage[legal] = worth[chosen[legal]] / total[chosen[legal]] - value[state[legal]]
+    advantage[known] = worth - value[state[known]]
     return Promises(value=np.where(known, value[np.where(known, state, 0)], np.nan), advantage=advantage)
 
 

@@ -62,10 +62,10 @@ def _summary(pairs: Any) -> dict[str, float]:
 def thin_support(world: World, least: float = 5.0) -> dict[str, float]:
     """Share of the strokes of each policy with fewer than ``least`` real ones in the innermost cell of data."""
     response, perfect = best_response(world.bc).policy, solve(world.game).policy[0]
-    thin = world.behind[world.game.pair_edge] < least
+    thin = world.behind[world.game.base_pair_edge] < least
     profiles = {"bc": (world.bc, world.bc), "best_response": (response, world.bc), "minimax": (perfect, perfect)}
     out = {}
     for name, (policy, opponent) in profiles.items():
-        played = visits(policy, opponent).pairs(0)
+        played = visits(policy, opponent).base_pairs(0).sum(axis=0)
         out[name] = float(played[thin].sum() / played.sum())
     return out

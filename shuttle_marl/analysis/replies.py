@@ -54,15 +54,15 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     if not len(edges):
         after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
         raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
-    value = game.stroke_values(solution.value[1])
-    below, above = (_aim(game, value, 2 * edges + contact) for contact in (0, 1))
+    # Rested players, and no duel: the states of the first block.
+    below, above = (_aim(game, solution.value[1], 2 * edges + contact) for contact in (0, 1))
     return below, above
 
 
-def _aim(game: Game, value: Floats, states: npt.NDArray[np.intp]) -> Aim:
+def _aim(game: Game, following: Floats, states: npt.NDArray[np.intp]) -> Aim:
     # The replies to a stroke from a contact are the same whatever the striker's own last stroke was, in the same order.
     strokes = game.legal_strokes(int(states[0]))
-    mean = np.mean([value[game.pairs_of(s)] for s in states], axis=0)
+    mean = np.mean([game.stroke_values(following, game.pairs_of(s)) for s in states.tolist()], axis=0)
     by_area = np.full(N_AREAS, np.nan)
     chosen = np.full(N_AREAS, -1, dtype=np.intp)
     for stroke, worth in zip(strokes, mean, strict=True):

@@ -119,24 +119,22 @@ def _means_over_own(game: Game, reference: TabulatedPolicy, value: Floats) -> Fl
 def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Ints, value: Floats) -> Floats:
     """``[N]`` probability of winning that a choice adds to that of the reference's choice, NaN where it is unknown."""
     game = reference.game
-    quality = game.stroke_values(value)
     shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
     stroke = np.where(area >= 0, nearest[shot, area, game.contact(state), technique], _UNKNOWN)
     pair = np.where((state >= 0) & (stroke >= 0), game.pair(state, stroke), -1)
     legal = (pair >= 0) & (rows.outcome != Outcome.FAULT)
     found = np.full(len(rows), np.nan)
-    found[legal] = quality[pair[legal]]
+    found[legal] = game.stroke_values(value, pair[legal])
     # A fault came down where it was not aimed: the mean over the targets.
-    kinds = N_SHOTS * N_TECHNIQUES
-    strokes = game.pair_stroke
-    kind = N_TECHNIQUES * game.catalogue.shot[strokes].astype(np.int64) + game.catalogue.technique[strokes]
-    key = kinds * game.pair_state.astype(np.int64) + kind
-    weight = reference.pair_probabilities() * game.outcome_probabilities()[:, rally.FAULT]
-    total = np.bincount(key, weight, kinds * game.n_states)
+    fault = np.flatnonzero((state >= 0) & (rows.outcome == Outcome.FAULT))
+    row, pairs = game.pairs(state[fault])
+    aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
+    alike = (game.catalogue.shot[aimed] == shot[fault][row]) & (game.catalogue.technique[aimed] == technique[fault][row])
+    row, pairs = row[alike], pairs[alike]
+    weight = reference.chances(pairs) * game.outcome_probabilities(pairs)[:, rally.FAULT]
+    total = np.bincount(row, weight, len(fault))
     with np.errstate(invalid="ignore"):
-        expected = np.bincount(key, weight * quality, kinds * game.n_states) / total
-    fault = (state >= 0) & (rows.outcome == Outcome.FAULT)
-    found[fault] = expected[kinds * state[fault] + (N_TECHNIQUES * shot + technique)[fault]]
+        found[fault] = np.bincount(row, weight * game.stroke_values(value, pairs), len(fault)) / total
     return np.asarray((found - value[state]) / 2)
 
 

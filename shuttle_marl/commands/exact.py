@@ -285,7 +285,8 @@ def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | Non
     if incoming is None:
         import numpy as np  # noqa: PLC0415
 
-        seen = np.bincount(np.repeat(tables.edge_incoming, 2), visits(*solution.policy).states[0], tables.n_strokes + 1)
+        there = tables.incoming(np.arange(tables.n_states))
+        seen = np.bincount(there, visits(*solution.policy).states[0], tables.n_strokes + 1)
         shown = int(seen[: tables.n_strokes].argmax())
     else:
         shown = stroke_index(tables, incoming)

@@ -28,7 +28,7 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
-from shuttle_marl.game.table import layout, thresholds
+from shuttle_marl.game.table import base_pairs, layout, thresholds
 
 Floats = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
@@ -143,8 +143,8 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
 
 
 def is_serve_pair(game: Game) -> npt.NDArray[np.bool_]:
-    """``[P]`` whether the stroke of a legal pair is a serve."""
-    return np.asarray(game.catalogue.shot[game.pair_stroke] < N_SERVES)
+    """``[base pairs]`` whether the stroke of a base pair is a serve."""
+    return np.asarray(game.catalogue.shot[game.base_pair_stroke] < N_SERVES)
 
 
 def _key(parts: tuple[Index | npt.NDArray[np.integer], ...]) -> Index:
@@ -187,7 +187,7 @@ class PairProbabilities:
 def empty_game(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> Game:
     """The layout of a game whose probabilities are not known yet."""
     tables = layout(catalogue, replies)
-    return Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), dtype=np.uint16), **tables)
+    return Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), dtype=np.uint16), **tables)
 
 
 def pair_probabilities(
@@ -209,7 +209,7 @@ def pair_probabilities(
     fault = models.averaged(models.fault, codes, pessimism=pessimism, shift=striker_shift)
     returned = models.averaged(models.returned, codes, pessimism=pessimism, shift=receiver_shift)
     above = models.averaged(models.above, codes)
-    edge = game.pair_edge
+    edge = game.base_pair_edge
     winner = (1 - fault) * (1 - returned)
     supported_fault = np.clip(fault, support.fault_range[edge, 0], support.fault_range[edge, 1])
     supported_winner = np.clip(winner, support.winner_range[edge, 0], support.winner_range[edge, 1])
@@ -228,23 +228,25 @@ def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
 
 def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32]:
     """``[P]`` log of the probability that the average player chooses a legal stroke, before dividing by the legal total."""
-    state = np.flatnonzero(game.playable)
+    state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = codes_of_states(game, state)
-    choice = np.full((game.n_states, N_SHOTS * N_TECHNIQUES), np.nan)
-    pair_style = game.catalogue.shot[game.pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[game.pair_stroke]
+    choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
+    pair_style = (
+        game.catalogue.shot[game.base_pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[game.base_pair_stroke]
+    )
     # Targets are asked for once for every state and style that occurs.
-    styles, position = np.unique(game.pair_state * np.int64(N_SHOTS * N_TECHNIQUES) + pair_style, return_inverse=True)
+    styles, position = np.unique(game.base_pair_state * np.int64(N_SHOTS * N_TECHNIQUES) + pair_style, return_inverse=True)
     of_state = styles // (N_SHOTS * N_TECHNIQUES)
     rows = np.searchsorted(state, of_state)
     target_codes = {name: code[rows] for name, code in codes.items()}
     target_codes["shot"] = (styles % (N_SHOTS * N_TECHNIQUES) // N_TECHNIQUES).astype(np.int16)
     target_codes["technique"] = (styles % N_TECHNIQUES).astype(np.int16)
-    total = np.zeros(game.n_pairs)
+    total = np.zeros(game.n_base_pairs)
     for discipline, share in enumerate(models.share):
         of_all = {**codes, "discipline": np.full(len(state), discipline, dtype=np.int16)}
         choice[state] = models.choice({name: of_all[name] for name in STATE})
         of_targets = {**target_codes, "discipline": np.full(len(styles), discipline, dtype=np.int16)}
         target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
-        total += share * choice[game.pair_state, pair_style] * target[position, game.catalogue.area[game.pair_stroke]]
+        total += share * choice[game.base_pair_state, pair_style] * target[position, game.catalogue.area[game.base_pair_stroke]]
     return np.log(np.maximum(total, 1e-12)).astype(np.float32)

@@ -300,7 +300,7 @@ def health(bc: StatePolicy) -> dict[str, Any]:
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
     """The legal pairs with the highest and lowest fault and winner probabilities, with what supports them."""
-    good, returned, _ = game.stroke_probabilities()
+    good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
     rally = np.flatnonzero(~is_serve_pair(game))
     probability = {"fault": 1 - good, "winner": good * (1 - returned)}
     counts = {"fault": support.faults, "winner": support.winners}
@@ -310,13 +310,13 @@ def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[di
         values = probability[kind][rally]
         order = rally[np.argsort(-sign * values, kind="stable")]
         # One pair an edge: the probability hardly depends on the striker's own last stroke.
-        _, first = np.unique(game.pair_edge[order], return_index=True)
+        _, first = np.unique(game.base_pair_edge[order], return_index=True)
         listed = []
         for pair in order[np.sort(first)][:count]:
-            edge = int(game.pair_edge[pair])
+            edge = int(game.base_pair_edge[pair])
             listed.append({
-                "state": game.describe(int(game.pair_state[pair])),
-                "stroke": game.catalogue.names[game.pair_stroke[pair]],
+                "state": game.describe(int(game.base_pair_state[pair])),
+                "stroke": game.catalogue.names[game.base_pair_stroke[pair]],
                 "probability": round(float(probability[kind][pair]), 5),
                 "strokes": round(float(support.strokes[edge]), 1),
                 "events": round(float(counts[kind][edge]), 1),

@@ -217,10 +217,10 @@ def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Cod
 
 
 def codes_of_pairs(game: Game) -> dict[str, Codes]:
-    """Codes of every legal pair of a game, ``[P]`` each; without discipline."""
-    codes = codes_of_states(game, game.pair_state)
+    """Codes of every base pair of a game, one for each; without discipline."""
+    codes = codes_of_states(game, game.base_pair_state)
     for attribute in ("shot", "technique", "area"):
-        codes[attribute] = getattr(game.catalogue, attribute)[game.pair_stroke].astype(np.int16)
+        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)
     return codes
 
 

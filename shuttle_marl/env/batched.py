@@ -14,14 +14,12 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from shuttle_marl.errors import whole_number
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
-from shuttle_marl.kernel.rows import Observations, Server
+from shuttle_marl.kernel.rows import TOKENS, Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
-TOKENS = 3
-"""Numbers in an observation: own last stroke, incoming stroke, contact."""
 _SEEDS = 1 << 63
 
 
@@ -30,8 +28,8 @@ class _BatchedEnv(EnvBase):
 
     Entries of its tensordicts, batch size ``[B]``:
 
-    - ``observation``: ``[B, 3]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
-      offered (1: above the net).
+    - ``observation``: ``[B, 6]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
+      offered (1: above the net), net shots in a row (3: three or more), own effort and the opponent's.
     - ``action_mask``: ``[B, n]`` bool legal strokes.
     - ``action``: ``[B]`` int64 catalogue index.
     - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.
@@ -49,9 +47,10 @@ class _BatchedEnv(EnvBase):
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
-        n = game.n_strokes
+        n, effort = game.n_strokes, game.levels - 1
+        highest = [n, n, 1, LONGEST_DUEL, effort, effort]
         self.observation_spec = Composite(
-            observation=Bounded(0, torch.tensor([n, n, 1], dtype=torch.int32).expand(size, TOKENS), dtype=torch.int32),
+            observation=Bounded(0, torch.tensor(highest, dtype=torch.int32).expand(size, TOKENS), dtype=torch.int32),
             action_mask=Binary(shape=(size, n), dtype=torch.bool),
             shape=(size,),
         )

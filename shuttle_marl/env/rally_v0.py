@@ -132,7 +132,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def observe(self, agent: str) -> Observation:
         """Observation and action mask of an agent; the mask of the one not to hit is zero, as are both before the first reset."""
         player = _INDEX[agent]
-        row = self._tables.rows[self._state]
+        row = self._tables.row(self._state)
         if player == self._striker:
             mask = self._tables.masks[self._tables.reply(self._state)] if self._live else self._nothing_legal
             return {"observation": self._vector(row, player), "action_mask": mask.copy()}
@@ -158,17 +158,14 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if count == len(self._draws):
             self._draws.extend(self._source.more(self._rally, count))
         striker = self._striker
-        outcome, edge, p_succ, p_ret = self._tables.strike(self._state, stroke, self._draws[count])
+        outcome, self._state, p_succ, p_ret = self._tables.strike(self._state, stroke, self._draws[count])
         self._strokes.append(Stroke(striker, stroke, outcome, p_succ, p_ret))
         self._length += 1
         self._cumulative_rewards[agent] = 0.0
         self.rewards = {"player_0": 0.0, "player_1": 0.0}
-        self._state = 2 * edge
         self._striker = 1 - striker
         self.agent_selection = AGENTS[1 - striker]
-        if outcome >= RETURNED_BELOW:
-            self._state += outcome - RETURNED_BELOW
-        else:
+        if outcome < RETURNED_BELOW:
             self._live = False
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker

@@ -58,7 +58,7 @@ class Opponent:
         game = self._game
         if self._cumulative is not None:
             pairs = game.pairs_of(state)
-            return int(game.pair_stroke[bisect.bisect_right(self._cumulative, draw, pairs.start, pairs.stop)])
+            return int(game.stroke_at(state, bisect.bisect_right(self._cumulative, draw, pairs.start, pairs.stop) - pairs.start))
         states = States(game=game, state=np.array([state], np.int32), score=np.array([score], np.int16))
         return int(drawn_strokes(checked_probabilities(self.policy, states, self.name), np.array([draw]))[0])
 

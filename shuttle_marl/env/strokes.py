@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.rally import LONGEST_DUEL, ONE, RETURNED_BELOW, Game
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 
 Observation = dict[str, npt.NDArray[Any]]
@@ -27,12 +27,16 @@ CONTACT: Final = 2 * STROKE_WIDTH
 """Position of the contact offered to the striker (1: above the net)."""
 SERVE: Final = CONTACT + 1
 """Position of the flag that a serve is due."""
-RALLY_WIDTH: Final = SERVE + 1
+DUEL: Final = SERVE + 1
+"""Position of the number of net shots in a row, divided by 3."""
+EFFORT: Final = DUEL + 1
+"""Position of the own effort, divided by the highest one; the opponent's follows."""
+RALLY_WIDTH: Final = EFFORT + 2
 """Length of an observation of a rally."""
 SCORE_WIDTH: Final = 6
 """Points, games and serving flag of both players; only in a match."""
 
-SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE]
+SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT]
 """Permutation that turns the striker's observation into the receiver's."""
 
 
@@ -48,15 +52,24 @@ def stroke_features(game: Game) -> npt.NDArray[np.float32]:
 
 
 def features(game: Game) -> npt.NDArray[np.float32]:
-    """``[S, 56]`` observation of the striker in every state.
+    """``[base states, 59]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
 
     0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
-    is due.
+    is due, 56 net shots in a row, 57 own effort and 58 the opponent's; the last three as shares of the highest number.
     """
     strokes = stroke_features(game)
-    own, incoming, contact = game.observation(np.arange(game.n_states)).T
-    serve = incoming == game.n_strokes
-    return np.concatenate([strokes[own], strokes[incoming], np.stack([contact, serve], axis=1)], axis=1, dtype=np.float32)
+    own, incoming, contact, duel, effort, other = game.observation(np.arange(game.n_base_states)).T
+    rest = np.stack([contact, incoming == game.n_strokes, duel / LONGEST_DUEL, effort, other], axis=1)
+    return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
+
+
+def with_efforts(game: Game, rows: npt.NDArray[np.float32], state: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+    """``[B, 59]`` observations of ``[B]`` states, from the rows of :func:`features`."""
+    found: npt.NDArray[np.float32] = rows.take(game.base(state), axis=0)
+    highest = max(1, game.levels - 1)
+    found[:, EFFORT] = game.effort(state) / highest
+    found[:, EFFORT + 1] = game.opponent_effort(state) / highest
+    return found
 
 
 class Stroke(NamedTuple):
@@ -82,7 +95,7 @@ class StrokeTables:
 
     Attributes:
         game: the tables.
-        rows: ``[S, 56]`` float32 observation of the striker in each state.
+        rows: ``[base states, 59]`` float32 observation of the striker in each state without efforts.
         masks: ``[2 (n + 1), n]`` int8 legal strokes by ``reply(state)``.
     """
 
@@ -93,10 +106,15 @@ class StrokeTables:
         self._n = game.n_strokes
         # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
         self._rank = _view(game.reply_rank)
-        self._threshold = _view(game.threshold)
-        self._pair_start = _view(game.pair_start)
-        self._reply_start = _view(game.reply_start)
+        self._limits = [_view(limits) for limits in game.limits]
+        self._pair_start = _view(game.base_pair_start)
+        self._first_reply = _view(game.first_reply)
+        self._arrival = _view(2 * game.reply_edge + game.edge_attack[game.reply_edge])
         self._incoming = _view(game.edge_incoming)
+        self._size, self._levels = game.n_base_states, game.levels
+        self._after = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
+        highest = max(1, game.levels - 1)
+        self._shares = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "StrokeTables":
         return self
@@ -104,9 +122,17 @@ class StrokeTables:
     def __reduce__(self) -> tuple[Any, ...]:
         return tables_of, (self.game,)
 
+    def row(self, state: int) -> npt.NDArray[np.float32]:
+        """``[59]`` observation of the striker in a state, a new array."""
+        block, base = divmod(state, self._size)
+        row: npt.NDArray[np.float32] = self.rows[base].copy()
+        if block:
+            row[EFFORT], row[EFFORT + 1] = self._shares[block]
+        return row
+
     def reply(self, state: int) -> int:
         """Row of :attr:`masks`: twice the incoming stroke plus the contact."""
-        return 2 * self._incoming[state >> 1] + (state & 1)
+        return 2 * self._incoming[state % self._size >> 1] + (state & 1)
 
     def is_legal(self, state: int, stroke: int) -> bool:
         """Whether a stroke is in the catalogue and legal in a state."""
@@ -121,16 +147,18 @@ class StrokeTables:
             draw: uniform integer in [0, 65536).
 
         Returns:
-            Outcome, the edge that follows (own last and incoming stroke of the receiver, also where the rally is over),
-            the probability that the stroke is good, and the probability that a good one is returned.
+            Outcome, the receiver's state (where the rally is over, that after its last stroke, contact below), the
+            probability that the stroke is good, and the probability that a good one is returned.
         """
-        reply = 2 * self._incoming[state >> 1] + (state & 1)
-        k = self._rank[reply * self._n + stroke]
-        entry = 3 * (self._pair_start[state] + k)
-        threshold = self._threshold
-        fault, winner = threshold[entry], threshold[entry + 1]
-        outcome = (draw >= fault) + (draw >= winner) + (draw >= threshold[entry + 2])
-        return outcome, self._reply_start[reply] + k, (ONE - fault) / ONE, (ONE - winner) / (ONE - fault)
+        block, base = divmod(state, self._size)
+        k = self._rank[(2 * self._incoming[base >> 1] + (base & 1)) * self._n + stroke]
+        entry = 3 * (self._pair_start[base] + k)
+        limits = self._limits[block // self._levels]
+        fault, winner = limits[entry], limits[entry + 1]
+        outcome = (draw >= fault) + (draw >= winner) + (draw >= limits[entry + 2])
+        arrival = self._arrival[self._first_reply[base] + k]
+        following = self._after[block][arrival & 1] + (arrival & ~1) + max(outcome - RETURNED_BELOW, 0)
+        return outcome, following, (ONE - fault) / ONE, (ONE - winner) / (ONE - fault)
 
 
 def _view(table: npt.NDArray[Any]) -> memoryview:

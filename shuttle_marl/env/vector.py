@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.env.rally_v0 import ILLEGAL
-from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of
+from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of, with_efforts
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
 from shuttle_marl.game.shipped import resolve_game
@@ -36,7 +36,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
-        observation: ``features``: the 56 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet) and
+        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet) and
             contact as three integers, which costs less and suits an embedding.
         threads: threads that share the rows; never changes a result.
 
@@ -181,16 +181,16 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
     def _seen(self) -> Arrays:
         seen = self._batch.new_observations()
         self._batch.observe(seen)
-        observation = seen.tokens if self._features is None else self._features.take(self._batch.rows.state, axis=0)
+        observation = seen.tokens if self._features is None else with_efforts(self.game, self._features, self._batch.rows.state)
         return {"observation": observation, "action_mask": seen.mask.view(np.int8)}
 
     def _final(self, state: npt.NDArray[np.int32], own: npt.NDArray[np.bool_]) -> list[Arrays]:
         """Observation of each of D rallies that are over, from the learner's side."""
         if self._features is None:
             striker = self.game.observation(state)
-            observation: npt.NDArray[Any] = np.where(own[:, None], striker, striker[:, [1, 0, 2]])
+            observation: npt.NDArray[Any] = np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4]])
         else:
-            rows = self._features.take(state, axis=0)
+            rows = with_efforts(self.game, self._features, state)
             observation = np.where(own[:, None], rows, rows[:, SWAP])
         nothing = np.zeros((len(state), self.game.n_strokes), np.int8)
         return [{"observation": o, "action_mask": m} for o, m in zip(observation, nothing, strict=True)]

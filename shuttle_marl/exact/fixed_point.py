@@ -48,7 +48,7 @@ TOLERANCE: Final = 1e-9
 """Error bound up to which values are computed unless asked otherwise, on the scale from -1 to 1."""
 
 FIRST_RALLY_STATE: Final = 2
-"""States 0 and 1 are the start of the rally; no state leads there."""
+"""Base states 0 and 1 are the start of the rally; no state leads there."""
 
 _DIRECTIONS: Final = 60
 """Search directions that are kept; solutions take about a dozen."""
@@ -66,13 +66,15 @@ def largest_continuation(game: Game) -> float:
     """
     # The second threshold is the probability, in fixed point, that the stroke ends the rally.
     first = game.pairs_of(FIRST_RALLY_STATE).start
-    ends = game.threshold[first:, 1]
-    if not len(ends) or ends.min() > 0:
+    ends = game.limits[:, first:, 1]
+    if not ends.size or ends.min() > 0:
         return float(1 - ends.min(initial=ONE - 1) / ONE)
-    pair = first + int(np.argmin(ends))
+    level, place = np.unravel_index(int(ends.argmin()), ends.shape)
+    pair = first + int(place)
+    state = int(level) * game.levels * game.n_base_states + int(game.base_pair_state[pair])
     raise ExactError(
-        f"{game.catalogue.names[game.pair_stroke[pair]]} never ends the rally in state: "
-        f"{game.describe(int(game.pair_state[pair]))}; exact values need a probability above 0 for every stroke to end it"
+        f"{game.catalogue.names[game.base_pair_stroke[pair]]} never ends the rally in state: "
+        f"{game.describe(state)}; exact values need a probability above 0 for every stroke to end it"
     )
 
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
-from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.rally import ONE, ROOT
 from shuttle_marl.game.stroke import N_SHOTS
 
 Floats = npt.NDArray[np.float64]
@@ -34,7 +34,18 @@ class Visits:
     def pairs(self, player: int) -> Floats:
         """``[P]`` how often a player plays each legal pair."""
         policy = self.policies[player]
-        return np.asarray(policy.pair_probabilities() * self.states[player][policy.game.pair_state])
+        return np.asarray(policy.pair_probabilities() * policy.game.of_pairs(self.states[player]))
+
+    def base_pairs(self, player: int) -> Floats:
+        """``[L, base pairs]`` how often a player plays each base pair at each own effort."""
+        policy = self.policies[player]
+        game = policy.game
+        total = np.zeros((game.levels, game.n_base_pairs))
+        for block in range(game.n_blocks):
+            visits = self.states[player][game.block_states(block)]
+            if visits.any():
+                total[block // game.levels] += policy.block_probabilities(block) * visits[game.base_pair_state]
+        return total
 
     @property
     def rally_length(self) -> float:
@@ -45,17 +56,17 @@ class Visits:
         """Share of the rallies that end in each of :data:`ENDINGS`."""
         shares = dict.fromkeys(ENDINGS, 0.0)
         for player, policy in enumerate(self.policies):
-            played = self.pairs(player)
-            fault, winner, _, _ = policy.game.outcome_probabilities().T
-            # A copy in one piece: the order in which BLAS sums, and so the last bits, depend on the layout in memory.
-            shares[f"winner of player {player}"] = float(played @ winner.copy())
-            shares[f"fault of player {player}"] = float(played @ fault)
+            played = self.base_pairs(player)
+            fault, winner = np.moveaxis(policy.game.limits[..., :2].astype(np.float64), -1, 0) / ONE
+            # A sum of numpy and not of BLAS, whose order, and so the last bits, depend on the number of threads.
+            shares[f"winner of player {player}"] = float((played * (winner - fault)).sum())
+            shares[f"fault of player {player}"] = float((played * fault).sum())
         return shares
 
     def shot_mix(self, player: int) -> Floats:
         """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.game.stroke.SHOTS`."""
         game = self.policies[player].game
-        played = np.bincount(game.catalogue.shot[game.pair_stroke], self.pairs(player), N_SHOTS)
+        played = np.bincount(game.catalogue.shot[game.base_pair_stroke], self.base_pairs(player).sum(axis=0), N_SHOTS)
         return np.asarray(played / played.sum())
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from shuttle_marl.exact.fixed_point import TOLERANCE, iterate, largest_continuation
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import best_values, greedy_strokes
+from shuttle_marl.exact.sweeps import best_ranks, best_values
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy
@@ -108,12 +108,12 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
 
 def greedy_policy(game: Game, following: Floats) -> TabulatedPolicy:
     """The policy that plays the best stroke in every state, ``following`` being the value of the next states to the receiver."""
-    cumulative = np.zeros(game.n_pairs, dtype=np.uint16)
-    best = np.flatnonzero(greedy_strokes(game, following))
-    # From the chosen stroke on, the cumulative probability of its state is 1.
-    chosen = np.full(game.n_states, game.n_pairs)
-    chosen[game.pair_state[best]] = best
-    cumulative[np.arange(game.n_pairs) >= chosen[game.pair_state]] = CHOICE_ONE
+    best = best_ranks(game, following)
+    cumulative = np.empty(game.n_pairs, dtype=np.uint16)
+    for block in range(game.n_blocks):
+        # From the chosen stroke on, the cumulative probability of its state is 1.
+        chosen = best[game.block_states(block)][game.base_pair_state]
+        cumulative[game.block_pairs(block)] = np.where(game.base_pair_rank >= chosen, CHOICE_ONE, 0)
     return TabulatedPolicy(game=game, cumulative=cumulative)
 
 
@@ -243,8 +243,7 @@ def policy_regret(
     """
     solution = solution or solve(policy.game, tolerance=tolerance)
     value, following = solution.value
-    game = policy.game
-    state = value - game.sum_by_state(policy.pair_probabilities() * game.stroke_values(following))
+    state = value - induced(policy).values(following)
     counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
     weight = counted.states[0]
     # A state's regret is at most 2 and off by two values at most.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError, error_bound, solve_linear
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.sweeps import mean_following, propagate
-from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.rally import ONE, ROOT, Game
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 
 Floats = npt.NDArray[np.float64]
@@ -29,6 +29,10 @@ class StatePolicy(Protocol):
 
     def pair_probabilities(self) -> Floats:
         """``[P]`` probability of each legal pair given its state."""
+        ...
+
+    def block_probabilities(self, block: int) -> Floats:
+        """``[base pairs]`` the same in one block of states."""
         ...
 
 
@@ -48,6 +52,10 @@ class PairPolicy:
         """``[P]`` the same; see :class:`StatePolicy`."""
         return self.probability
 
+    def block_probabilities(self, block: int) -> Floats:
+        """``[base pairs]`` the same in one block of states."""
+        return self.probability[self.game.block_pairs(block)]
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class InducedChain:
@@ -56,13 +64,14 @@ class InducedChain:
     Attributes:
         game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
-        weight: ``[2 P]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn.
+        weight: for each block ``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from
+            below and above in turn; blocks that are alike share an array.
         contraction: largest probability, over the rally states, that the rally continues.
     """
 
     game: Game
     reward: Floats
-    weight: Floats
+    weight: tuple[Floats, ...]
     contraction: float
 
     def continuation(self, following: Floats) -> Floats:
@@ -85,18 +94,33 @@ def induced(policy: StatePolicy) -> InducedChain:
         ExactError: the policy may never end a rally.
     """
     game = policy.game
-    probability = policy.pair_probabilities()
-    fault, winner, below, above = game.outcome_probabilities().T
-    continuation = game.sum_by_state(probability * (below + above))[FIRST_RALLY_STATE:]
-    if continuation.max(initial=0.0) >= 1:
-        state = FIRST_RALLY_STATE + int(continuation.argmax())
-        raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
-    return InducedChain(
-        game=game,
-        reward=game.sum_by_state(probability * (winner - fault)),
-        weight=np.stack([probability * below, probability * above], axis=1).ravel(),
-        contraction=float(continuation.max(initial=0.0)),
-    )
+    reward, largest = np.empty(game.n_states), 0.0
+    weights: list[Floats] = []
+    kept: list[tuple[Floats, dict[int, int]]] = []
+    for block in range(game.n_blocks):
+        level, states = block // game.levels, game.block_states(block)
+        probability = policy.block_probabilities(block)
+        # Most policies do not look at the efforts, or only at their own: each table is kept once.
+        same = next((blocks for seen, blocks in kept if np.array_equal(seen, probability)), None)
+        if same is None:
+            same = {}
+            kept.append((probability, same))
+        if level in same:
+            twin = same[level]
+            weights.append(weights[twin])
+            reward[states] = reward[game.block_states(twin)]
+            continue
+        same[level] = block
+        fault, winner, below = game.limits[level].astype(np.int32).T
+        reward[states] = np.bincount(game.base_pair_state, probability * ((winner - 2 * fault) / ONE), game.n_base_states)
+        weights.append(np.stack([probability * ((below - winner) / ONE), probability * ((ONE - below) / ONE)], axis=1).ravel())
+        continuation = np.bincount(game.base_pair_state, weights[-1][::2] + weights[-1][1::2], game.n_base_states)
+        continuation[:FIRST_RALLY_STATE] = 0.0
+        largest = max(largest, float(continuation.max()))
+        if largest >= 1:
+            state = states.start + int(continuation.argmax())
+            raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
+    return InducedChain(game=game, reward=reward, weight=tuple(weights), contraction=largest)
 
 
 def check_same_layout(first: Game, second: Game) -> None:
@@ -112,7 +136,12 @@ def check_same_layout(first: Game, second: Game) -> None:
             f"the two players' games have different catalogues ({first.catalogue.version} and {second.catalogue.version}); "
             "compile both from the same catalogue and the same rule of legality"
         )
-    for table in ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start"):
+    if first.levels != second.levels:
+        raise ExactError(
+            f"the two players' games count effort up to {first.levels - 1} and {second.levels - 1}; "
+            "compile both with the same number of levels"
+        )
+    for table in ("edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge"):
         if not np.array_equal(getattr(first, table), getattr(second, table)):
             raise ExactError(
                 f"the two players' games differ in {table}, so their states are not the same; "

@@ -58,6 +58,21 @@ class States:
         return frozen(self.game.contact(self.state))
 
     @functools.cached_property
+    def duel(self) -> npt.NDArray[np.int32]:
+        """``[B]`` net shots in a row that end with the incoming stroke; 3: three or more."""
+        return frozen(self.game.duel(self.state))
+
+    @functools.cached_property
+    def effort(self) -> npt.NDArray[np.int32]:
+        """``[B]`` the striker's effort: own attacking strokes so far in the rally."""
+        return frozen(self.game.effort(self.state))
+
+    @functools.cached_property
+    def opponent_effort(self) -> npt.NDArray[np.int32]:
+        """``[B]`` the same of the receiver."""
+        return frozen(self.game.opponent_effort(self.state))
+
+    @functools.cached_property
     def mask(self) -> npt.NDArray[np.bool_]:
         """``[B, n]`` legal strokes."""
         return frozen(self.game.mask(self.state))

@@ -1,16 +1,27 @@
 """The pure rules of a rally, on tables, for a batch at a time. No torch, no environment, no policy.
 
 A rally alternates between two players. The one to hit is the striker, the other the receiver. What decides a stroke is
-the striker's **state**: their own last stroke, the incoming stroke, and the **contact** they are offered (below or above
-the net). One 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above.
+the striker's **state**:
+
+- their own last stroke, the incoming stroke, and the **contact** they are offered (below or above the net);
+- the **duel**: how many net shots in a row end with the incoming stroke, 0 to 3 (3: three or more);
+- the **effort** of both players: attacking strokes (smashes, half-smashes) that each has played in this rally, from 0 to
+  L - 1 (so many or more).
+
+One 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above. The striker's
+effort multiplies the odds of a fault, and nothing else; the receiver's changes nothing until the roles swap.
 
 How the tables are laid out
 ---------------------------
 ``START = n`` stands for "no stroke yet". A pair (own last stroke x, incoming stroke y) that can occur is an **edge**
-x → y; edge 0 is START → START, the start of a rally. State ``s = 2 * edge + contact``. The replies to stroke y from
-contact c do not depend on x, and their edges y → z lie next to each other: ``reply_start[y, c]`` up to
-``reply_start[y, c] + reply_count[y, c]``. So the k-th legal stroke of a state is a number, and so is what follows it.
-A **legal pair** is (state, k); its row in ``threshold`` is ``pair_start[state] + k``.
+x -> y; edges between two net shots exist once for each length of the duel; edge 0 is START -> START, the start of a rally.
+A **base state** is ``2 * edge + contact``. The replies to stroke y from contact c do not depend on x but for the duel that
+they continue, so they stand next to each other in ``reply_edge``: ``reply_count[y, c]`` of them from
+``reply_start[y, d, c]`` on, d = 1 where two or more net shots in a row end with y. So the k-th legal stroke of a state is a
+number, and so is what follows it. A **base pair** is (base state, k); its row in ``threshold`` is counted in that order.
+
+With S base states and P base pairs, **state** ``block * S + base state`` and **legal pair** ``block * P + base pair`` add the
+effort: ``block = own effort * L + opponent's effort``. After a stroke the two change places.
 """
 
 import dataclasses
@@ -35,6 +46,10 @@ ONE: Final = 1 << 16
 """Probability 1 in the fixed point of the tables."""
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
+LONGEST_DUEL: Final = 3
+"""Longer duels count as this one."""
+_MOST_LEVELS: Final = 8
+_MOST_ODDS: Final = 1 << 20
 
 Ints = npt.NDArray[np.int32]
 UInts = npt.NDArray[np.uint16]
@@ -61,27 +76,36 @@ class IllegalStrokeError(ActionError):
         self.stroke, self.row = stroke, row
 
 
+def _no_effort() -> Ints:
+    return np.full(1, ONE, dtype=np.int32)
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Game:
-    """A compiled game: n strokes, E edges, S = 2 E states, P legal pairs.
+    """A compiled game: n strokes, E edges, V replies, L levels of effort; S = 2 E L^2 states, P legal pairs.
 
     Attributes:
         catalogue: the n strokes.
         edge_own: ``[E]`` int32, the striker's own last stroke, n for none.
         edge_incoming: ``[E]`` int32, the incoming stroke, n for none (the serve).
-        reply_start: ``[n + 1, 2]`` int32, first edge of the replies to a stroke, by contact.
-        reply_count: ``[n + 1, 2]`` int32, their number.
-        pair_start: ``[S + 1]`` int32, first legal pair of a state.
-        threshold: ``[P, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below, in units of 1/65536.
+        edge_duel: ``[E]`` int32, net shots in a row that end with the incoming stroke, 0 to 3; all 0 where duels do not count.
+        reply_start: ``[n + 1, 2, 2]`` int32, first reply to a stroke, by duel (1: of two net shots or more) and contact.
+        reply_count: ``[n + 1, 2]`` int32, their number by contact.
+        reply_edge: ``[V]`` int32, edge that follows each reply.
+        threshold: ``[base pairs, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below at effort 0, in
+            units of 1/65536.
+        fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
     """
 
     catalogue: Catalogue
     edge_own: Ints
     edge_incoming: Ints
+    edge_duel: Ints
     reply_start: Ints
     reply_count: Ints
-    pair_start: Ints
+    reply_edge: Ints
     threshold: UInts
+    fault_odds: Ints = dataclasses.field(default_factory=_no_effort)
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
@@ -101,52 +125,129 @@ class Game:
         return len(self.catalogue)
 
     @property
-    def n_states(self) -> int:
-        """Number of states S; the second contact of edge 0 (a serve from above) has no legal stroke and never occurs."""
+    def levels(self) -> int:
+        """Number of levels of effort L; 1 where effort does not count."""
+        return len(self.fault_odds)
+
+    @functools.cached_property
+    def counts_duels(self) -> bool:
+        """Whether states count net shots in a row."""
+        return bool(self.edge_duel.any())
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of combinations of both players' efforts."""
+        return self.levels**2
+
+    @property
+    def n_base_states(self) -> int:
+        """Number of states at given efforts; the serve from above (base state 1) has no legal stroke and never occurs."""
         return 2 * len(self.edge_own)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states S."""
+        return self.n_blocks * self.n_base_states
+
+    @property
+    def n_base_pairs(self) -> int:
+        """Number of legal pairs at given efforts."""
+        return len(self.threshold)
 
     @property
     def n_pairs(self) -> int:
         """Number of legal pairs P."""
-        return len(self.threshold)
+        return self.n_blocks * self.n_base_pairs
 
     # Parts of a state.
 
+    def base(self, state: Indices) -> npt.NDArray[np.integer]:
+        """The base state of each state; any shape."""
+        return np.asarray(state) % self.n_base_states
+
     def own(self, state: Indices) -> Ints:
         """The striker's own last stroke in each state, n for none; any shape."""
-        return self.edge_own[np.asarray(state) >> 1]
+        return self.edge_own[self.base(state) >> 1]
 
     def incoming(self, state: Indices) -> Ints:
         """The incoming stroke of each state, n for none: the striker serves; any shape."""
-        return self.edge_incoming[np.asarray(state) >> 1]
+        return self.edge_incoming[self.base(state) >> 1]
+
+    def duel(self, state: Indices) -> Ints:
+        """Net shots in a row that end with the incoming stroke of each state, 3 for three or more; any shape."""
+        return self.edge_duel[self.base(state) >> 1]
 
     @staticmethod
     def contact(state: Indices) -> Ints:
         """The contact offered in each state, 0 below and 1 above the net; any shape."""
         return (np.asarray(state) & 1).astype(np.int32)
 
-    def observation(self, state: Indices) -> Ints:
-        """``[..., 3]`` own last stroke, incoming stroke and contact of each state: all that a striker observes of a rally."""
-        return np.stack([self.own(state), self.incoming(state), self.contact(state)], axis=-1)
+    def effort(self, state: Indices) -> Ints:
+        """The striker's effort in each state; any shape."""
+        return (np.asarray(state) // (self.n_base_states * self.levels)).astype(np.int32)
 
-    def state_of(self, own: Indices, incoming: Indices, contact: Indices) -> Ints:
+    def opponent_effort(self, state: Indices) -> Ints:
+        """The receiver's effort in each state; any shape."""
+        return (np.asarray(state) // self.n_base_states % self.levels).astype(np.int32)
+
+    def observation(self, state: Indices) -> Ints:
+        """``[..., 6]`` all that a striker observes of a rally.
+
+        Own last stroke, incoming stroke, contact, duel, own effort and the opponent's effort of each state.
+        """
+        parts = (self.own, self.incoming, self.contact, self.duel, self.effort, self.opponent_effort)
+        return np.stack([part(state) for part in parts], axis=-1)
+
+    def state_of(
+        self,
+        own: Indices,
+        incoming: Indices,
+        contact: Indices,
+        duel: Indices = 0,
+        effort: Indices = 0,
+        opponent_effort: Indices = 0,
+    ) -> Ints:
         """The state of an observation, -1 where the game has none such: the inverse of :meth:`observation`.
 
         Args:
             own, incoming: catalogue indices, n for no stroke yet; anything else is no stroke.
-            contact: 0 or 1. All three broadcast against each other.
+            contact: 0 or 1.
+            duel: 0 to 3.
+            effort, opponent_effort: 0 to L - 1. All six broadcast against each other.
         """
-        n = self.n_strokes
-        own, incoming, contact = np.broadcast_arrays(*(np.asarray(part, dtype=np.int64) for part in (own, incoming, contact)))
-        begun = (own >= 0) & (own <= n) & (incoming >= 0) & (incoming < n)
-        before, struck = np.where(begun, own, 0), np.where(begun, incoming, 0)
-        height = self.catalogue.height[struck]
-        rank = self.reply_rank[before, height, struck]
-        edge = np.where(begun & (rank >= 0), self.reply_start[before, height] + rank, -1)
-        edge = np.where((own == n) & (incoming == n), 0, edge)
-        return np.where((edge >= 0) & ((contact == 0) | (contact == 1)), 2 * edge + contact, -1).astype(np.int32)
+        parts = (own, incoming, contact, duel, effort, opponent_effort)
+        own, incoming, contact, duel, effort, opponent_effort = np.broadcast_arrays(
+            *(np.asarray(part, dtype=np.int64) for part in parts)
+        )
+        n, levels = self.n_strokes, self.levels
+        begun = (own >= 0) & (own <= n) & (incoming >= 0) & (incoming < n) & (duel >= 0) & (duel <= LONGEST_DUEL)
+        edge = np.where(begun, self._edge_of[np.where(begun, own, 0), np.where(begun, incoming, 0), np.where(begun, duel, 0)], -1)
+        edge = np.where((own == n) & (incoming == n) & (duel == 0), 0, edge)
+        found = (edge >= 0) & ((contact == 0) | (contact == 1))
+        for level in (effort, opponent_effort):
+            found &= (level >= 0) & (level < levels)
+        base = 2 * edge + contact
+        return np.where(found, (effort * levels + opponent_effort) * self.n_base_states + base, -1).astype(np.int32)
+
+    @functools.cached_property
+    def _edge_of(self) -> Ints:
+        """``[n + 1, n + 1, 4]`` edge of own last stroke, incoming stroke and duel, -1 where there is none."""
+        table = np.full((self.n_strokes + 1, self.n_strokes + 1, LONGEST_DUEL + 1), -1, dtype=np.int32)
+        table[self.edge_own, self.edge_incoming, self.edge_duel] = np.arange(len(self.edge_own))
+        return frozen(table)
 
     # Legal strokes of states.
+
+    @functools.cached_property
+    def base_pair_start(self) -> Ints:
+        """``[base states + 1]`` first base pair of each base state."""
+        return frozen(np.r_[0, np.cumsum(self.reply_count[self.edge_incoming].ravel())].astype(np.int32))
+
+    @functools.cached_property
+    def pair_start(self) -> Ints:
+        """``[S + 1]`` first legal pair of each state."""
+        blocks = np.arange(self.n_blocks, dtype=np.int32)[:, None] * np.int32(self.n_base_pairs)
+        return frozen(np.r_[(blocks + self.base_pair_start[:-1]).ravel(), np.int32(self.n_pairs)].astype(np.int32))
 
     @functools.cached_property
     def playable(self) -> npt.NDArray[np.bool_]:
@@ -155,12 +256,12 @@ class Game:
 
     def legal_count(self, state: Indices) -> Ints:
         """Number of legal strokes in each state; any shape."""
-        state = np.asarray(state)
-        return self.pair_start[state + 1] - self.pair_start[state]
+        base = self.base(state)
+        return self.base_pair_start[base + 1] - self.base_pair_start[base]
 
     def legal_strokes(self, state: int) -> Ints:
         """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
-        return self.pair_stroke[self.pairs_of(state)]
+        return self.stroke_at(state, np.arange(int(self.legal_count(state))))
 
     def mask(self, state: Indices) -> npt.NDArray[np.bool_]:
         """``[..., n]`` which strokes are legal in each state."""
@@ -181,7 +282,7 @@ class Game:
 
     def stroke_at(self, state: Indices, rank: Indices) -> Ints:
         """Catalogue index of the stroke at a position among the legal ones of a state, which is not checked; any shape."""
-        return self.edge_incoming[self.first_reply[state] + rank]
+        return self.edge_incoming[self.reply_edge[self.first_reply[self.base(state)] + rank]]
 
     def pairs_of(self, state: int) -> slice:
         """The legal pairs of one state, which lie next to each other."""
@@ -198,7 +299,40 @@ class Game:
         rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
         return row, self.pair_start[state].astype(np.int64)[row] + rank
 
-    # Tables over legal pairs.
+    def block_pairs(self, block: int) -> slice:
+        """The legal pairs of one combination of efforts, which lie next to each other."""
+        return slice(block * self.n_base_pairs, (block + 1) * self.n_base_pairs)
+
+    def block_states(self, block: int) -> slice:
+        """The states of one combination of efforts, which lie next to each other."""
+        return slice(block * self.n_base_states, (block + 1) * self.n_base_states)
+
+    def block_following(self, block: int) -> tuple[int, int]:
+        """The block that follows a block after a stroke that is no attack, and after an attack."""
+        own, other = divmod(block, self.levels)
+        return other * self.levels + own, other * self.levels + min(own + 1, self.levels - 1)
+
+    # Tables over base pairs, which hold in every block, and over all legal pairs.
+
+    @functools.cached_property
+    def base_pair_state(self) -> Ints:
+        """``[base pairs]`` base state of each base pair."""
+        return frozen(np.repeat(np.arange(self.n_base_states, dtype=np.int32), np.diff(self.base_pair_start)))
+
+    @functools.cached_property
+    def base_pair_rank(self) -> Ints:
+        """``[base pairs]`` position k of each base pair in its state."""
+        return frozen(np.arange(self.n_base_pairs, dtype=np.int32) - self.base_pair_start[self.base_pair_state])
+
+    @functools.cached_property
+    def base_pair_edge(self) -> Ints:
+        """``[base pairs]`` edge that follows each base pair if the stroke is returned."""
+        return frozen(self.reply_edge[self.first_reply[self.base_pair_state] + self.base_pair_rank])
+
+    @functools.cached_property
+    def base_pair_stroke(self) -> Ints:
+        """``[base pairs]`` catalogue index of the stroke of each base pair."""
+        return frozen(self.edge_incoming[self.base_pair_edge])
 
     @functools.cached_property
     def pair_state(self) -> Ints:
@@ -208,23 +342,23 @@ class Game:
     @functools.cached_property
     def pair_rank(self) -> Ints:
         """``[P]`` position k of each legal pair in its state."""
-        return frozen(np.arange(self.n_pairs, dtype=np.int32) - self.pair_start[self.pair_state])
-
-    @functools.cached_property
-    def pair_edge(self) -> Ints:
-        """``[P]`` edge that follows each legal pair if the stroke is returned; the next state is ``2 * edge + contact``."""
-        return frozen(self.first_reply[self.pair_state] + self.pair_rank)
+        return frozen(np.tile(self.base_pair_rank, self.n_blocks))
 
     @functools.cached_property
     def pair_stroke(self) -> Ints:
         """``[P]`` catalogue index of the stroke of each legal pair."""
-        return frozen(self.edge_incoming[self.pair_edge])
+        return frozen(np.tile(self.base_pair_stroke, self.n_blocks))
 
     @functools.cached_property
     def first_reply(self) -> Ints:
-        """``[S]`` edge that follows the first legal stroke of a state; that of its k-th one is k further on."""
-        s = np.arange(self.n_states)
-        return frozen(self.reply_start[self.incoming(s), self.contact(s)])
+        """``[base states]`` place in ``reply_edge`` of the first legal stroke of a state; the k-th one is k further on."""
+        longer = (self.edge_duel >= LONGEST_DUEL - 1).astype(np.int32)
+        return frozen(self.reply_start[self.edge_incoming, longer].ravel())
+
+    @functools.cached_property
+    def edge_attack(self) -> npt.NDArray[np.bool_]:
+        """``[E]`` whether the incoming stroke of an edge is an attack, which costs the one who played it effort."""
+        return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
 
     @functools.cached_property
     def first_pairs(self) -> Ints:
@@ -245,34 +379,64 @@ class Game:
     def reply_rank(self) -> npt.NDArray[np.int16]:
         """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
         rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
-        s = self.pair_state
-        rank[self.incoming(s), self.contact(s), self.pair_stroke] = self.pair_rank
+        s = self.base_pair_state
+        rank[self.incoming(s), self.contact(s), self.base_pair_stroke] = self.base_pair_rank
         return frozen(rank)
+
+    def arrivals(self, pairs: slice | Indices = _ALL) -> Ints:
+        """``[..., 2]`` the receiver's state after a returned stroke, met below and above the net, of legal pairs."""
+        block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
+        edge = self.base_pair_edge[base]
+        own, other = np.divmod(block, self.levels)
+        after = other * self.levels + np.minimum(own + self.edge_attack[edge], self.levels - 1)
+        below = after * self.n_base_states + 2 * edge
+        return np.stack([below, below + 1], axis=-1).astype(np.int32)
+
+    def _numbers(self, pairs: slice | Indices) -> npt.NDArray[np.integer]:
+        return np.arange(self.n_pairs)[pairs] if isinstance(pairs, slice) else np.asarray(pairs)
+
+    @functools.cached_property
+    def limits(self) -> UInts:
+        """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``."""
+        return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
+
+    def limits_of(self, pairs: slice | Indices = _ALL) -> UInts:
+        """``[..., 3]`` thresholds of legal pairs, all by default."""
+        block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
+        return self.limits.reshape(-1, 3)[block // self.levels * self.n_base_pairs + base]
 
     # Numbers over legal pairs.
 
     def sum_by_state(self, values: npt.NDArray[np.floating]) -> Floats:
         """``[S]`` sum of the ``[P]`` values of the legal pairs of each state."""
-        return np.bincount(self.pair_state, values, self.n_states).astype(np.float64, copy=False)
+        total = np.empty(self.n_states)
+        for block in range(self.n_blocks):
+            part = values[self.block_pairs(block)]
+            total[self.block_states(block)] = np.bincount(self.base_pair_state, part, self.n_base_states)
+        return total
 
     def normalized(self, weights: npt.NDArray[np.floating]) -> Floats:
         """``[P]`` weights divided by their sum in each state: the probabilities of the legal strokes."""
-        return np.asarray(weights / self.sum_by_state(weights)[self.pair_state])
+        return np.asarray(weights / self.of_pairs(self.sum_by_state(weights)))
 
-    def outcome_probabilities(self, pairs: slice | npt.NDArray[np.integer] = _ALL) -> Floats:
+    def of_pairs(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """``[P]`` for each legal pair the value of its state, from ``[S]`` values."""
+        return np.repeat(values, np.diff(self.pair_start))
+
+    def outcome_probabilities(self, pairs: slice | Indices = _ALL) -> Floats:
         """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
-        return np.asarray(np.diff(self.threshold[pairs].astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
+        return np.asarray(np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
 
-    def stroke_probabilities(self) -> tuple[Floats, Floats, Floats]:
-        """``[P]`` each: probability that the stroke is good, that a good one is returned, that a return is from above."""
-        fault, winner, below = (self.threshold[:, i].astype(np.float64) for i in range(3))
+    def stroke_probabilities(self, pairs: slice | Indices = _ALL) -> tuple[Floats, Floats, Floats]:
+        """Probability that the stroke is good, that a good one is returned, that a return is from above; of legal pairs."""
+        fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             good = (ONE - fault) / ONE
             returned = np.where(fault < ONE, (ONE - winner) / (ONE - fault), 0.0)
             above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
         return good, returned, above
 
-    def stroke_values(self, following: Floats, pairs: slice | npt.NDArray[np.integer] = _ALL) -> Floats:
+    def stroke_values(self, following: Floats, pairs: slice | Indices = _ALL) -> Floats:
         """Q-values: what legal pairs are worth to the striker, +1 for winning the rally and -1 for losing it.
 
         Args:
@@ -282,10 +446,14 @@ class Game:
         Returns:
             One value for each pair.
         """
-        fault, winner, below = self.threshold[pairs].astype(np.float64).T
-        after = 2 * self.pair_edge[pairs]
+        if isinstance(pairs, slice) and pairs == _ALL and self.n_blocks > 1:
+            # One block after the other, so that what is needed on the way stays small.
+            blocks = [self.stroke_values(following, self.block_pairs(block)) for block in range(self.n_blocks)]
+            return np.concatenate(blocks)
+        fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
+        after = following[self.arrivals(pairs)]
         now = winner - 2 * fault
-        return np.asarray((now - (below - winner) * following[after] - (ONE - below) * following[after + 1]) / ONE)
+        return np.asarray((now - (below - winner) * after[..., 0] - (ONE - below) * after[..., 1]) / ONE)
 
     @functools.cached_property
     def hash(self) -> str:
@@ -297,10 +465,15 @@ class Game:
         return digest.hexdigest()
 
     def describe(self, state: int) -> str:
-        """A state in words: own last stroke, incoming stroke, contact."""
+        """A state in words: own last stroke, incoming stroke, contact, and the duel and the efforts where they count."""
         names = (*self.catalogue.names, "none")
-        own, incoming = names[int(self.own(state))], names[int(self.incoming(state))]
-        return f"own {own}, incoming {incoming}, contact {'above' if state & 1 else 'below'}"
+        own, incoming, contact, duel, effort, opponent_effort = self.observation(state).tolist()
+        words = f"own {names[own]}, incoming {names[incoming]}, contact {'above' if contact else 'below'}"
+        if duel > 1:
+            words += f", net shots in a row {duel}{' or more' if duel == LONGEST_DUEL else ''}"
+        if self.levels > 1:
+            words += f", effort {effort} against {opponent_effort}"
+        return words
 
     def _check_layout(self) -> None:
         """Refuse tables that point outside each other: compiled code reads them without looking.
@@ -308,38 +481,65 @@ class Game:
         Raises:
             GameError: they do.
         """
-        n, edges, pairs = self.n_strokes, len(self.edge_own), len(self.threshold)
+        n, edges, replies = self.n_strokes, len(self.edge_own), len(self.reply_edge)
         wanted = {
-            "edge_own": (edges,), "edge_incoming": (edges,), "reply_start": (n + 1, 2), "reply_count": (n + 1, 2),
-            "pair_start": (2 * edges + 1,), "threshold": (pairs, 3),
+            "edge_own": (edges,), "edge_incoming": (edges,), "edge_duel": (edges,), "reply_start": (n + 1, 2, 2),
+            "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (len(self.threshold), 3),
+            "fault_odds": (len(self.fault_odds),),
         }  # fmt: skip
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
                 raise GameError(f"table {name} of shape {getattr(self, name).shape}: expected {shape}")
-        if not edges or (self.edge_own[0], self.edge_incoming[0]) != (n, n):
+        if not edges or (self.edge_own[0], self.edge_incoming[0], self.edge_duel[0]) != (n, n, 0):
             raise GameError("edge 0 is not the start of a rally")
-        for name in ("edge_own", "edge_incoming"):
-            if not _within(getattr(self, name), 0, n):
-                raise GameError(f"table {name}: expected strokes from 0 to {n}")
-        starts, counts = self.reply_start.astype(np.int64), self.reply_count.astype(np.int64)
-        if not (_within(starts, 0, edges) and _within(counts, 0, n) and _within(starts + counts, 0, edges)):
-            raise GameError(f"tables reply_start and reply_count: expected edges from 0 to {edges - 1}")
-        ends = np.cumsum(counts[self.edge_incoming].ravel())
-        if self.pair_start[0] != 0 or (self.pair_start[1:] != ends).any() or ends[-1] != pairs:
-            raise GameError("tables pair_start and threshold do not count the legal strokes of the states")
-        if (np.diff(ends, prepend=0)[np.arange(len(ends)) != 1] == 0).any():
-            raise GameError("a state other than the serve from above has no legal stroke")
+        for name, highest in (("edge_own", n), ("edge_incoming", n), ("edge_duel", LONGEST_DUEL), ("reply_edge", edges - 1)):
+            if not _within(getattr(self, name), 0, highest):
+                raise GameError(f"table {name}: expected numbers from 0 to {highest}")
+        if not 1 <= self.levels <= _MOST_LEVELS or self.fault_odds[0] != ONE or not _within(self.fault_odds, 1, _MOST_ODDS):
+            raise GameError(f"table fault_odds: expected 1 to {_MOST_LEVELS} odds of 1 to {_MOST_ODDS}, the first of them {ONE}")
         if (self.threshold[:, 1:] < self.threshold[:, :-1]).any():
             raise GameError("table threshold: the cumulative probabilities of a legal pair fall")
-        stroke, contact = np.divmod(np.repeat(np.arange(2 * n + 2), counts.ravel()), 2)
-        first = np.repeat(starts.ravel() - np.r_[0, np.cumsum(counts)[:-1]], counts.ravel())
-        reply = first + np.arange(len(first))
+        self._check_replies()
+
+    def _check_replies(self) -> None:
+        """Refuse replies that do not follow the strokes that they answer.
+
+        Raises:
+            GameError: there are some.
+        """
+        n, replies = self.n_strokes, len(self.reply_edge)
+        starts = self.reply_start.astype(np.int64)
+        counts = np.broadcast_to(self.reply_count.astype(np.int64)[:, None], starts.shape)
+        if not (_within(starts, 0, replies) and _within(counts, 0, n) and _within(starts + counts, 0, replies)):
+            raise GameError(f"tables reply_start and reply_count: expected replies from 0 to {replies - 1}")
+        legal = self.reply_count[self.edge_incoming].ravel()
+        if legal.sum() != len(self.threshold):
+            raise GameError("table threshold does not count the legal strokes of the states")
+        if (legal[np.arange(len(legal)) != 1] == 0).any():
+            raise GameError("a state other than the serve from above has no legal stroke")
+        if len(np.unique(np.stack([self.edge_own, self.edge_incoming, self.edge_duel]), axis=1).T) != len(self.edge_own):
+            raise GameError("tables edge_own, edge_incoming and edge_duel name an edge twice")
+        of, count = np.arange(starts.size), counts.ravel()
+        place = np.repeat(of, count)
+        edge = self.reply_edge[np.repeat(starts.ravel() - np.r_[0, np.cumsum(count)[:-1]], count) + np.arange(len(place))]
+        answered, longer, contact = place >> 2, (place >> 1) & 1, place & 1
+        stroke = self.edge_incoming[edge]
         if (
-            (self.edge_own[reply] != stroke).any()
-            or not _within(self.edge_incoming[reply], 0, n - 1)
-            or (self.catalogue.height[self.edge_incoming[reply]] != contact).any()
+            (self.edge_own[edge] != answered).any()
+            or (stroke >= n).any()
+            or (self.catalogue.height[stroke] != contact).any()
+            or (np.diff(stroke)[np.diff(place) == 0] <= 0).any()
         ):
-            raise GameError("table reply_start does not lead to the replies of a stroke")
+            raise GameError("tables reply_start and reply_edge do not lead to the replies of a stroke, in their order")
+        if self.counts_duels:
+            is_net = np.append(self.catalogue.is_net_shot, False)
+            duel = np.where(is_net[stroke], np.where(is_net[answered], LONGEST_DUEL - 1 + longer, 1), 0)
+            if (self.edge_duel[edge] != duel).any():
+                raise GameError("table edge_duel does not count the net shots in a row")
+        by_window = self.edge_incoming[self.reply_edge]
+        for first, second, size in zip(starts[:, 0].ravel(), starts[:, 1].ravel(), self.reply_count.ravel(), strict=True):
+            if first != second and (by_window[first : first + size] != by_window[second : second + size]).any():
+                raise GameError("table reply_start: the legal strokes of a state depend on the duel")
 
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"}
@@ -369,8 +569,64 @@ class Game:
         return game
 
 
+def states_of_rallies(game: Game, stroke: npt.NDArray[np.integer], position: npt.NDArray[np.integer]) -> Ints:
+    """The state in which each stroke of rallies was struck.
+
+    Args:
+        game: the tables.
+        stroke: ``[N]`` catalogue indices, rally after rally.
+        position: ``[N]`` number of each stroke in its rally, from 0.
+
+    Returns:
+        ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
+    """
+    n, stroke, position = game.n_strokes, np.asarray(stroke, dtype=np.int64), np.asarray(position, dtype=np.int64)
+    row = np.arange(len(stroke))
+    own = np.where(position >= 2, stroke[np.maximum(row - 2, 0)], n)
+    incoming = np.where(position >= 1, stroke[np.maximum(row - 1, 0)], n)
+    even = position % 2 == 0
+    attack = game.catalogue.is_attack[stroke]
+    # Attacks before each stroke since the beginning of its rally, of those who struck at even and at odd positions.
+    so_far = np.stack([np.r_[0, np.cumsum(attack & side)] for side in (even, ~even)])
+    counts = np.minimum(so_far[:, row] - so_far[:, row - position], game.levels - 1)
+    effort, opponent_effort = np.where(even, counts, counts[::-1])
+    duel = np.zeros(len(stroke), dtype=np.int64)
+    if game.counts_duels:
+        net = game.catalogue.is_net_shot[stroke]
+        # The last stroke up to each one that is no net shot; at the latest the one before the rally.
+        broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
+        in_a_row = np.minimum(row - broken, LONGEST_DUEL)
+        duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
+    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort)
+
+
 def _within(array: npt.NDArray[np.integer], low: int, high: int) -> bool:
     return bool(((array >= low) & (array <= high)).all())
+
+
+def multiplied(probability: npt.NDArray[np.integer], odds: npt.NDArray[np.integer] | int) -> npt.NDArray[np.int64]:
+    """Probabilities whose odds are multiplied, all in units of 1/65536: whole numbers, so the same on every machine.
+
+    Args:
+        probability: 0 to 65536, any shape.
+        odds: 1 to 2^20; broadcasts.
+    """
+    p = np.asarray(probability, dtype=np.int64)
+    for_it = p * odds
+    total = for_it + (ONE - p) * ONE
+    return np.asarray((2 * for_it * ONE + total) // (2 * total))
+
+
+def with_fault_odds(threshold: UInts, odds: npt.NDArray[np.integer] | int) -> UInts:
+    """Thresholds ``[..., 3]`` in which the odds of a fault are multiplied; what happens to a good stroke stays as it was."""
+    if np.ndim(odds) == 0 and odds == ONE:
+        return threshold
+    old = threshold.astype(np.int64)
+    fault = np.minimum(multiplied(old[..., 0], odds), ONE - 1)
+    good, before = ONE - fault, ONE - old[..., 0]
+    rest = (2 * (old[..., 1:] - old[..., :1]) * good[..., None] + before[..., None]) // (2 * before[..., None])
+    moved = np.concatenate([fault[..., None], fault[..., None] + rest], axis=-1)
+    return np.minimum(moved, ONE - 1).astype(np.uint16)
 
 
 def strike(
@@ -388,9 +644,13 @@ def strike(
         ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
         -1 where the rally is over.
     """
+    block, base = np.divmod(state, game.n_base_states)
+    own, other = np.divmod(block, game.levels)
     # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
-    limits = game.threshold.take(game.pair_start[state] + k, axis=0)
+    at = own * game.n_base_pairs + game.base_pair_start[base] + k
+    limits = game.limits.reshape(-1, 3).take(at, axis=0)
     outcome = (draw >= limits[..., 0]).view(np.int8) + (draw >= limits[..., 1]) + (draw >= limits[..., 2])
-    edge = game.first_reply[state] + k
-    following = np.where(outcome >= RETURNED_BELOW, 2 * edge + outcome - RETURNED_BELOW, -1)
-    return outcome, following.astype(np.int32)
+    edge = game.reply_edge[game.first_reply[base] + k]
+    after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)
+    following = after * game.n_base_states + 2 * edge + outcome - RETURNED_BELOW
+    return outcome, np.where(outcome >= RETURNED_BELOW, following, -1).astype(np.int32)

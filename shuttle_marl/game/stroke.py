@@ -47,6 +47,11 @@ HEIGHTS: Final = ("below", "above")
 """Height of the contact relative to the top of the net."""
 TECHNIQUES: Final = ("forehand", "backhand", "around-the-head")
 
+ATTACKS: Final = ("smash", "half-smash")
+"""Shot types that cost effort."""
+NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")
+"""Shot types of a duel at the net."""
+
 N_SHOTS: Final = len(SHOTS)
 N_SERVES: Final = 2
 N_TECHNIQUES: Final = len(TECHNIQUES)
@@ -109,6 +114,16 @@ class Catalogue:
     def is_serve(self) -> npt.NDArray[np.bool_]:
         """``[n]`` whether a stroke is a serve."""
         return frozen(self.shot < N_SERVES)
+
+    @functools.cached_property
+    def is_attack(self) -> npt.NDArray[np.bool_]:
+        """``[n]`` whether a stroke is an attack, which costs effort: a smash or a half-smash."""
+        return frozen(np.isin(self.shot, [SHOTS.index(shot) for shot in ATTACKS]))
+
+    @functools.cached_property
+    def is_net_shot(self) -> npt.NDArray[np.bool_]:
+        """``[n]`` whether a stroke is a net shot, straight or cross-court: the strokes of a duel at the net."""
+        return frozen(np.isin(self.shot, [SHOTS.index(shot) for shot in NET_SHOTS]))
 
     @functools.cached_property
     def version(self) -> str:

@@ -15,22 +15,23 @@ from safetensors.numpy import save
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
-from shuttle_marl.game.rally import ONE, Game, GameError, Ints, UInts
+from shuttle_marl.game.rally import LONGEST_DUEL, ONE, Game, GameError, Ints, UInts
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.tensor_files import read_tensors
 
 
-def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, Ints]:
+def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_], *, duels: bool = False) -> dict[str, Ints]:
     """The index tables of a game from who may answer what.
 
     Args:
         catalogue: the n strokes.
         replies: ``[n + 1, n]`` whether stroke z may answer stroke y (row n: at the start of a rally). The contact height
             of z is the contact from which it is legal.
+        duels: whether the state counts net shots in a row.
 
     Returns:
-        ``edge_own``, ``edge_incoming``, ``reply_start``, ``reply_count``, ``pair_start`` of :class:`Game`. Only strokes
-        that can be reached from the serve get edges.
+        ``edge_own``, ``edge_incoming``, ``edge_duel``, ``reply_start``, ``reply_count``, ``reply_edge`` of
+        :class:`~shuttle_marl.game.rally.Game`. Only strokes that can be reached from the serve get edges.
 
     Raises:
         GameError: a reachable stroke has no legal reply from one of the contacts, or a serve is no serve.
@@ -38,34 +39,53 @@ def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> dict[str, In
     n = len(catalogue)
     if (replies[n] != catalogue.is_serve).any() or replies[:n, catalogue.is_serve].any():
         raise GameError("exactly the serves must be legal at the start, and only there")
-    reachable = np.zeros(n + 1, dtype=bool)
-    frontier = [n]
-    while frontier:
-        y = frontier.pop()
-        if reachable[y]:
-            continue
-        reachable[y] = True
-        frontier.extend(np.flatnonzero(replies[y]).tolist())
-    own, incoming = [n], [n]
-    reply_start = np.zeros((n + 1, 2), dtype=np.int32)
+    is_net = np.append(catalogue.is_net_shot & duels, False)
+    edges: dict[tuple[int, int, int], int] = {(n, n, 0): 0}
+    reply_edge: list[int] = []
+    reply_start = np.zeros((n + 1, 2, 2), dtype=np.int32)
     reply_count = np.zeros((n + 1, 2), dtype=np.int32)
-    for y in [n, *np.flatnonzero(reachable[:n]).tolist()]:
+    for y in [n, *np.flatnonzero(_reachable(replies)[:n]).tolist()]:
         for contact in (0, 1):
-            strokes = np.flatnonzero(replies[y] & (catalogue.height == contact))
-            if not len(strokes) and y != n:
+            strokes = np.flatnonzero(replies[y] & (catalogue.height == contact)).tolist()
+            if not strokes and y != n:
                 raise GameError(f"no legal reply to {catalogue.names[y]} from contact {contact}")
-            reply_start[y, contact], reply_count[y, contact] = len(own), len(strokes)
-            own.extend([y] * len(strokes))
-            incoming.extend(strokes.tolist())
-    edge_incoming = np.array(incoming, dtype=np.int32)
-    counts = reply_count[edge_incoming].ravel()
+            reply_count[y, contact] = len(strokes)
+            for longer in (0, 1):
+                # The replies to a net shot are listed twice: those that make a duel of two strokes, and of three or more.
+                if longer and not is_net[y]:
+                    reply_start[y, 1, contact] = reply_start[y, 0, contact]
+                    continue
+                reply_start[y, longer, contact] = len(reply_edge)
+                for z in strokes:
+                    duel = (LONGEST_DUEL - 1 + longer if is_net[y] else 1) if is_net[z] else 0
+                    reply_edge.append(edges.setdefault((y, z, duel), len(edges)))
+    own, incoming, duel_of = np.array(list(edges), dtype=np.int32).T
     return {
-        "edge_own": np.array(own, dtype=np.int32),
-        "edge_incoming": edge_incoming,
+        "edge_own": np.ascontiguousarray(own),
+        "edge_incoming": np.ascontiguousarray(incoming),
+        "edge_duel": np.ascontiguousarray(duel_of),
         "reply_start": reply_start,
         "reply_count": reply_count,
-        "pair_start": np.r_[0, np.cumsum(counts)].astype(np.int32),
+        "reply_edge": np.array(reply_edge, dtype=np.int32),
     }
+
+
+def _reachable(replies: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """``[n + 1]`` strokes that can be played in a rally, and its start."""
+    start = len(replies) - 1
+    reachable = np.zeros(len(replies), dtype=bool)
+    frontier = [start]
+    while frontier:
+        y = frontier.pop()
+        if not reachable[y]:
+            reachable[y] = True
+            frontier.extend(np.flatnonzero(replies[y]).tolist())
+    return reachable
+
+
+def base_pairs(tables: dict[str, Ints]) -> int:
+    """Number of base pairs of the index tables of :func:`layout`: the rows that its thresholds need."""
+    return int(tables["reply_count"][tables["edge_incoming"]].sum())
 
 
 def thresholds(p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]) -> UInts:
@@ -105,9 +125,18 @@ class TabulatedPolicy:
 
     def pair_probabilities(self) -> npt.NDArray[np.float64]:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
-        upper = self.cumulative.astype(np.int64)
+        return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
+
+    def chances(self, pairs: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+        """Probability of each of some legal pairs given its state, of any shape."""
+        lower = np.where(self.game.base_pair_rank[pairs % self.game.n_base_pairs] > 0, self.cumulative[pairs - 1], 0)
+        return (self.cumulative[pairs].astype(np.int64) - lower) / CHOICE_ONE
+
+    def block_probabilities(self, block: int) -> npt.NDArray[np.float64]:
+        """``[base pairs]`` the same in one block of states."""
+        upper = self.cumulative[self.game.block_pairs(block)].astype(np.int64)
         lower = np.r_[0, upper[:-1]]
-        lower[self.game.first_pairs] = 0
+        lower[self.game.base_pair_rank == 0] = 0
         return (upper - lower) / CHOICE_ONE
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
@@ -117,8 +146,7 @@ class TabulatedPolicy:
             raise PolicyError("this policy was tabulated for another game; tabulate it again")
         p = np.zeros((len(states), game.n_strokes))
         rows, pairs = game.pairs(states.state)
-        lower = np.where(game.pair_rank[pairs] > 0, self.cumulative[pairs - 1], 0).astype(np.int64)
-        p[rows, game.pair_stroke[pairs]] = (self.cumulative[pairs] - lower) / CHOICE_ONE
+        p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.chances(pairs)
         return p
 
     def choose(self, state: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
@@ -136,7 +164,8 @@ class TabulatedPolicy:
         game = self.game
         width = int(game.legal_count(np.arange(game.n_states)).max())
         table = np.full((game.n_states, width), CHOICE_ONE, dtype=np.uint16)
-        table[game.pair_state, game.pair_rank] = self.cumulative
+        blocks = table.reshape(game.n_blocks, game.n_base_states, width)
+        blocks[:, game.base_pair_state, game.base_pair_rank] = self.cumulative.reshape(game.n_blocks, -1)
         table.flags.writeable = False
         return table
 
@@ -164,8 +193,9 @@ class TabulatedPolicy:
         last = game.last_pairs
         if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
             raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
-        falls = np.diff(cumulative.astype(np.int64)) < 0
-        if falls[np.setdiff1d(np.arange(len(falls)), last)].any():
+        falls = cumulative[1:] < cumulative[:-1]
+        falls[last[:-1]] = False
+        if falls.any():
             raise PolicyError(f"{path}: a cumulative probability falls; the file is damaged, save the policy again")
         return cls(game=game, cumulative=cumulative)
 
@@ -184,15 +214,19 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
     p = np.zeros(game.n_pairs)
     for chunk in np.array_split(playable, max(1, len(playable) // _CHUNK)):
         rows = checked_probabilities(policy, States(game=game, state=chunk), name)
-        first, last = game.pair_start[chunk[0]], game.pair_start[chunk[-1] + 1]
-        p[first:last] = rows[np.searchsorted(chunk, game.pair_state[first:last]), game.pair_stroke[first:last]]
+        row, pairs = game.pairs(chunk)
+        p[pairs] = rows[row, game.base_pair_stroke[pairs % game.n_base_pairs]]
     return from_pair_probabilities(game, p)
 
 
 def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
     """Compile ``[P]`` probabilities (each state sums to 1) to a table; rounds the cumulative probability to 1/65535."""
-    total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
-    before = total[game.pair_start[game.pair_state]]
-    probability = total[1:] - before
-    probability /= np.repeat(probability[game.last_pairs], np.diff(game.pair_start)[game.playable])
-    return TabulatedPolicy(game=game, cumulative=np.rint(probability * CHOICE_ONE).astype(np.uint16))
+    cumulative = np.empty(game.n_pairs, np.uint16)
+    # One block after the other: a policy that does not look at the efforts has the same table in all of them.
+    for block in range(game.n_blocks):
+        part = game.block_pairs(block)
+        total = np.r_[0.0, np.cumsum(p[part], dtype=np.float64)]
+        probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
+        probability /= probability[game.base_pair_start[game.base_pair_state + 1] - 1]
+        cumulative[part] = np.rint(probability * CHOICE_ONE)
+    return TabulatedPolicy(game=game, cumulative=cumulative)

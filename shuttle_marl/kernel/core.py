@@ -31,23 +31,42 @@ _GUIDES: Final = 16
 _GUIDE_SHIFT: Final = np.uint16(12)
 
 
+_ROW_BITS: Final = 16
+_ROW: Final = (1 << _ROW_BITS) - 1
+
+
 class Tables(NamedTuple):
-    """A game packed so that a stroke costs few reads.
+    """A game packed so that a stroke costs few reads. B is the number of blocks, combinations of both players' efforts.
 
     Attributes:
-        limits: ``[P]`` uint64, the three thresholds of a legal pair in its lowest 48 bits, the fault's lowest.
-        head: ``[S, 4]`` int32, first legal pair of a state, number of its legal strokes, edge that follows the first one,
-            row of ``rank`` and ``mask``.
+        limits: ``[L * base pairs]`` uint64, by own effort the three thresholds of a base pair in its lowest 48 bits, the fault's
+            lowest.
+        head: ``[S, 4]`` int32, first legal pair of a state, number of its legal strokes, place of the first of its replies, and
+            its row of ``rank`` and ``mask`` with its block from bit 16 on.
+        surplus: ``[B]`` int32 by how much a legal pair of a block is further on than its thresholds in ``limits``.
+        follows: ``[B, 2]`` int32 first state of the block that follows a block, after a stroke that is no attack and after one.
+        first: ``[B]`` int32 first state of a block.
+        efforts: ``[B, 2]`` int32 effort of the striker and of the receiver in a block.
+        arrival: ``[V]`` int32 twice the edge that follows each reply, and 1 more after an attack.
+        stroke: ``[V]`` int16 stroke of each reply.
         incoming: ``[E]`` int16 incoming stroke of an edge.
         own: ``[E]`` int16 own last stroke of an edge.
+        duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal ones, -1 where it is not legal.
         mask: ``[2 (n + 1), m]`` bool legal strokes; m is n and what is missing to whole vectors of the processor, False.
     """
 
     limits: npt.NDArray[np.uint64]
     head: npt.NDArray[np.int32]
+    surplus: npt.NDArray[np.int32]
+    follows: npt.NDArray[np.int32]
+    first: npt.NDArray[np.int32]
+    efforts: npt.NDArray[np.int32]
+    arrival: npt.NDArray[np.int32]
+    stroke: npt.NDArray[np.int16]
     incoming: npt.NDArray[np.int16]
     own: npt.NDArray[np.int16]
+    duel: npt.NDArray[np.int8]
     rank: npt.NDArray[np.int16]
     mask: npt.NDArray[np.bool_]
 
@@ -55,21 +74,61 @@ class Tables(NamedTuple):
 @functools.lru_cache(maxsize=8)
 def tables_of(game: Game) -> Tables:
     """The packed tables of a game, made once."""
-    t = game.threshold.astype(np.uint64)
-    states = np.arange(game.n_states)
+    t = game.limits.reshape(-1, 3).astype(np.uint64)
+    base, block = np.arange(game.n_base_states), np.arange(game.n_blocks, dtype=np.int32)
+    own_effort, other_effort = np.divmod(block, game.levels)
+    row = np.tile(2 * game.incoming(base) + game.contact(base), game.n_blocks)
     head = np.stack(
-        [game.pair_start[:-1], np.diff(game.pair_start), game.first_reply, 2 * game.incoming(states) + game.contact(states)],
+        [
+            game.pair_start[:-1],
+            np.diff(game.pair_start),
+            np.tile(game.first_reply, game.n_blocks),
+            row | (np.repeat(block, game.n_base_states) << _ROW_BITS),
+        ],
         axis=1,
         dtype=np.int32,
     )
+    edge = game.reply_edge
     return Tables(
         limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
         head=np.ascontiguousarray(head),
+        surplus=(block - own_effort) * np.int32(game.n_base_pairs),
+        follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(game.n_base_states),
+        first=block * np.int32(game.n_base_states),
+        efforts=np.ascontiguousarray(np.stack([own_effort, other_effort], axis=1)),
+        arrival=2 * edge + game.edge_attack[edge],
+        stroke=game.edge_incoming[edge].astype(np.int16),
         incoming=game.edge_incoming.astype(np.int16),
         own=game.edge_own.astype(np.int16),
+        duel=game.edge_duel.astype(np.int8),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
         mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, -game.n_strokes % _VECTOR))),
     )
+
+
+@inlined
+def row_of(tables: Any, s: Any) -> Any:
+    """Row of ``rank`` and ``mask`` that belongs to a state."""
+    return np.uint64(tables.head[np.uint64(s), 3] & _ROW)
+
+
+@inlined
+def block_of(tables: Any, s: Any) -> Any:
+    """Block of a state."""
+    return np.uint64(tables.head[np.uint64(s), 3] >> _ROW_BITS)
+
+
+@inlined
+def edge_of(tables: Any, s: Any) -> Any:
+    """Edge of a state."""
+    return np.uint64((s - tables.first[block_of(tables, s)]) >> 1)
+
+
+@inlined
+def arrival_of(tables: Any, block: Any, reply: Any) -> Any:
+    """The receiver's state, contact below, after a reply in a block."""
+    code = tables.arrival[np.uint64(reply)]
+    return tables.follows[block, np.uint64(code & 1)] + (code & ~1)
 
 
 @inlined
@@ -218,16 +277,18 @@ class Block(NamedTuple):
 
     Attributes:
         bits: uint64 draw of the stroke.
-        pair: int32 legal pair that is played.
-        edge: int32 edge that follows it.
+        limit: int32 place of the thresholds of the pair that is played.
+        reply: int32 place of the stroke that is played among the replies.
+        arrival: int32 state of who strikes next, contact below.
         limits: uint64 thresholds of the pair.
         outcome: int64 outcome, 0 to 3.
         listed: int64 rows that are to be looked at once more.
     """
 
     bits: npt.NDArray[np.uint64]
-    pair: npt.NDArray[np.int32]
-    edge: npt.NDArray[np.int32]
+    limit: npt.NDArray[np.int32]
+    reply: npt.NDArray[np.int32]
+    arrival: npt.NDArray[np.int32]
     limits: npt.NDArray[np.uint64]
     outcome: npt.NDArray[np.int64]
     listed: npt.NDArray[np.int64]
@@ -238,6 +299,7 @@ def new_block() -> Any:
     """Room for a block."""
     return Block(
         np.empty(BLOCK, np.uint64),
+        np.empty(BLOCK, np.int32),
         np.empty(BLOCK, np.int32),
         np.empty(BLOCK, np.int32),
         np.empty(BLOCK, np.uint64),
@@ -258,21 +320,24 @@ def find_pair(tables: Any, block: Any, j: Any, s: Any, k: Any) -> None:
     """Note that the k-th legal stroke of state s is played."""
     # An index without a sign need not be checked for counting from the end.
     at = np.uint64(s)
-    block.pair[j] = tables.head[at, 0] + k
-    block.edge[j] = tables.head[at, 2] + k
+    of = block_of(tables, s)
+    reply = tables.head[at, 2] + k
+    block.limit[j] = tables.head[at, 0] + k - tables.surplus[of]
+    block.reply[j] = reply
+    block.arrival[j] = arrival_of(tables, of, reply)
 
 
 @inlined
 def read_limits(tables: Any, block: Any, count: Any) -> None:
     """Read the thresholds of the pairs that are played."""
     for j in range(count):
-        block.limits[j] = tables.limits[np.uint64(block.pair[j])]
+        block.limits[j] = tables.limits[np.uint64(block.limit[j])]
 
 
 @inlined
-def next_state(edge: Any, outcome: Any) -> Any:
+def next_state(arrival: Any, outcome: Any) -> Any:
     """State of who strikes next; where the rally is over, the state after its last stroke, contact below."""
-    return 2 * edge + max(outcome - 2, 0)
+    return arrival + max(outcome - 2, 0)
 
 
 @inlined
@@ -281,7 +346,7 @@ def play(part: Any, block: Any) -> None:
     for j in range(part.state.size):
         outcome = outcome_of(block.limits[j], block.bits[j])
         block.outcome[j] = outcome
-        part.state[j] = next_state(block.edge[j], outcome)
+        part.state[j] = next_state(block.arrival[j], outcome)
         part.stroke[j] += 1
         part.striker[j] ^= 1
 

@@ -124,7 +124,7 @@ def _play(
         play(part, block)
         if keep:
             for j in range(live):
-                log.stroke[np.uint64(part.rally[j]), step] = tables.incoming[np.uint64(block.edge[j])]
+                log.stroke[np.uint64(part.rally[j]), step] = tables.stroke[np.uint64(block.reply[j])]
         step += 1
         # From the last to the first, because a lane whose match is over is filled with the last one.
         for i in range(list_where(block, live, over=True) - 1, -1, -1):

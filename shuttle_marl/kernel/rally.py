@@ -44,7 +44,7 @@ def _choose(tables: Tables, rows: Rows, players: Players, stroke: npt.NDArray[np
     for i in range(first, last):
         s = rows.state[i]
         k = table_choice(players, rows.striker[i], s, tables.head[s, 0], draw(rows.key[i], rows.stroke[i]))
-        stroke[i] = tables.incoming[tables.head[s, 2] + k]
+        stroke[i] = tables.stroke[tables.head[s, 2] + k]
 
 
 @compiled

@@ -13,7 +13,20 @@ import numpy.typing as npt
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game, IllegalStrokeError
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.core import BLOCK, Tables, draw, draw_strokes, extend, first_server, new_block, tables_of, uniform_choice
+from shuttle_marl.kernel.core import (
+    BLOCK,
+    Tables,
+    block_of,
+    draw,
+    draw_strokes,
+    edge_of,
+    extend,
+    first_server,
+    new_block,
+    row_of,
+    tables_of,
+    uniform_choice,
+)
 from shuttle_marl.kernel.uncompiled import KernelError, check_room, checked_array, checked_number
 
 DRAWN: Final = -1
@@ -97,17 +110,22 @@ def find_ranks(
     for i in range(first, last):
         if not rows.live[i] or stroke[i] < 0 or stroke[i] >= n:
             return i
-        rank[i] = tables.rank[np.uint64(tables.head[np.uint64(rows.state[i]), 3]), np.uint64(stroke[i])]
+        rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(stroke[i])]
         if rank[i] < 0:
             return i
     return -1
+
+
+TOKENS: Final = 6
+"""Numbers in an observation."""
 
 
 class Observations(NamedTuple):
     """Observations of the strikers of B rows; without rows where no one asks.
 
     Attributes:
-        tokens: ``[B, 3]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net).
+        tokens: ``[B, 6]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net), net shots
+            in a row, own effort, the opponent's effort.
         mask: ``[B, n]`` bool legal strokes.
     """
 
@@ -115,7 +133,7 @@ class Observations(NamedTuple):
     mask: npt.NDArray[np.bool_]
 
 
-NO_OBSERVATIONS: Final = Observations(np.empty((0, 3), np.int32), np.empty((0, 0), np.bool_))
+NO_OBSERVATIONS: Final = Observations(np.empty((0, TOKENS), np.int32), np.empty((0, 0), np.bool_))
 """For steps whose observations no one asks for."""
 
 
@@ -125,20 +143,24 @@ def show(tables: Any, rows: Any, observed: Any, first: Any, last: Any) -> None:
     n = observed.mask.shape[1]
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
-        edge = np.uint64(rows.state[i] >> 1)
+        block = block_of(tables, rows.state[i])
+        edge = edge_of(tables, rows.state[i])
         observed.tokens[i, 0] = tables.own[edge]
         observed.tokens[i, 1] = tables.incoming[edge]
         observed.tokens[i, 2] = rows.state[i] & 1
+        observed.tokens[i, 3] = tables.duel[edge]
+        observed.tokens[i, 4] = tables.efforts[block, 0]
+        observed.tokens[i, 5] = tables.efforts[block, 1]
     # Whole vectors, of which the next row overwrites what is too much; what lies behind the last row is not ours to write.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)
     for i in range(first, exact):
-        legal = tables.mask[np.uint64(tables.head[np.uint64(rows.state[i]), 3])]
+        legal = tables.mask[row_of(tables, rows.state[i])]
         place = flat[i * n : i * n + width]
         for j in range(width):
             place[j] = legal[j]
     for i in range(exact, last):
-        flat[i * n : (i + 1) * n] = tables.mask[tables.head[rows.state[i], 3], :n]
+        flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
 
 
 @compiled
@@ -156,8 +178,8 @@ def choose_uniform(tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], fi
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
             s = np.uint64(part.state[j])
-            edge = tables.head[s, 2] + uniform_choice(tables.head[s, 1], block.bits[j])
-            chosen[j] = tables.incoming[np.uint64(edge)]
+            reply = tables.head[s, 2] + uniform_choice(tables.head[s, 1], block.bits[j])
+            chosen[j] = tables.stroke[np.uint64(reply)]
 
 
 @lru_cache(maxsize=4)
@@ -201,7 +223,7 @@ class Batch:
 
     def new_observations(self) -> Observations:
         """Room for what the strikers see."""
-        return Observations(np.empty((len(self), 3), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
+        return Observations(np.empty((len(self), TOKENS), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
 
     def observe(self, observed: Observations) -> None:
         """Write what each striker sees now.
@@ -213,7 +235,7 @@ class Batch:
         in_slices(lambda a, b: _show(self._tables, self.rows, observed, a, b), len(self), self.threads)
 
     def _check(self, observed: Observations) -> None:
-        check_room("tokens", observed.tokens, np.int32, (len(self), 3))
+        check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
         check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
 
     def _chosen_rows(self, rows: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from shuttle_marl.kernel.core import (
     BLOCK,
     Players,
     Tables,
+    arrival_of,
     draw,
     find_pair,
     list_where,
@@ -58,7 +59,7 @@ def _begin_rally(tables: Any, rows: Any, opponents: Any, i: Any, seed_key: Any, 
     start = tables.head[0, 0]
     k = table_choice(opponents.players, opponents.opponent[i], 0, start, bits)
     outcome = outcome_of(tables.limits[start + k], bits)
-    rows.state[i] = next_state(tables.head[0, 2] + k, outcome)
+    rows.state[i] = next_state(arrival_of(tables, np.uint64(0), tables.head[0, 2] + k), outcome)
     rows.stroke[i] = 1
     rows.striker[i] = opponents.seat[i]
     rows.live[i] = outcome >= 2
@@ -142,7 +143,7 @@ def _step(
             at = np.uint64(block.listed[r])
             outcome = outcome_of(block.limits[r], block.bits[r])
             ends = outcome < 2
-            part.state[at] = next_state(block.edge[r], outcome)
+            part.state[at] = next_state(block.arrival[r], outcome)
             part.stroke[at] += 1
             part.striker[at] ^= 1
             over[at] = ends

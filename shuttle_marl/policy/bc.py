@@ -26,7 +26,7 @@ class BehaviourClones:
     """The behaviour-cloned players of one game.
 
     Attributes:
-        log_choice: ``[P]`` log-probability of each legal pair for the average player, before dividing by the legal total.
+        log_choice: ``[base pairs]`` log-probability of each base pair for the average player, before dividing by the legal total.
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
@@ -38,20 +38,17 @@ class BehaviourClones:
     area: npt.NDArray[np.float64]
 
     def pair_probabilities(self, game: Game, player: str | None) -> npt.NDArray[np.float64]:
-        """``[P]`` probability of each legal pair in its state."""
+        """``[base pairs]`` probability of each base pair in its state; players do not look at the efforts."""
         logit = self.log_choice.astype(np.float64)
         if player is not None:
             m = self.players.index(player)
-            stroke, catalogue = game.pair_stroke, game.catalogue
+            stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
             shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
             # 13 means "no stroke yet", as in the models.
-            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(game.pair_state)]
-            logit = (
-                logit
-                + self.style[m, incoming, game.contact(game.pair_state), shot, technique]
-                + self.area[m, shot, technique, area]
-            )
-        return game.normalized(np.exp(logit))
+            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(state)]
+            logit = logit + self.style[m, incoming, game.contact(state), shot, technique] + self.area[m, shot, technique, area]
+        weight = np.exp(logit)
+        return np.asarray(weight / np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state])
 
 
 @functools.cache
@@ -100,8 +97,8 @@ def load(player: str | None, game: Game) -> TabulatedPolicy:
     if folder is None:
         raise PolicyError("behaviour-cloned players belong to a model; this game was not loaded from one")
     known = clones(folder)
-    if known.log_choice.shape != (game.n_pairs,):
+    if known.log_choice.shape != (game.n_base_pairs,):
         raise PolicyError(f"{folder / BC}: its players are not of the game beside it; fit or install the model again")
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
-    return from_pair_probabilities(game, known.pair_probabilities(game, player))
+    return from_pair_probabilities(game, np.tile(known.pair_probabilities(game, player), game.n_blocks))

@@ -123,9 +123,11 @@ def safe(states: States) -> Points:
     """
     game = states.game
     row, pair = game.pairs(states.state)
-    fault, winner, below = game.threshold[pair].T.astype(np.float64) / ONE  # cumulative
+    fault, winner, below = game.limits_of(pair).T.astype(np.float64) / ONE  # cumulative
     points = np.zeros((len(states), game.n_strokes))
-    points[row, game.pair_stroke[pair]] = 100.0 * (1 - fault) - 10.0 * (1 - below) + 5.0 * (winner - fault)
+    points[row, game.base_pair_stroke[pair % game.n_base_pairs]] = (
+        100.0 * (1 - fault) - 10.0 * (1 - below) + 5.0 * (winner - fault)
+    )
     return points
 
 

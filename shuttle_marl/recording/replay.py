@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import WINNER, Game, strike
+from shuttle_marl.game.rally import WINNER, Game, states_of_rallies, strike
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
@@ -30,8 +30,7 @@ class Derived:
     def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
         require_game(log, game)
         self._game = game
-        self._chances = game.stroke_probabilities()
-        chosen = {name: policy.pair_probabilities() for name, policy in (policies or {}).items()}
+        chosen = policies or {}
         self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
 
     def __call__(self, rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
@@ -46,15 +45,16 @@ class Derived:
         state, k = states(self._game, rallies)
         pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
         names = ("p_succ", "p_ret", "p_above")
-        columns = {name: np.where(state < 0, np.nan, p[pair]) for name, p in zip(names, self._chances, strict=True)}
+        known = self._game.stroke_probabilities(pair)
+        columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
         found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
         if self._policies:
             row, _, seat = rows_of_strokes(rallies)
             striker = rallies.policy[row, seat]
             probability = np.full(len(state), np.nan)
-            for i, p in self._policies.items():
+            for i, policy in self._policies.items():
                 mine = (striker == i) & (state >= 0)
-                probability[mine] = p[pair[mine]]
+                probability[mine] = policy.chances(pair[mine])
             found["probability"] = probability
         return found
 
@@ -76,11 +76,8 @@ def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int32], npt.NDA
     Both are -1 where the stroke, or the one it answers, is not legal.
     """
     _, position, _ = rows_of_strokes(rallies)
-    n = game.n_strokes
     stroke = rallies.stroke.astype(np.int64)
-    own = np.where(position >= 2, np.r_[n, n, stroke[:-2]][: len(stroke)], n)
-    incoming = np.where(position >= 1, np.r_[n, stroke[:-1]], n)
-    state = game.state_of(own, incoming, game.catalogue.height[stroke])
+    state = states_of_rallies(game, stroke, position)
     k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), stroke))
     return np.where(k < 0, -1, state), k
 

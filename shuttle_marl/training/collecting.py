@@ -205,17 +205,18 @@ class RewardShaping:
         for shot, points in config.bonuses().items():
             bonus[SHOTS.index(shot)] = points
         penalty = fault_penalty(config.fault_cost, config.risk_aversion)
-        fault = game.threshold[:, 0].astype(np.float64) / ONE
-        self._game = game
-        self._added = (bonus[game.catalogue.shot[game.pair_stroke]] - penalty * fault).astype(np.float32)
+        self._game, self._penalty = game, penalty
+        self._bonus = bonus[game.catalogue.shot]
 
     def rewards(self, data: TensorDictBase) -> torch.Tensor:
         """``[..., 1]`` rewards of what was collected, with bonus and penalty added to those of the rules."""
         game = self._game
         state = game.state_of(*np.moveaxis(data["observation"].cpu().numpy(), -1, 0))
-        pair = game.pair(state, data["action"].cpu().numpy())
+        stroke = data["action"].cpu().numpy()
+        fault = game.limits_of(game.pair(state, stroke))[..., 0].astype(np.float64) / ONE
+        added = (self._bonus[stroke] - self._penalty * fault).astype(np.float32)
         reward: torch.Tensor = data["next", "reward"]
-        return reward + torch.from_numpy(self._added[pair]).unsqueeze(-1).to(reward.device)
+        return reward + torch.from_numpy(added).unsqueeze(-1).to(reward.device)
 
 
 RALLIES: Final = "rallies.mcap"

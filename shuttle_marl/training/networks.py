@@ -1,8 +1,9 @@
-"""The networks that learn: attribute embeddings of the two last strokes and the contact, a masked head, and values.
+"""The networks that learn: attribute embeddings of what a striker observes, a masked head, and values.
 
-A state is two strokes and a contact, and a stroke is its shot type, area, contact height and technique. The first layer is
-the sum of an embedding of each attribute, one of the stroke as a whole, and one of the contact, separately for the
-striker's own last stroke and for the incoming one: so what is learned about a smash is shared by all smashes.
+A state is two strokes, a contact, the length of a duel at the net and both players' efforts; a stroke is its shot type, area,
+contact height and technique. The first layer is the sum of an embedding of each attribute, one of the stroke as a whole, and
+one of each of the others, separately for the striker's own last stroke and for the incoming one: so what is learned about a
+smash is shared by all smashes.
 """
 
 from typing import Any, Final
@@ -16,12 +17,17 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.policy import States
+from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.training.learner import DivergedError
 
 IMPOSSIBLE: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
+
+
+_AT_ONCE: Final = 8192
+"""States that a network is asked for at once."""
 
 
 class LegalStrokes(Categorical):
@@ -66,7 +72,7 @@ class LegalStrokes(Categorical):
 
 
 class StateEncoder(nn.Module):
-    """Turns ``[..., 3]`` observations into ``[..., width]`` numbers, then through hidden layers of the same width.
+    """Turns ``[..., 6]`` observations into ``[..., width]`` numbers, then through hidden layers of the same width.
 
     Args:
         game: whose strokes they are.
@@ -92,15 +98,21 @@ class StateEncoder(nn.Module):
         self.own = nn.Embedding(total, width)
         self.incoming = nn.Embedding(total, width)
         self.contact = nn.Embedding(2, width)
+        self.duel = nn.Embedding(LONGEST_DUEL + 1, width)
+        self.effort = nn.Embedding(game.levels, width)
+        self.opponent_effort = nn.Embedding(game.levels, width)
         for table in (self.own, self.incoming, self.contact):
             nn.init.normal_(table.weight, std=0.4)
+        for table in (self.duel, self.effort, self.opponent_effort):
+            # They change little of what a stroke is worth; what they do is learned from none.
+            nn.init.zeros_(table.weight)
         layers: list[nn.Module] = [nn.ReLU()]
         for _ in range(hidden):
             layers += [nn.Linear(width, width), nn.ReLU()]
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """``[..., width]`` from ``[..., 3]``: own last stroke, incoming stroke, contact."""
+        """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.rally.Game.observation`."""
         # The strokes are few, so their vectors are made once and looked up.
         own = functional.embedding(self.attributes, self.own.weight).sum(-2)
         incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
@@ -108,6 +120,9 @@ class StateEncoder(nn.Module):
             functional.embedding(observation[..., 0], own)
             + functional.embedding(observation[..., 1], incoming)
             + self.contact(observation[..., 2])
+            + self.duel(observation[..., 3])
+            + self.effort(observation[..., 4])
+            + self.opponent_effort(observation[..., 5])
         )
         encoded: torch.Tensor = self.layers(first)
         return encoded
@@ -161,17 +176,17 @@ def tabulated(actor: ProbabilisticActor, game: Game) -> TabulatedPolicy:
     """
     network = logit_network(actor)
     device = next(network.parameters()).device
-    states = np.arange(game.n_states)
-    observations = torch.from_numpy(game.observation(states))
-    legal = torch.from_numpy(game.mask(states))
-    chunks = []
-    for mask, part in zip(torch.split(legal, 4096), torch.split(observations, 4096), strict=True):
-        logits = network(part.to(device)).cpu().double()
+    p = np.empty(game.n_pairs)
+    for first in range(0, game.n_states, _AT_ONCE):
+        states = np.arange(first, min(first + _AT_ONCE, game.n_states))
+        logits = network(torch.from_numpy(game.observation(states)).to(device)).cpu().double()
         if not bool(torch.isfinite(logits).all()):
             raise DivergedError("the network gives logits that are no finite numbers")
-        chunks.append(functional.softmax(torch.where(mask, logits, IMPOSSIBLE), dim=-1))
-    p = torch.cat(chunks).numpy()
-    return from_pair_probabilities(game, p[game.pair_state, game.pair_stroke])
+        mask = torch.from_numpy(game.mask(states))
+        rows = functional.softmax(torch.where(mask, logits, IMPOSSIBLE), dim=-1).numpy()
+        row, pairs = game.pairs(states)
+        p[pairs] = rows[row, game.base_pair_stroke[pairs % game.n_base_pairs]]
+    return from_pair_probabilities(game, p)
 
 
 def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDArray[np.float64], *, steps: int = 600) -> float:
@@ -189,22 +204,21 @@ def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDAr
     game = policy.game
     network = logit_network(actor)
     device = next(network.parameters()).device
-    observations = torch.from_numpy(game.observation(np.arange(game.n_states)))
-    wanted = torch.zeros(game.n_states, game.n_strokes)
-    wanted[torch.from_numpy(game.pair_state.astype(np.int64)), torch.from_numpy(game.pair_stroke.astype(np.int64))] = (
-        torch.from_numpy(policy.pair_probabilities()).float()
-    )
     # Half of the states as they are visited, half from anywhere: rare states matter when play changes.
     playable = torch.tensor(game.playable).double()
-    probability = torch.from_numpy(weight) / weight.sum() + playable / playable.sum()
+    cumulative = (torch.from_numpy(weight) / weight.sum() + playable / playable.sum()).cumsum(0)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     gap = torch.tensor(float("nan"))
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
-        drawn = torch.multinomial(probability, 1024, replacement=True)
-        target = wanted[drawn].to(device)
-        mask = torch.from_numpy(game.mask(drawn.numpy())).to(device)
-        logits = functional.log_softmax(torch.where(mask, network(observations[drawn].to(device)), IMPOSSIBLE), dim=-1)
+        drawn = torch.searchsorted(cumulative, torch.rand(1024, dtype=torch.float64) * cumulative[-1]).clamp_max(
+            len(cumulative) - 1
+        )
+        states = drawn.numpy()
+        target = torch.from_numpy(policy.probabilities(States(game=game, state=states.astype(np.int32)))).float().to(device)
+        mask = torch.from_numpy(game.mask(states)).to(device)
+        observation = torch.from_numpy(game.observation(states)).to(device)
+        logits = functional.log_softmax(torch.where(mask, network(observation), IMPOSSIBLE), dim=-1)
         gap = (torch.special.xlogy(target, target) - target * logits).sum(-1).mean()
         optimizer.zero_grad()
         gap.backward()

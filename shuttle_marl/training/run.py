@@ -321,8 +321,7 @@ class _Run:
 
     def _warm_start(self, name: str) -> None:
         policy = tabulate(resolve(name, self.game), self.game, name)
-        seen = exact.visits(policy, policy).pairs(0)
-        weight = np.asarray(np.bincount(self.game.pair_state, seen, self.game.n_states), dtype=np.float64)
+        weight = exact.visits(policy, policy).states[0]
         with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight)
         self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False, markup=False)

@@ -151,7 +151,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         )
 
     def mask(observation: torch.Tensor) -> torch.Tensor:
-        """``[..., n]`` legal strokes of ``[..., 3]`` observations."""
+        """``[..., n]`` legal strokes of ``[..., 6]`` observations."""
         return masks[observation[..., 1].long(), observation[..., 2].long()]
 
     def remembered() -> "Tensors":

@@ -14,7 +14,7 @@ from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court, scoring
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.table import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.simulate import SimulationError, account_of, simulate, simulated_rallies
@@ -37,7 +37,7 @@ def make_game(p_good: float = 0.85, p_returned: float = 0.8, p_above: float = 0.
     replies[:n, serves:] = True
     replies[n, :serves] = True
     tables = layout(catalogue, replies)
-    probability = [np.full(tables["pair_start"][-1], p) for p in (p_good, p_returned, p_above)]
+    probability = [np.full(base_pairs(tables), p) for p in (p_good, p_returned, p_above)]
     return Game(catalogue=catalogue, threshold=thresholds(*probability), **tables)
 
 

@@ -14,7 +14,7 @@ from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import FAULT, ROOT, Game, strike
 from shuttle_marl.game.shipped import BC, default_game, model_folder
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import layout, thresholds
+from shuttle_marl.game.table import base_pairs, layout, thresholds
 from shuttle_marl.policy import bc
 
 NAMES = (
@@ -30,7 +30,7 @@ def small() -> Game:
     catalogue = Catalogue.from_names(NAMES)
     replies = np.array([[0, 1, 1, 1]] * 4 + [[1, 0, 0, 0]], dtype=bool)
     tables = layout(catalogue, replies)
-    game = Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), np.uint16), **tables)
+    game = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
     good = np.array([1.0, 0.9375, 0.75, 0.875])[game.pair_stroke]
     returned = np.array([1.0, 1.0, 0.5, 1.0])[game.pair_stroke]
     above = np.array([0.5, 1.0, 0.0, 1.0])[game.pair_stroke]

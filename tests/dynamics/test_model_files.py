@@ -21,6 +21,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game, GameError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import base_pairs
 from shuttle_marl.policy.bc import clones
 from shuttle_marl.tensor_files import read_tensors
 
@@ -125,9 +126,11 @@ def hand_made() -> dict[str, Any]:
     arrays = {
         "edge_own": [3, 3, 0, 0, 1, 1, 2, 2],
         "edge_incoming": [3, 0, 1, 2, 1, 2, 1, 2],
-        "reply_start": [[2, 3], [4, 5], [6, 7], [1, 2]],
+        "edge_duel": [0] * 8,
+        "reply_start": [[[1, 2]] * 2, [[3, 4]] * 2, [[5, 6]] * 2, [[0, 1]] * 2],
         "reply_count": [[1, 1], [1, 1], [1, 1], [1, 0]],
-        "pair_start": [0, 1, *range(1, 16)],
+        "reply_edge": [1, 2, 3, 4, 5, 6, 7],
+        "fault_odds": [1 << 16],
     }
     return {name: np.array(values, np.int32) for name, values in arrays.items()} | {"threshold": np.full((15, 3), 9, np.uint16)}
 
@@ -149,12 +152,12 @@ def test_a_game_written_down_by_hand_is_read(tmp_path: Path) -> None:
     assert game.legal_count(np.arange(game.n_states)).tolist() == [1, 0, *[1] * 14]
 
 
-@pytest.mark.parametrize("name", ["edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start"])
+@pytest.mark.parametrize("name", ["edge_own", "edge_incoming", "reply_start", "reply_count", "reply_edge"])
 @pytest.mark.parametrize("value", [-1, 2, 4, 10**6, -(2**31), 2**31 - 1])
 def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value: int) -> None:
     for at in range(hand_made()[name].size):
         arrays = hand_made()
-        unused = name == "reply_start" and arrays["reply_count"].flat[at] == 0
+        unused = name == "reply_start" and arrays["reply_count"][at // 4, at % 2] == 0
         if arrays[name].flat[at] != value and not unused:
             arrays[name].flat[at] = value
             with pytest.raises(GameError, match=r"game\.safetensors"):
@@ -168,7 +171,13 @@ def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value:
     ("edge_own", lambda a: a.reshape(2, -1)),
     ("reply_start", lambda a: a[:-1]),
     ("reply_count", lambda a: a.astype(np.uint32)),
-    ("pair_start", lambda a: a[:-1]),
+    ("reply_edge", lambda a: a[:-1]),
+    ("edge_duel", lambda a: a + 1),
+    ("edge_duel", lambda a: a[:-1]),
+    ("fault_odds", lambda a: a[:0]),
+    ("fault_odds", lambda a: a + 1),
+    ("fault_odds", lambda a: np.append(a, 0).astype(np.int32)),
+    ("fault_odds", lambda a: np.repeat(a, 9)),
     ("threshold", lambda a: a[:-1]),
     ("threshold", lambda a: a[:, :2]),
     ("threshold", lambda a: a.astype(np.int16)),
@@ -186,9 +195,9 @@ def test_a_state_without_legal_strokes_is_refused(tmp_path: Path) -> None:
     arrays = hand_made()
     arrays["edge_own"], arrays["edge_incoming"] = arrays["edge_own"][:-1], arrays["edge_incoming"][:-1]
     arrays["reply_count"][2, 1] = 0
-    arrays["reply_start"][2, 1] = 0
-    arrays["pair_start"] = np.r_[0, np.cumsum(arrays["reply_count"][arrays["edge_incoming"]])].astype(np.int32)
-    arrays["threshold"] = np.full((arrays["pair_start"][-1], 3), 9, np.uint16)
+    arrays["reply_start"][2, :, 1] = 0
+    arrays["reply_edge"], arrays["edge_duel"] = arrays["reply_edge"][:-1], arrays["edge_duel"][:-1]
+    arrays["threshold"] = np.full((base_pairs(arrays), 3), 9, np.uint16)
     with pytest.raises(GameError, match="has no legal stroke"):
         Game.load(saved(tmp_path / GAME, arrays))
 

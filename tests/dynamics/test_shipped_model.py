@@ -29,9 +29,9 @@ def solved() -> dict:
 def test_no_probability_leaves_what_its_data_carries() -> None:
     """The rule in the first lines of support.py, on every legal pair that is no serve."""
     game, support = default_game(), load_support(model_folder())
-    good, returned, _ = game.stroke_probabilities()
+    good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
     fault, winner = 1 - good, good * (1 - returned)
-    edge, rally = game.pair_edge, ~is_serve_pair(game)
+    edge, rally = game.base_pair_edge, ~is_serve_pair(game)
     for probability, (low, high) in ((fault, support.fault_range.T), (winner, support.winner_range.T)):
         inside = (probability >= low[edge] - 2 * ULP) & (probability <= high[edge] + 2 * ULP)
         # A fault may exceed its range only where the least share of ended rallies demands it.

@@ -1,12 +1,14 @@
 """Small games for the tests of exact values, and an oracle that shares no code with the solvers."""
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.table import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,16 +31,19 @@ def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
     rally = ~catalogue.is_serve
     tables = layout(catalogue, np.vstack([np.tile(rally, (len(names), 1)), catalogue.is_serve]))
     fixed = np.array([np.cumsum(OUTCOMES[name.split(":")[0]])[:3] for name in names]) * ONE // 16
-    game = Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), np.uint16), **tables)
+    game = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
     return Game(catalogue=catalogue, threshold=fixed[game.pair_stroke].astype(np.uint16), **tables)
 
 
 def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
-    """Two serves and ``rallies`` further strokes that may answer each other, all of it drawn at random."""
+    """Two serves and ``rallies`` further strokes that may answer each other, all of it drawn at random.
+
+    Every second game counts duels, every third one to three levels of effort.
+    """
     rng = np.random.default_rng(seed)
     serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
     heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
-    names = {f"{SHOTS[2 + i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
+    names = {f"{SHOTS[2 + 8 * i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
     catalogue = Catalogue.from_names([*serves, *sorted(names)])
     n = len(catalogue)
     replies = rng.random((n + 1, n)) < density
@@ -47,18 +52,18 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
         replies[np.arange(n), rng.choice(can, n)] = True
     replies[:n, catalogue.is_serve] = False
     replies[n] = catalogue.is_serve
-    tables = layout(catalogue, replies)
-    threshold = np.zeros((int(tables["pair_start"][-1]), 3), np.uint16)
-    return with_probabilities(Game(catalogue=catalogue, threshold=threshold, **tables), seed)
+    tables = layout(catalogue, replies, duels=seed % 2 == 1)
+    odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
+    threshold = np.zeros((base_pairs(tables), 3), np.uint16)
+    return with_probabilities(Game(catalogue=catalogue, threshold=threshold, fault_odds=odds, **tables), seed)
 
 
 def with_probabilities(game: Game, seed: int) -> Game:
     """A game of the same layout with other probabilities; good and returned ones between 0.3 and 0.97."""
     rng = np.random.default_rng([seed, 1])
-    good, returned = rng.uniform(0.3, 0.97, (2, int(game.pair_start[-1])))
+    good, returned = rng.uniform(0.3, 0.97, (2, game.n_base_pairs))
     above = rng.uniform(0, 1, len(good))
-    tables = {name: getattr(game, name) for name in ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start")}
-    return Game(catalogue=game.catalogue, threshold=thresholds(good, returned, above), **tables)
+    return dataclasses.replace(game, threshold=thresholds(good, returned, above))
 
 
 def random_policy(game: Game, seed: int, sharpness: float = 1.0) -> TabulatedPolicy:
@@ -81,13 +86,14 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
     size = games[0].n_states
     matrix, constant = np.eye(2 * size), np.zeros(2 * size)
     for player, (game, probability) in enumerate(zip(games, probabilities, strict=True)):
-        fault, winner, below = game.threshold.astype(float).T / ONE
+        fault, winner, below = game.limits_of().astype(float).T / ONE
+        below_at, above_at = game.arrivals().T
         for state in range(size):
             for pair in pairs_of(game, state):
-                row, after = player * size + state, (1 - player) * size + 2 * int(game.pair_edge[pair])
+                row, other = player * size + state, (1 - player) * size
                 constant[row] += probability[pair] * ((winner[pair] - fault[pair]) - fault[pair])
-                matrix[row, after] += probability[pair] * (below[pair] - winner[pair])
-                matrix[row, after + 1] += probability[pair] * (1 - below[pair])
+                matrix[row, other + below_at[pair]] += probability[pair] * (below[pair] - winner[pair])
+                matrix[row, other + above_at[pair]] += probability[pair] * (1 - below[pair])
     solution = np.linalg.solve(matrix, constant)
     return solution[:size], solution[size:]
 
@@ -95,13 +101,11 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
 def improved(game: Game, following: Floats) -> Floats:
     """``[P]`` the best stroke of every state, given the values of the next states to the receiver."""
     probability = np.zeros(game.n_pairs)
-    fault, winner, below = game.threshold.astype(float).T / ONE
+    fault, winner, below = game.limits_of().astype(float).T / ONE
+    below_at, above_at = game.arrivals().T
     for state in range(game.n_states):
         worth = [
-            winner[p]
-            - 2 * fault[p]
-            - (below[p] - winner[p]) * following[2 * game.pair_edge[p]]
-            - (1 - below[p]) * following[2 * game.pair_edge[p] + 1]
+            winner[p] - 2 * fault[p] - (below[p] - winner[p]) * following[below_at[p]] - (1 - below[p]) * following[above_at[p]]
             for p in pairs_of(game, state)
         ]
         if worth:

@@ -67,7 +67,7 @@ class SpielState(pyspiel.State):
         return sorted(self.tables.legal_strokes(self.state).tolist())
 
     def chance_outcomes(self) -> list[tuple[int, float]]:
-        limits = [0, *self.tables.threshold[self.pair].tolist(), ONE]
+        limits = [0, *self.tables.limits_of(self.pair).tolist(), ONE]
         return [(i, (limits[i + 1] - limits[i]) / ONE) for i in range(4) if limits[i + 1] > limits[i]]
 
     def _apply_action(self, action: int) -> None:
@@ -76,7 +76,7 @@ class SpielState(pyspiel.State):
         elif action in (FAULT, WINNER):
             self.winner = self.striker if action == WINNER else 1 - self.striker
         else:
-            self.state = 2 * int(self.tables.pair_edge[self.pair]) + action - RETURNED_BELOW
+            self.state = int(self.tables.arrivals(self.pair)[action - RETURNED_BELOW])
             self.striker, self.pair = 1 - self.striker, -1
 
     def is_terminal(self) -> bool:

@@ -27,9 +27,15 @@ class ValueIteration:
     @functools.cached_property
     def _probabilities(self) -> tuple[Floats, Floats, Floats]:
         """``[P]`` each: expected reward now, probability that the rally continues with a contact below, above."""
-        t = self.game.threshold.astype(np.float64) / ONE
+        t = self.game.limits_of().astype(np.float64) / ONE
         fault, winner = t[:, 0], t[:, 1] - t[:, 0]
         return winner - fault, t[:, 2] - t[:, 1], 1 - t[:, 2]
+
+    @functools.cached_property
+    def _next(self) -> tuple[npt.NDArray[np.integer], npt.NDArray[np.integer]]:
+        """``[P]`` each: the receiver's state, contact below and above."""
+        low, high = self.game.arrivals().T
+        return low, high
 
     def continuation(self) -> Floats:
         """``[P]`` probability that the rally continues."""
@@ -39,8 +45,8 @@ class ValueIteration:
     def quality(self, value_of_receiver: Floats) -> Floats:
         """``[P]`` value of each legal stroke when the next striker's value is given, ``[S]`` and seen by the other."""
         now, below, above = self._probabilities
-        edge = 2 * self.game.pair_edge
-        return now + below * value_of_receiver[edge] + above * value_of_receiver[edge + 1]
+        low, high = self._next
+        return now + below * value_of_receiver[low] + above * value_of_receiver[high]
 
     def _over_states(self, reduce: np.ufunc, pairs: Floats) -> Floats:
         out: Floats = np.zeros(self.game.n_states)
@@ -82,13 +88,13 @@ class ValueIteration:
         """One sweep of the responder's value where the opponent strikes: ours after theirs, then theirs again."""
         ours = self._over_states(np.maximum, self.quality(u))
         now, below, above = self._probabilities
-        edge = 2 * self.game.pair_edge
-        return self._over_states(np.add, policy * (-now + below * ours[edge] + above * ours[edge + 1]))
+        low, high = self._next
+        return self._over_states(np.add, policy * (-now + below * ours[low] + above * ours[high]))
 
     def visits(self, policy: Floats) -> Floats:
         """``[P]`` expected number of times each legal pair is played in a rally when both play ``policy``."""
         _, below, above = self._probabilities
-        edge = 2 * self.game.pair_edge
+        low, high = self._next
         n = self.game.n_states
         reached: Floats = np.zeros(n)
         reached[ROOT] = 1.0
@@ -96,7 +102,7 @@ class ValueIteration:
         for _ in range(SWEEPS):
             total += reached
             played = policy * reached[self.game.pair_state]
-            reached = np.asarray(np.bincount(edge, played * below, n) + np.bincount(edge + 1, played * above, n))
+            reached = np.asarray(np.bincount(low, played * below, n) + np.bincount(high, played * above, n))
             if reached.sum() < TOLERANCE:
                 break
         return np.asarray(policy * total[self.game.pair_state])

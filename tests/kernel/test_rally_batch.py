@@ -14,7 +14,7 @@ from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, IllegalStrokeError, strike
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally
-from shuttle_marl.kernel.rows import Observations, Rows, _show
+from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _show
 from shuttle_marl.policy.bc import load
 from tests.exact.exact_games import random_game, random_policy
 
@@ -66,11 +66,10 @@ def test_steps_are_those_of_the_pure_rules(
         reward, done = batch.step(played, reset=False, observed=seen)
         assert done.tolist() == (following < 0).tolist()
         assert reward.tolist() == np.select([outcome == FAULT, outcome == WINNER], [-1.0, 1.0], 0.0).tolist()
-        edge = game.pair_edge[game.pair_start[state] + k]
-        after = np.where(following < 0, 2 * edge, following)
+        after = np.where(following < 0, game.arrivals(game.pair_at(state, k))[:, 0], following)
         expected = Rows(after.astype(np.int32), 1 - striker, stroke + 1, rally, key, following >= 0)
         assert_rows(batch.rows, expected)
-        assert seen.tokens.tolist() == np.stack([game.edge_own[edge], game.edge_incoming[edge], after & 1], axis=1).tolist()
+        assert seen.tokens.tolist() == game.observation(after).tolist()
         assert np.array_equal(seen.mask, game.mask(after))
         if not reset and done.any():
             with pytest.raises(IllegalStrokeError, match=f"row {done.argmax()}: its rally is over; reset it first"):
@@ -206,7 +205,7 @@ def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, la
     batch = RallyBatch(game, 50, seed=1)
     batch.run(7)
     for before in (False, True):
-        seen = Observations(np.full((50, 3), -1, np.int32), np.full((50, game.n_strokes), before))
+        seen = Observations(np.full((50, TOKENS), -1, np.int32), np.full((50, game.n_strokes), before))
         _show(batch._tables, batch.rows, seen, first, last)
         inside = np.zeros(50, np.bool_)
         inside[first:last] = True

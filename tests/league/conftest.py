@@ -5,7 +5,7 @@ import pytest
 
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import layout
+from shuttle_marl.game.table import base_pairs, layout
 
 NAMES = ("short-serve:front-centre:below:backhand", "smash:middle-left:above:forehand", "lift:back-centre:below:forehand")
 OUTCOMES = {"short-serve": (2, 2, 9), "smash": (2, 8, 12), "lift": (4, 4, 8)}
@@ -19,7 +19,7 @@ def small_model(tmp_path_factory: pytest.TempPathFactory) -> str:
     catalogue = Catalogue.from_names(NAMES)
     replies = np.vstack([np.tile(~catalogue.is_serve, (len(NAMES), 1)), catalogue.is_serve])
     tables = layout(catalogue, replies)
-    empty = Game(catalogue=catalogue, threshold=np.zeros((int(tables["pair_start"][-1]), 3), np.uint16), **tables)
+    empty = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
     outcomes = np.array([OUTCOMES[name.partition(":")[0]] for name in NAMES]) * ONE // 16
     Game(catalogue=catalogue, threshold=outcomes[empty.pair_stroke].astype(np.uint16), **tables).save(folder / "game.safetensors")
     return str(folder)

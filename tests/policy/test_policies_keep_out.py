@@ -14,10 +14,13 @@ from shuttle_marl.kernel import Matches
 from shuttle_marl.kernel.uncompiled import ask, play
 
 GAME = default_game()
-TABLES = ("edge_own", "edge_incoming", "reply_start", "reply_count", "pair_start", "threshold")
+TABLES = (
+    "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge", "threshold", "fault_odds",
+)  # fmt: skip
 DERIVED = (
-    "pair_state", "pair_rank", "pair_edge", "pair_stroke", "first_reply", "first_pairs", "last_pairs", "playable", "reply_mask",
-    "reply_rank",
+    "pair_start", "pair_state", "pair_rank", "pair_stroke", "base_pair_start", "base_pair_state", "base_pair_rank",
+    "base_pair_edge", "base_pair_stroke", "first_reply", "first_pairs", "last_pairs", "playable", "reply_mask", "reply_rank",
+    "edge_attack", "limits",
 )  # fmt: skip
 
 
@@ -82,7 +85,7 @@ def test_a_game_does_not_change_with_the_arrays_it_was_made_from() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", ["state", "score", "own", "incoming", "contact", "mask"])
+@pytest.mark.parametrize("name", ["state", "score", "own", "incoming", "contact", "duel", "effort", "opponent_effort", "mask"])
 def test_a_policy_that_writes_into_its_states_has_failed(name: str, way: Callable[[np.ndarray], None]) -> None:
     states = some_states()
     with pytest.raises(PolicyError, match=r"policy 'vandal' raised (ValueError|TypeError)"):

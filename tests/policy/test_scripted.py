@@ -29,13 +29,13 @@ def rally_odds(name: str, other: str) -> float:
     """Probability of winning a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
     policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
     good, returned, above = GAME.stroke_probabilities()
-    following = 2 * GAME.pair_edge
+    below, over = GAME.arrivals().T
     value = [np.zeros(GAME.n_states) for _ in policies]
     for _ in range(50):
         value = [
             np.bincount(
                 GAME.pair_state,
-                p * good * (1 - returned * ((1 - above) * theirs[following] + above * theirs[following + 1])),
+                p * good * (1 - returned * ((1 - above) * theirs[below] + above * theirs[over])),
                 minlength=GAME.n_states,
             )
             for p, theirs in zip(policies, reversed(value), strict=True)

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from test_rally_layout import Bools, games
 
 from shuttle_marl import game as game_package
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, strike
+from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, states_of_rallies, strike
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)
@@ -15,21 +16,24 @@ STATES = np.arange(GAME.n_states)
 
 def test_a_state_and_its_observation_name_each_other() -> None:
     seen = GAME.observation(STATES)
-    assert seen.shape == (GAME.n_states, 3)
+    assert seen.shape == (GAME.n_states, 6)
     assert seen.dtype == np.int32
     assert (GAME.state_of(*seen.T) == STATES).all()
-    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7)]
+    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7), GAME.duel(7), 0, 0]
 
 
 @given(games)
 def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
     game, _ = made
     n = game.n_strokes
-    own, incoming, contact = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3]
-    state = game.state_of(own, incoming, contact)
-    known = {tuple(row): s for s, row in enumerate(game.observation(np.arange(game.n_states)).tolist())}
-    for o, i, c, s in zip(own.flat, incoming.flat, contact.flat, state.flat, strict=True):
-        assert known.get((int(o), int(i), int(c)), -1) == s
+    levels = slice(-1, game.levels + 1)
+    parts = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3, -1:5, levels, levels].reshape(6, -1)
+    expected = np.full(parts.shape[1], -1)
+    seen = game.observation(np.arange(game.n_states))
+    # The place of each observation in the grid, whose parts all begin at -1.
+    sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2)
+    expected[np.ravel_multi_index(tuple((seen + 1).T), sizes)] = np.arange(game.n_states)
+    assert (game.state_of(*parts) == expected).all()
 
 
 @given(games)
@@ -89,10 +93,52 @@ def test_values_of_strokes_are_means_over_all_draws() -> None:
         outcome, after = strike(GAME, state, k, draws)
         reward = np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after]))
         assert every[pair] == pytest.approx(reward.mean(), abs=1e-12)
-        assert GAME.outcome_probabilities()[pair].tolist() == (np.bincount(outcome, minlength=4) / ONE).tolist()
-    some = np.array([5, 900, 3])
+        assert GAME.outcome_probabilities(np.array(pair)).tolist() == (np.bincount(outcome, minlength=4) / ONE).tolist()
+    some = np.array([5, 900, 3, GAME.n_pairs - 1])
     assert (GAME.stroke_values(following, some) == every[some]).all()
-    assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities()[2:9]).all()
+    assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities(np.arange(2, 9))).all()
+
+
+@given(games, st.integers(0, 1000))
+def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> None:
+    """A rally walked by the rules, against counts of its strokes by hand, in the state and in logs of strokes."""
+    game, _ = made
+    rng = np.random.default_rng(seed)
+    names, strokes, position, visited = game.catalogue.names, [], [], []
+    for _ in range(4):
+        state, rally = 0, []
+        for _ in range(12):
+            net, attacks = 0, [0, 0]
+            for number, stroke in enumerate(rally):
+                net = net + 1 if "net-shot" in names[stroke] else 0
+                attacks[number % 2] += "smash" in names[stroke]
+            mine, theirs = (min(attacks[(len(rally) + seat) % 2], game.levels - 1) for seat in (0, 1))
+            own, incoming = (rally[-back] if len(rally) >= back else game.n_strokes for back in (2, 1))
+            counted = min(net, 3) if game.counts_duels else 0
+            assert game.observation(state).tolist() == [own, incoming, state & 1, counted, mine, theirs]
+            k = int(rng.integers(game.legal_count(state)))
+            position.append(len(rally))
+            rally.append(int(game.stroke_at(state, k)))
+            visited.append(state)
+            pair = game.pair_at(state, k)
+            _, following = strike(game, np.array([state]), np.array([k]), np.array([ONE - 1]))
+            assert following[0] in game.arrivals(pair)
+            state = int(following[0])
+        strokes += rally
+    assert states_of_rallies(game, np.array(strokes), np.array(position)).tolist() == visited
+
+
+@given(games)
+def test_effort_multiplies_the_odds_of_a_fault_and_nothing_else(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    for block in range(game.n_blocks):
+        fault, winner, below, above = game.outcome_probabilities(game.block_pairs(block)).T
+        before = game.outcome_probabilities(game.block_pairs(0))
+        odds = before[:, 0] / (1 - before[:, 0]) * game.fault_odds[block // game.levels] / ONE
+        assert np.abs(fault - odds / (1 + odds)).max() <= 1.5 / ONE
+        shares = np.stack([winner, below, above], axis=1) / (1 - fault)[:, None]
+        expected = before[:, 1:] / (1 - before[:, :1])
+        assert (np.abs(shares - expected) <= 3 / ONE / np.minimum(1 - fault, 1 - before[:, 0])[:, None]).all()
 
 
 def test_the_package_names_what_users_need() -> None:

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import ROOT, Game, GameError
+from shuttle_marl.game.rally import ONE, ROOT, Game, GameError
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import layout, thresholds
+from shuttle_marl.game.table import base_pairs, layout, thresholds
 
 Bools = npt.NDArray[np.bool_]
 
@@ -18,7 +18,7 @@ def small_catalogue(rng: np.random.Generator, rallies: int) -> Catalogue:
     """Two serves, and strokes of which at least one is played from above and one from below."""
     serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
     heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
-    names = {f"{SHOTS[2 + i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
+    names = {f"{SHOTS[2 + 8 * i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
     return Catalogue.from_names([*serves, *sorted(names)])
 
 
@@ -34,38 +34,44 @@ def random_replies(rng: np.random.Generator, catalogue: Catalogue, density: floa
 
 
 def random_game(seed: int, rallies: int = 8, density: float = 0.3) -> tuple[Game, Bools]:
+    """A game and who may answer what; every second game counts duels, every third one to three levels of effort."""
     rng = np.random.default_rng(seed)
     catalogue = small_catalogue(rng, rallies)
     replies = random_replies(rng, catalogue, density)
-    tables = layout(catalogue, replies)
-    pairs = int(tables["pair_start"][-1])
+    tables = layout(catalogue, replies, duels=seed % 2 == 1)
+    pairs = base_pairs(tables)
     p = rng.uniform(0, 1, (3, pairs))
-    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), **tables), replies
+    odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
+    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), fault_odds=odds, **tables), replies
 
 
 games = st.builds(random_game, st.integers(0, 10_000), st.integers(2, 11), st.floats(0.0, 1.0))
 
 
-def reachable_edges(catalogue: Catalogue, replies: Bools) -> set[tuple[int, int]]:
-    """All (own last stroke, incoming stroke) that play can reach, by walking from the start."""
-    n = len(catalogue)
-    found: set[tuple[int, int]] = set()
-    frontier = [(n, n)]
+def reachable_edges(game: Game, replies: Bools) -> set[tuple[int, int, int]]:
+    """All (own last stroke, incoming stroke, net shots in a row) that play can reach, by walking from the start."""
+    n = game.n_strokes
+    found: set[tuple[int, int, int]] = set()
+    frontier = [(n, n, 0)]
     while frontier:
         edge = frontier.pop()
         if edge not in found:
             found.add(edge)
-            frontier.extend((edge[1], int(z)) for z in np.flatnonzero(replies[edge[1]]))
+            for z in np.flatnonzero(replies[edge[1]]).tolist():
+                counts = game.counts_duels and "net-shot" in game.catalogue.names[z]
+                frontier.append((edge[1], z, min(3, edge[2] + 1) if counts else 0))
     return found
 
 
 @given(games)
 def test_edges_are_exactly_those_that_play_can_reach(made: tuple[Game, Bools]) -> None:
     game, replies = made
-    edges = list(zip(game.edge_own.tolist(), game.edge_incoming.tolist(), strict=True))
-    assert edges[0] == (game.n_strokes, game.n_strokes)
+    edges = list(zip(game.edge_own.tolist(), game.edge_incoming.tolist(), game.edge_duel.tolist(), strict=True))
+    assert edges[0] == (game.n_strokes, game.n_strokes, 0)
     assert len(set(edges)) == len(edges)
-    assert set(edges) == reachable_edges(game.catalogue, replies)
+    assert set(edges) >= reachable_edges(game, replies)
+    # Beyond those, only longer duels that no one can reach, because a net shot is never answered by another one there.
+    assert {edge[2] for edge in set(edges) - reachable_edges(game, replies)} <= {3}
 
 
 @given(games)
@@ -74,15 +80,16 @@ def test_pairs_number_the_legal_strokes_of_each_state_in_order(made: tuple[Game,
     height = game.catalogue.height
     row = 0
     for state in range(game.n_states):
-        incoming, contact = game.edge_incoming[state >> 1], state & 1
+        incoming, contact = int(game.incoming(state)), state & 1
         expected = np.flatnonzero(replies[incoming] & (height == contact))
         assert game.legal_strokes(state).tolist() == expected.tolist()
         assert game.legal_count(np.array(state)) == len(expected)
         for stroke in expected:
             assert game.pair_state[row] == state
             assert game.pair_stroke[row] == stroke
-            edge = game.pair_edge[row]
-            assert (game.edge_own[edge], game.edge_incoming[edge]) == (incoming, stroke)
+            below, above = game.arrivals(np.array(row)).tolist()
+            assert above == below + 1
+            assert (game.own(below), game.incoming(below)) == (incoming, stroke)
             row += 1
     assert row == game.n_pairs
 
@@ -103,10 +110,11 @@ def test_masks_and_pair_numbers_agree(made: tuple[Game, Bools]) -> None:
 def test_every_reachable_state_has_a_stroke_and_only_the_start_a_serve(made: tuple[Game, Bools]) -> None:
     game, _ = made
     counts = game.legal_count(np.arange(game.n_states))
-    assert counts[1] == 0, "a serve from above the net"
-    assert (np.delete(counts, 1) > 0).all()
+    serves_from_above = np.arange(1, game.n_states, game.n_base_states)
+    assert (counts[serves_from_above] == 0).all()
+    assert (np.delete(counts, serves_from_above) > 0).all()
     assert game.catalogue.is_serve[game.legal_strokes(ROOT)].all()
-    assert not game.catalogue.is_serve[game.pair_stroke[game.pair_state != ROOT]].any()
+    assert not game.catalogue.is_serve[game.pair_stroke[game.base(game.pair_state) != ROOT]].any()
 
 
 def test_layout_names_a_stroke_without_reply() -> None:
@@ -139,15 +147,16 @@ def test_layout_wants_serves_at_the_start_and_only_there(row: int, stroke: int, 
 
 def test_shipped_game_has_the_layout_of_its_replies() -> None:
     game = default_game()
-    rebuilt = layout(game.catalogue, game.reply_mask.any(axis=1))
+    rebuilt = layout(game.catalogue, game.reply_mask.any(axis=1), duels=game.counts_duels)
     for name, table in rebuilt.items():
         assert (getattr(game, name) == table).all(), name
 
 
 def test_describe_names_both_strokes_and_the_contact() -> None:
-    game, _ = random_game(1)
+    game, _ = random_game(6)
     assert game.describe(ROOT) == "own none, incoming none, contact below"
+    game, _ = random_game(2)
     state = game.n_states - 1
-    own, incoming = game.edge_own[state >> 1], game.edge_incoming[state >> 1]
     names = game.catalogue.names
-    assert game.describe(state) == f"own {names[own]}, incoming {names[incoming]}, contact above"
+    words = f"own {names[game.own(state)]}, incoming {names[game.incoming(state)]}, contact above"
+    assert game.describe(state) == f"{words}, effort 2 against 2"

@@ -44,25 +44,26 @@ def test_thresholds_refuse_nan(position: int) -> None:
 def test_probabilities_invert_thresholds() -> None:
     game = default_game()
     rng = np.random.default_rng(4)
-    wanted = np.concatenate([rng.uniform(0.05, 1, (2, game.n_pairs)), rng.uniform(0, 1, (1, game.n_pairs))])
-    found = np.stack(dataclasses.replace(game, threshold=thresholds(*wanted)).stroke_probabilities())
+    size = game.n_base_pairs
+    wanted = np.concatenate([rng.uniform(0.05, 1, (2, size)), rng.uniform(0, 1, (1, size))])
+    found = np.stack(dataclasses.replace(game, threshold=thresholds(*wanted)).stroke_probabilities(game.block_pairs(0)))
     # A conditional probability is a quotient of two rounded numbers: its error grows as what it is conditional on shrinks.
-    condition = np.stack([np.ones(game.n_pairs), wanted[0], wanted[0] * wanted[1]])
+    condition = np.stack([np.ones(size), wanted[0], wanted[0] * wanted[1]])
     assert (np.abs(found - wanted) <= 2.5 / ONE / condition).all()
 
 
 def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
     game = default_game()
     rng = np.random.default_rng(5)
-    good, returned, above = game.stroke_probabilities()
     draws = np.arange(ONE)
-    for pair in [0, game.n_pairs - 1, *rng.integers(game.n_pairs, size=30)]:
+    pairs = np.array([0, game.n_pairs - 1, *rng.integers(game.n_pairs, size=30)])
+    for pair, good, returned, above in zip(pairs, *game.stroke_probabilities(pairs), strict=True):
         state = game.pair_state[pair]
         k = pair - game.pair_start[state]
         outcome, _ = strike(game, np.full(ONE, state), np.full(ONE, k), draws)
         share = np.bincount(outcome, minlength=4) / ONE
-        q = good[pair] * returned[pair]
-        expected = [1 - good[pair], good[pair] - q, q * (1 - above[pair]), q * above[pair]]
+        q = good * returned
+        expected = [1 - good, good - q, q * (1 - above), q * above]
         assert share == pytest.approx(expected, abs=1e-12)
         assert (np.diff(outcome) >= 0).all(), "outcomes are ordered by draw"
 
@@ -76,8 +77,9 @@ def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
     over = (outcome == FAULT) | (outcome == WINNER)
     assert (following[over] == -1).all()
     go_on, before, after = ~over, state[~over], following[~over]
-    assert (game.edge_own[after >> 1] == game.edge_incoming[before >> 1]).all()
-    assert (game.edge_incoming[after >> 1] == game.pair_stroke[pair[go_on]]).all()
+    assert (game.own(after) == game.incoming(before)).all()
+    assert (game.incoming(after) == game.pair_stroke[pair[go_on]]).all()
+    assert (game.effort(after) == game.opponent_effort(before)).all()
     assert ((after & 1) == (outcome[go_on] == RETURNED_ABOVE)).all()
     assert (outcome[go_on] >= RETURNED_BELOW).all()
     assert over.any()

@@ -42,7 +42,7 @@ def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies
     last = rallies.first_stroke[1:] - 1
     assert (state[rallies.first_stroke[:-1]] == ROOT).all()
     # A draw that gives the recorded outcome: the threshold before it.
-    limits = np.concatenate([np.zeros((len(state), 1)), GAME.threshold[GAME.pair_start[state] + k]], axis=1).astype(np.int32)
+    limits = np.concatenate([np.zeros((len(state), 1)), GAME.limits_of(GAME.pair_at(state, k))], axis=1).astype(np.int32)
     again, following = strike(GAME, state, k, limits[np.arange(len(state)), outcome])
     continues = np.setdiff1d(np.arange(len(state)), last)
     possible = again == outcome  # an outcome of probability zero has no draw

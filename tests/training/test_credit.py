@@ -81,19 +81,15 @@ def test_advantages_are_the_exact_ones_under_the_exact_values(opponent: Tabulate
     data = rollout(env, BC, 40)
     found = advantages(data, striking, gamma)
     np.testing.assert_allclose(found, by_hand(data, striking, gamma), atol=2e-5)
-    t = GAME.threshold.astype(np.float64) / 65536
-    edge = 2 * GAME.pair_edge
-    quality = (t[:, 1] - 2 * t[:, 0]) + (t[:, 2] - t[:, 1]) * -others[edge] + (1 - t[:, 2]) * -others[edge + 1]
-    own, incoming, contact = data["observation"].numpy().reshape(-1, 3).T
-    state_of = np.full((GAME.n_strokes + 1, GAME.n_strokes + 1, 2), -1)
-    s = np.arange(GAME.n_states)
-    state_of[GAME.edge_own[s >> 1], GAME.edge_incoming[s >> 1], s & 1] = s
-    state = state_of[own, incoming, contact]
+    state = GAME.state_of(*data["observation"].numpy().reshape(-1, 6).T)
     pair = GAME.pair(state, data["action"].numpy().ravel())
-    noise = found.ravel() - (quality[pair] - striking[state])
+    t = GAME.limits_of(pair).astype(np.float64) / 65536
+    below, above = -others[GAME.arrivals(pair)].T
+    quality = (t[:, 1] - 2 * t[:, 0]) + (t[:, 2] - t[:, 1]) * below + (1 - t[:, 2]) * above
+    noise = found.ravel() - (quality - striking[state])
     # Lambda 0.95 adds later advantages, whose mean is zero under the exact values: so is the mean of the difference.
     assert abs(noise.mean()) < 4 * noise.std() / np.sqrt(len(noise))
-    strong = np.abs(quality[pair] - striking[state]) > 0.2
+    strong = np.abs(quality - striking[state]) > 0.2
     assert strong.sum() > 100
     assert abs(noise[strong].mean()) < 4 * noise[strong].std() / np.sqrt(strong.sum())
 

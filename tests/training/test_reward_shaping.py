@@ -28,7 +28,7 @@ def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
         env.rand_action(seen)
         strokes = seen["action"].numpy()
         _, following = env.step_and_maybe_reset(seen)
-        fault = GAME.threshold[GAME.pair(states, strokes), 0] / ONE
+        fault = GAME.limits_of(GAME.pair(states, strokes))[..., 0] / ONE
         shot = np.array(SHOTS)[GAME.catalogue.shot[strokes]]
         added = 0.25 * (shot == "smash") - 0.5 * (shot == "lift") - 2 * fault
         found = shaping.rewards(seen) - seen["next", "reward"]
@@ -85,6 +85,6 @@ def test_what_is_rewarded_is_played_more(tmp_path) -> None:
         done = train(PPOConfig(**small, **changes, out=tmp_path / name))
         seen = visits(done.policy, opponent)
         lifts[name] = seen.shot_mix(0)[SHOTS.index("lift")]
-        faults[name] = seen.pairs(0) @ (GAME.threshold[:, 0] / ONE) / seen.states[0].sum()
+        faults[name] = (seen.base_pairs(0) * GAME.limits[..., 0]).sum() / ONE / seen.states[0].sum()
     assert lifts["lifting"] > lifts["plain"] + 0.1
     assert faults["careful"] < faults["plain"]
