@@ -12,7 +12,8 @@ whole stroke; the same against one incoming shot type; the same against one inco
 shrunk to that of the cell around it with the weight of 40 strokes. The predicted probability of a fault and of a winner of a
 legal pair must lie inside the central 90 % of the Beta posterior of its innermost cell; it is moved to the nearest end
 otherwise (Beta with Jeffreys' half event on either side). A cell without strokes of its own thus still has the width of
-40 strokes.
+40 strokes. A cell holds strokes of every effort, in short duels and long ones, so it bounds the mean over these situations,
+as often as they occur after the own last shot type, and not the probability in each.
 """
 
 import dataclasses
@@ -25,9 +26,11 @@ from scipy.stats import beta
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels
+from shuttle_marl.dynamics.models import log_odds, sigmoid
+from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, N_TECHNIQUES, Catalogue
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.table import base_pairs, layout, thresholds
 
 Floats = npt.NDArray[np.float64]
@@ -144,7 +147,17 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
 
 def is_serve_pair(game: Game) -> npt.NDArray[np.bool_]:
     """``[base pairs]`` whether the stroke of a base pair is a serve."""
-    return np.asarray(game.catalogue.shot[game.base_pair_stroke] < N_SERVES)
+    return np.asarray(game.catalogue.is_serve[game.base_pair_stroke])
+
+
+def is_duel_pair(game: Game) -> npt.NDArray[np.bool_]:
+    """``[base pairs]`` whether the stroke of a base pair is a net shot after two or more net shots in a row."""
+    return np.asarray(game.catalogue.is_net_shot[game.base_pair_stroke] & (game.duel(game.base_pair_state) >= LONG_DUEL - 1))
+
+
+def is_long_duel_pair(game: Game) -> npt.NDArray[np.bool_]:
+    """``[base pairs]`` whether the stroke of a base pair is a net shot of a long duel."""
+    return np.asarray(is_duel_pair(game) & (game.duel(game.base_pair_state) >= LONG_DUEL))
 
 
 def _key(parts: tuple[Index | npt.NDArray[np.integer], ...]) -> Index:
@@ -169,73 +182,79 @@ LEAST_END: Final = 0.003
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairProbabilities:
-    """Predictions of the models for every legal pair, ``[P]`` each, before rounding to the tables.
+    """Predictions of the models for every base pair, ``[base pairs]`` each, before rounding to the tables.
 
     Attributes:
-        fault: the striker faults.
+        fault: the striker faults, at effort 0.
         returned: a good stroke is returned.
         above: a returned stroke is met above the net.
         clipped: the fault or the winner probability was moved into the range that the data supports.
+        fault_odds: ``[L]`` odds of a fault at each level of effort, relative to those at effort 0.
     """
 
     fault: Floats
     returned: Floats
     above: Floats
     clipped: npt.NDArray[np.bool_]
+    fault_odds: Floats
 
 
 def empty_game(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> Game:
     """The layout of a game whose probabilities are not known yet."""
-    tables = layout(catalogue, replies)
+    tables = layout(catalogue, replies, duels=True)
     return Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), dtype=np.uint16), **tables)
 
 
-def pair_probabilities(
-    models: FittedModels, game: Game, support: Support, *, pessimism: float = 0.0, striker: str | None = None,
-    receiver: str | None = None,
-) -> PairProbabilities:  # fmt: skip
-    """Evaluate the models on every legal pair, in double precision, within what the data supports.
+def pair_probabilities(models: FittedModels, game: Game, support: Support, *, pessimism: float = 0.0) -> PairProbabilities:
+    """Evaluate the models on every base pair, in double precision, within what the data supports.
 
     Args:
         models: the models.
         game: the layout; its thresholds are not read.
         support: ranges of the probabilities of its edges.
         pessimism: lower bound of the ensemble for the striker, in standard deviations of its logits.
-        striker, receiver: profiles of players; default the average.
     """
     codes = codes_of_pairs(game)
-    striker_shift = models.striker.get(striker, 0.0) if striker else 0.0
-    receiver_shift = models.receiver.get(receiver, 0.0) if receiver else 0.0
-    fault = models.averaged(models.fault, codes, pessimism=pessimism, shift=striker_shift)
-    returned = models.averaged(models.returned, codes, pessimism=pessimism, shift=receiver_shift)
+    logit = log_odds(models.averaged(models.fault, codes, pessimism=pessimism))
+    returned = models.averaged(models.returned, codes, pessimism=pessimism)
     above = models.averaged(models.above, codes)
-    edge = game.base_pair_edge
+    situations, edge = models.situations, game.base_pair_edge
+    # What the data supports is the mean over the situations, because that is what its cells hold.
+    weights = situations.spread(codes["own_shot"], np.full(len(logit), -1), np.where(is_duel_pair(game), -1, 0))
+    fault = situations.mixed(logit, weights)
     winner = (1 - fault) * (1 - returned)
-    supported_fault = np.clip(fault, support.fault_range[edge, 0], support.fault_range[edge, 1])
-    supported_winner = np.clip(winner, support.winner_range[edge, 0], support.winner_range[edge, 1])
-    clipped = (supported_fault != fault) | (supported_winner != winner)
-    least = np.where(is_serve_pair(game), 0.0, LEAST_END)
-    fault = np.maximum(supported_fault, least - supported_winner)
-    winner = np.minimum(supported_winner, 1 - fault)
-    return PairProbabilities(fault=fault, returned=1 - winner / (1 - fault), above=above, clipped=clipped)
+    supported_fault = np.clip(fault, *support.fault_range[edge].T)
+    supported_winner = np.clip(winner, *support.winner_range[edge].T)
+    moved = supported_fault != fault
+    clipped = moved | (supported_winner != winner)
+    logit[moved] = situations.logit_of_mean(supported_fault[moved], weights[moved])
+    returned = 1 - supported_winner / (1 - supported_fault)
+    logit = logit + situations.duel * is_long_duel_pair(game)
+    # However little effort there is: the least probability of an end holds at the level with the fewest faults.
+    fewest = situations.effort.min()
+    with np.errstate(divide="ignore"):
+        least = np.where(is_serve_pair(game), 0.0, 1 - (1 - LEAST_END) / returned)
+    fault = np.where(sigmoid(logit + fewest) < least, sigmoid(log_odds(least) - fewest), sigmoid(logit))
+    odds = np.exp(situations.effort)
+    return PairProbabilities(fault=fault, returned=returned, above=above, clipped=clipped, fault_odds=odds)
 
 
 def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
-    """The game with its thresholds."""
+    """The game with its thresholds and its odds of faults."""
     table = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
-    return dataclasses.replace(game, threshold=table)
+    odds = np.rint(probabilities.fault_odds * ONE).astype(np.int32)
+    return dataclasses.replace(game, threshold=table, fault_odds=odds)
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32]:
-    """``[P]`` log of the probability that the average player chooses a legal stroke, before dividing by the legal total."""
+    """``[base pairs]`` log of the probability that the average player chooses a stroke, before dividing by the legal total."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = codes_of_states(game, state)
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
-    pair_style = (
-        game.catalogue.shot[game.base_pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[game.base_pair_stroke]
-    )
+    pair_state, pair_stroke = game.base_pair_state, game.base_pair_stroke
+    pair_style = game.catalogue.shot[pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[pair_stroke]
     # Targets are asked for once for every state and style that occurs.
-    styles, position = np.unique(game.base_pair_state * np.int64(N_SHOTS * N_TECHNIQUES) + pair_style, return_inverse=True)
+    styles, position = np.unique(pair_state * np.int64(N_SHOTS * N_TECHNIQUES) + pair_style, return_inverse=True)
     of_state = styles // (N_SHOTS * N_TECHNIQUES)
     rows = np.searchsorted(state, of_state)
     target_codes = {name: code[rows] for name, code in codes.items()}
@@ -243,10 +262,12 @@ def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32
     target_codes["technique"] = (styles % N_TECHNIQUES).astype(np.int16)
     total = np.zeros(game.n_base_pairs)
     for discipline, share in enumerate(models.share):
+        if share == 0:
+            continue
         of_all = {**codes, "discipline": np.full(len(state), discipline, dtype=np.int16)}
         choice[state] = models.choice({name: of_all[name] for name in STATE})
         of_targets = {**target_codes, "discipline": np.full(len(styles), discipline, dtype=np.int16)}
         target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
-        total += share * choice[game.base_pair_state, pair_style] * target[position, game.catalogue.area[game.base_pair_stroke]]
+        total += share * choice[pair_state, pair_style] * target[position, game.catalogue.area[pair_stroke]]
     return np.log(np.maximum(total, 1e-12)).astype(np.float32)

@@ -36,6 +36,7 @@ BINS: Final = 15
 RESAMPLES: Final = 2000
 _CONTEXT: Final = (*STATE, "shot", "technique")
 _STROKE: Final = (*_CONTEXT, "area")
+_SITUATION: Final = ("effort", "duel")
 _FOLDS: Final = 5
 _PARAMETERS: Final[dict[str, Any]] = {
     "objective": "binary",
@@ -127,7 +128,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
 
     tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], Floats], tuple[str, ...]]] = {
         # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
-        "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, _CONTEXT),
+        "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, (*_CONTEXT, *_SITUATION)),
         "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
         "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
     }
@@ -136,7 +137,8 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         report(f"{name}, and trees on the same rows")
         fitted, rows = train.take(chosen(train)), test.take(chosen(test))
         label, p = label_of(rows), predict(rows)
-        trees = tree_predictions(features, fitted.codes, label_of(fitted), fitted.match, rows.codes)
+        read = [{**part.codes, **models.situations.codes(part)} for part in (fitted, rows)]
+        trees = tree_predictions(features, read[0], label_of(fitted), fitted.match, read[1])
         out[name] = {
             **scores(label, p),
             "trees": scores(label, trees),

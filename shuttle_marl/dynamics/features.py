@@ -217,7 +217,7 @@ def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Cod
 
 
 def codes_of_pairs(game: Game) -> dict[str, Codes]:
-    """Codes of every base pair of a game, one for each; without discipline."""
+    """Codes of every base pair of a game, ``[base pairs]`` each; without discipline."""
     codes = codes_of_states(game, game.base_pair_state)
     for attribute in ("shot", "technique", "area"):
         codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)

@@ -33,6 +33,7 @@ from shuttle_marl.dynamics.models import (
     was_met,
 )
 from shuttle_marl.dynamics.network import Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
+from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
@@ -107,8 +108,9 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     blind_fault, share = _blind_faults(success, target, known, config)
     blind_return = _blind_returns(return_network, good, returned, config)
     blind_above = log_odds(unseen(_probabilities(contact, met), met.match, config.folds))
+    fault_line, situations = fit_situations(blind_fault, share, known)
     calibration = np.stack([
-        _calibrate(blind_fault, share, known.outcome == Outcome.FAULT),
+        fault_line,
         _calibrate(blind_return[:, None], np.ones((len(good), 1)), returned),
         _calibrate(blind_above[:, None], np.ones((len(met), 1)), met_above),
     ])  # fmt: skip
@@ -118,13 +120,14 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
         networks=networks,
         ridge=ridge,
         calibration=calibration,
+        situations=situations,
         share=counts / counts.sum(),
         striker={},
         receiver={},
         choices=pooling.PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
     )
     report("players")
-    marginal = sigmoid(calibration[0, 0] * blind_fault + calibration[0, 1])
+    marginal = situations.mixed(calibration[0, 0] * blind_fault + calibration[0, 1], situations.weights(known))
     blind = {
         "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
         "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
@@ -138,7 +141,8 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     game = empty_game(catalogue, replies_of(train, catalogue))
     final = intended_targets(target, success, known)
     support = support_of(known, final, game)
-    return Fit(models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist()})
+    offsets = {"effort": situations.effort.tolist(), "duel": situations.duel}
+    return Fit(models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist(), "situations": offsets})
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:

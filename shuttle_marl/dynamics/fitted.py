@@ -15,6 +15,7 @@ from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Codes, Rows
 from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, log_odds, ridge_logits, sigmoid, softmax
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
 from shuttle_marl.dynamics.players import PlayerChoices
+from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
@@ -37,6 +38,7 @@ class FittedModels:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
         ridge: coefficients of the ridge half of the return model.
         calibration: for success (probability of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
+        situations: what effort and long duels add to the log-odds of a fault.
         share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
         striker, receiver: logit shifts of single players for success and return, by identifier.
         choices: how single players choose.
@@ -45,6 +47,7 @@ class FittedModels:
     networks: dict[str, Ensemble]
     ridge: Floats
     calibration: Floats
+    situations: Situations
     share: Floats
     striker: dict[str, float]
     receiver: dict[str, float]
@@ -61,7 +64,7 @@ class FittedModels:
         return np.asarray(softmax(predict(choice, encode(choice.spec, codes))).mean(axis=0))
 
     def fault(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
-        """``[N]`` probability that the striker faults, for a known target.
+        """``[N]`` probability that the striker faults, for a known target, at effort 0 and outside of long duels.
 
         Args:
             codes: with ``area``.
@@ -90,7 +93,7 @@ class FittedModels:
         """``[N]`` probability of a fault given everything but the target: the mean over the targets."""
         shares = self.targets(rows.codes)
         faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
-        return np.asarray((shares * faults).sum(axis=1))
+        return np.asarray((shares * self.situations.mixed(log_odds(faults), self.situations.weights(rows))).sum(axis=1))
 
     def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> Floats:
         """``[N]`` logit shift of each player, 0 for players without one."""
@@ -99,11 +102,15 @@ class FittedModels:
     def averaged(self, probability: Any, codes: dict[str, Codes], **options: Any) -> Floats:
         """The average profile: a probability (one of the methods above) weighted over the disciplines."""
         n = len(codes["contact"])
-        total = np.zeros(0)
-        for discipline, share in enumerate(self.share):
-            values = share * probability({**codes, "discipline": np.full(n, discipline, dtype=np.int16)}, **options)
-            total = values if discipline == 0 else total + values
-        return np.asarray(total)
+        total = np.zeros(n)
+        for discipline in np.flatnonzero(self.share):
+            of_all = {**codes, "discipline": np.full(n, discipline, dtype=np.int16)}
+            total += self.share[discipline] * probability(of_all, **options)
+        return total
+
+    def of_discipline(self, discipline: int) -> "FittedModels":
+        """The models of one discipline alone (index into :data:`shuttle_marl.dynamics.features.DISCIPLINES`)."""
+        return dataclasses.replace(self, share=np.eye(len(DISCIPLINES))[discipline])
 
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
@@ -116,6 +123,8 @@ class FittedModels:
             "ridge": torch.from_numpy(self.ridge),
             "calibration": torch.from_numpy(self.calibration),
             "share": torch.from_numpy(self.share),
+            "effort": torch.from_numpy(self.situations.effort),
+            "effort_share": torch.from_numpy(self.situations.effort_share),
             "players.style": torch.from_numpy(self.choices.style),
             "players.area": torch.from_numpy(self.choices.area),
         }
@@ -123,6 +132,8 @@ class FittedModels:
             "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
             "striker": self.striker,
             "receiver": self.receiver,
+            "duel": self.situations.duel,
+            "duel_share": self.situations.duel_share,
             "players": self.choices.players,
             "disciplines": DISCIPLINES,
         }
@@ -156,6 +167,7 @@ class FittedModels:
                 networks=networks,
                 ridge=checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)),
                 calibration=checked(arrays["calibration"], np.float64, (3, 2)),
+                situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
                 striker=_shifts(described["striker"]),
                 receiver=_shifts(described["receiver"]),
@@ -183,6 +195,22 @@ def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> En
     state = {name: torch.from_numpy(checked(weight, np.float32, weight.shape)) for name, weight in weights.items()}
     network.load_state_dict(state, assign=True)
     return network.requires_grad_(False).eval()
+
+
+def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Situations:
+    """Offsets of situations from the description of a model and its arrays.
+
+    Raises:
+        ValueError, TypeError, KeyError: a part is missing or no finite number.
+    """
+    duel = checked(np.array([float(described["duel"]), float(described["duel_share"])]), np.float64, (2,))
+    effort = checked(arrays["effort"], np.float64, arrays["effort"].shape[:1])
+    return Situations(
+        effort=effort,
+        duel=float(duel[0]),
+        effort_share=checked(arrays["effort_share"], np.float64, (SLOTS["own_shot"], len(effort))),
+        duel_share=float(duel[1]),
+    )
 
 
 def _shifts(values: Any) -> dict[str, float]:

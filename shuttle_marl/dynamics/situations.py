@@ -92,6 +92,21 @@ class Situations:
             total += weight.reshape(-1, *(1,) * (logit.ndim - 1)) * expit(logit + offset)
         return total
 
+    def logit_of_mean(self, mean: Floats, weights: Floats) -> Floats:
+        """``[N]`` logit at effort 0 outside of long duels, by the ``[N]`` mean probability over the situations.
+
+        Args:
+            mean: between 0 and 1.
+            weights: ``[N, 2 L]`` probability of each situation.
+        """
+        aim = np.log(mean) - np.log1p(-mean)
+        logit = aim.copy()
+        # The mean's log-odds rise with the logit at a slope close to 1, so this converges fast.
+        for _ in range(20):
+            found = self.mixed(logit, weights)
+            logit += aim - (np.log(found) - np.log1p(-found))
+        return logit
+
     def codes(self, rows: Rows) -> dict[str, Codes]:
         """``[N]`` each: the situation as codes, ``effort`` (L where it is not known) and ``duel`` (0, 1, 2: not known)."""
         levels = len(self.effort)
