@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics import features
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
 from shuttle_marl.game.rally import Game
 
@@ -91,14 +92,10 @@ def strokes_of(table: pa.Table) -> Strokes:
 
 
 def states_of(game: Game, rows: Rows) -> Ints:
-    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is not known."""
-    own, incoming = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
-    known = (own >= 0) & (incoming >= 0)
-    contact = rows.codes["contact"].astype(np.int64)
-    state = np.full(len(rows), -1)
-    state[known] = game.state_of(own[known], incoming[known], contact[known])
-    state[state >= 0] = np.where(game.legal_count(state[state >= 0]) > 0, state[state >= 0], -1)
-    return state
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known."""
+    before = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
+    state = features.states_of(game, rows, *before)
+    return np.where((state >= 0) & (game.legal_count(np.maximum(state, 0)) > 0), state, -1)
 
 
 def ratio_by_match(top: Floats, bottom: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:

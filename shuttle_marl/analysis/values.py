@@ -15,7 +15,7 @@ from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rally
 from shuttle_marl.game.court import N_AREAS
@@ -65,7 +65,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     nearest = _nearest(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     contact = rows.codes["contact"].astype(np.int64)
-    state = game.state_of(own, incoming, contact).astype(np.int64)
+    state = states_of(game, rows, own, incoming)
     value = evaluate(reference, reference).striking[0]
     # Where the own last stroke is unknown or cannot have led here, the mean over those that can.
     mean = _means_over_own(game, reference, value)

@@ -228,13 +228,14 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, *, pe
     moved = supported_fault != fault
     clipped = moved | (supported_winner != winner)
     logit[moved] = situations.logit_of_mean(supported_fault[moved], weights[moved])
-    returned = 1 - supported_winner / (1 - supported_fault)
     logit = logit + situations.duel * is_long_duel_pair(game)
-    # However little effort there is: the least probability of an end holds at the level with the fewest faults.
+    # The least probability of an end holds at every level of effort, so at the one with the fewest faults.
     fewest = situations.effort.min()
-    with np.errstate(divide="ignore"):
-        least = np.where(is_serve_pair(game), 0.0, 1 - (1 - LEAST_END) / returned)
-    fault = np.where(sigmoid(logit + fewest) < least, sigmoid(log_odds(least) - fewest), sigmoid(logit))
+    lowest = sigmoid(logit + fewest)
+    least = np.where(is_serve_pair(game), 0.0, LEAST_END) - supported_winner
+    short = lowest < least
+    fault = np.where(short, sigmoid(log_odds(least) - fewest), sigmoid(logit))
+    returned = 1 - supported_winner / (1 - np.where(short, least, supported_fault))
     odds = np.exp(situations.effort)
     return PairProbabilities(fault=fault, returned=returned, above=above, clipped=clipped, fault_odds=odds)
 

@@ -17,8 +17,8 @@ import pyarrow as pa
 
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.rally import LONGEST_DUEL, Game
+from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 
 DISCIPLINES: Final = ("MS", "WS")
 
@@ -37,9 +37,9 @@ SLOTS: Final[dict[str, int]] = {
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """The context of a stroke: what the striker knows before choosing."""
 
-ATTACK: Final = np.isin(SHOTS, ("smash", "half-smash"))
+ATTACK: Final = np.isin(SHOTS, ATTACKS)
 """``[13]`` whether a shot type is an attack."""
-NET_SHOT: Final = np.isin(SHOTS, ("net-shot", "cross-court-net-shot"))
+NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
 """``[13]`` whether a shot type is a net shot."""
 
 Codes = npt.NDArray[np.int16]
@@ -202,6 +202,19 @@ def strokes_before(rows: Rows, name: str, strokes: npt.NDArray[np.integer], n_st
     found = np.where(shot == N_SHOTS, n_strokes, -1)
     found[known] = strokes[shot[known], area[known], height[known], technique[known]]
     return found
+
+
+def states_of(game: Game, rows: Rows, own: npt.NDArray[np.integer], incoming: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known.
+
+    Args:
+        game: the tables.
+        rows: N strokes in context.
+        own, incoming: ``[N]`` catalogue indices of the strokes before each (:func:`strokes_before`).
+    """
+    duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
+    efforts = [np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)]
+    return game.state_of(own, incoming, rows.codes["contact"], duel, *efforts).astype(np.int64)
 
 
 def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Codes]:

@@ -142,7 +142,9 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
     final = intended_targets(target, success, known)
     support = support_of(known, final, game)
     offsets = {"effort": situations.effort.tolist(), "duel": situations.duel}
-    return Fit(models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist(), "situations": offsets})
+    return Fit(
+        models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist(), "situations": offsets}
+    )
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:

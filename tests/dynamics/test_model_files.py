@@ -130,9 +130,9 @@ def hand_made() -> dict[str, Any]:
         "reply_start": [[[1, 2]] * 2, [[3, 4]] * 2, [[5, 6]] * 2, [[0, 1]] * 2],
         "reply_count": [[1, 1], [1, 1], [1, 1], [1, 0]],
         "reply_edge": [1, 2, 3, 4, 5, 6, 7],
-        "fault_odds": [1 << 16],
     }
-    return {name: np.array(values, np.int32) for name, values in arrays.items()} | {"threshold": np.full((15, 3), 9, np.uint16)}
+    tables: dict[str, Any] = {name: np.array(values, np.int32) for name, values in arrays.items()}
+    return {**tables, "threshold": np.full((15, 3), 9, np.uint16), "fault_odds": np.array([1 << 16], np.int32)}
 
 
 def saved(path: Path, arrays: dict[str, Any], names: str = json.dumps([SERVE, LIFT, SMASH])) -> Path:

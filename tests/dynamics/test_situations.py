@@ -7,9 +7,11 @@ from scipy.special import expit
 
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, states_of
 from shuttle_marl.dynamics.situations import Situations, fit_situations
-from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.game.table import base_pairs, layout
 from tests.dynamics.test_fitting import SAMPLE
 
 SERVE, SMASH, NET, CROSS, LIFT = (
@@ -113,3 +115,39 @@ def test_what_is_not_known_is_averaged_over() -> None:
     neither = (rows.attacks < 0) & (rows.net_run < 0) & (rows.codes["shot"] == NET)
     assert neither.any()
     assert weights[neither] == pytest.approx(np.outer(np.ones(neither.sum()), [0.525, 0.15, 0.075, 0.175, 0.05, 0.025]))
+
+
+def duel_game(levels: int) -> Game:
+    """A serve, two net shots, a lift and a smash; anything answers anything, and nothing else happens."""
+    names = (
+        "short-serve:front-centre:below:backhand",
+        "lift:back-centre:below:forehand",
+        "smash:middle-left:above:forehand",
+        "net-shot:front-centre:below:forehand",
+        "cross-court-net-shot:front-left:below:forehand",
+    )
+    replies = np.array([[0, 1, 1, 1, 1]] * 5 + [[1, 0, 0, 0, 0]], dtype=bool)
+    tables = layout(Catalogue.from_names(names), replies, duels=True)
+    odds = np.full(levels, ONE, dtype=np.int32)
+    threshold = np.zeros((base_pairs(tables), 3), np.uint16)
+    return Game(catalogue=Catalogue.from_names(names), threshold=threshold, fault_odds=odds, **tables)
+
+
+@pytest.mark.parametrize("levels", [1, 3])
+def test_states_of_recorded_strokes_hold_effort_and_duel(levels: int) -> None:
+    game = duel_game(levels)
+    table = rally([SERVE, LIFT, SMASH, NET, CROSS, NET, NET, LIFT, SMASH])
+    for dropped in (None, 3):
+        part = table if dropped is None else pa.concat_tables([table.slice(0, dropped), table.slice(dropped + 1)])
+        rows = rows_from_strokes(part)
+        index = np.array([0, 1, 2, 3, 4, 3, 3, 1, 2])
+        kept = np.delete(np.arange(9), [] if dropped is None else dropped)
+        own, incoming = (np.append(index, 5)[np.maximum(kept - lag, -1)] for lag in (2, 1))
+        state = states_of(game, rows, own, incoming)
+        counted = (rows.attacks >= 0) & (rows.opponent_attacks >= 0) if levels > 1 else rows.attacks < 99
+        assert ((state >= 0) == (counted & (rows.net_run >= 0))).all()
+        known = state[state >= 0]
+        assert game.effort(known).tolist() == np.clip(rows.attacks, 0, levels - 1)[state >= 0].tolist()
+        assert game.opponent_effort(known).tolist() == np.clip(rows.opponent_attacks, 0, levels - 1)[state >= 0].tolist()
+        assert game.duel(known).tolist() == np.minimum(rows.net_run, 3)[state >= 0].tolist()
+        assert game.incoming(known).tolist() == incoming[state >= 0].tolist()
