@@ -1,5 +1,7 @@
 """Effort and long duels: counted in rallies with gaps, and recovered from strokes with a planted fatigue."""
 
+from typing import Any, cast
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -7,6 +9,15 @@ from scipy.special import expit
 
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.dynamics.compiled import (
+    LEAST_END,
+    Support,
+    compile_game,
+    is_duel_pair,
+    is_long_duel_pair,
+    is_serve_pair,
+    pair_probabilities,
+)
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, states_of
 from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.game.rally import ONE, Game
@@ -151,3 +162,53 @@ def test_states_of_recorded_strokes_hold_effort_and_duel(levels: int) -> None:
         assert game.opponent_effort(known).tolist() == np.clip(rows.opponent_attacks, 0, levels - 1)[state >= 0].tolist()
         assert game.duel(known).tolist() == np.minimum(rows.net_run, 3)[state >= 0].tolist()
         assert game.incoming(known).tolist() == incoming[state >= 0].tolist()
+
+
+class Constant:
+    """Models that say the same of every stroke."""
+
+    def __init__(self, situations: Situations, fault: float, returned: float) -> None:
+        self.situations, self.fault, self.returned, self.above = situations, fault, returned, 0.5
+
+    def averaged(self, probability: float, codes: dict[str, np.ndarray], **_: object) -> np.ndarray:
+        return np.full(len(codes["contact"]), probability)
+
+
+def compiled(effort: list[float], fault: float, returned: float, fault_range: tuple[float, float]) -> tuple[Game, Situations]:
+    layout_of = duel_game(1)
+    edges = len(layout_of.edge_own)
+    shares = np.tile([0.5, 0.3, 0.2], (SLOTS["own_shot"], 1))
+    situations = Situations(effort=np.array(effort), duel=0.8, effort_share=shares, duel_share=0.25)
+    count = np.zeros(edges)
+    support = Support(
+        strokes=count, faults=count, winners=count,
+        fault_range=np.tile(fault_range, (edges, 1)), winner_range=np.tile([0.0, 1.0], (edges, 1)),
+    )  # fmt: skip
+    models = cast("Any", Constant(situations, fault, returned))
+    return compile_game(layout_of, pair_probabilities(models, layout_of, support)), situations
+
+
+def test_the_mean_over_situations_is_what_the_data_bounds() -> None:
+    game, situations = compiled([0.0, 0.6, 1.2], fault=0.5, returned=0.9, fault_range=(0.02, 0.10))
+    fault = game.limits[..., 0].astype(float) / ONE
+    duel, long = is_duel_pair(game), is_long_duel_pair(game)
+    # Half of the net shots of duels of two or more strokes belong to each of the twin states.
+    assert duel.sum() == 2 * long.sum() > 0
+    plain = fault[:, ~duel]
+    assert np.tensordot([0.5, 0.3, 0.2], plain, 1) == pytest.approx(0.10, abs=2e-4)
+    assert (plain[2] > 0.13).all(), "at high effort outside of the range"
+    means = [np.tensordot([0.5, 0.3, 0.2], fault[:, which], 1) for which in (duel & ~long, long)]
+    assert 0.75 * means[0][0] + 0.25 * means[1][0] == pytest.approx(0.10, abs=2e-4)
+    odds = fault / (1 - fault)
+    assert odds[1] / odds[0] == pytest.approx(np.exp(0.6), rel=2e-3)
+    assert (odds[0, long][0] / odds[0, duel & ~long][0]) == pytest.approx(np.exp(situations.duel), rel=2e-3)
+
+
+@pytest.mark.parametrize("effort", [[0.0, 0.2, 0.4], [0.0, -0.5, -1.0]])
+def test_every_stroke_but_a_serve_ends_some_rallies_at_every_level(effort: list[float]) -> None:
+    game, _ = compiled(effort, fault=0.0001, returned=0.9999, fault_range=(0.0, 1.0))
+    ending = 1 - np.diff(game.limits.astype(float), axis=2, append=ONE)[..., 1:].sum(axis=2) / ONE
+    rally = ~is_serve_pair(game)
+    assert ending[:, rally].min() >= LEAST_END - 1 / ONE
+    assert ending[:, rally].min() <= LEAST_END + 1e-4
+    assert (ending[:, ~rally] < LEAST_END).all()
