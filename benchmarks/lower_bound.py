@@ -56,7 +56,7 @@ def _read_and_show(
     for i in range(first, last):
         at = i % n
         tokens[at] = i
-        row = legal[np.uint64(head[state[i], 3] & 0xFFFF)]
+        row = legal[np.uint64(head[state[i], 3])]
         place = mask[at * rows : (at + 1) * rows]
         for j in range(rows):
             place[j] = row[j]
@@ -90,7 +90,7 @@ def lower_bound_of(game: Game, threads: int) -> LowerBound:
     for _ in range(_STEPS):
         stroke = batch.random_strokes()
         state = batch.rows.state.copy()
-        states.append(state)
+        states.append(game.base(state))
         level = game.effort(state) * np.int64(game.n_base_pairs)
         pairs.append(level + game.base_pair_start[game.base(state)] + game.rank(state, stroke))
         batch.step(stroke)

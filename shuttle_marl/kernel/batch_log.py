@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.kernel.core import Tables, edge_of, tables_of
+from shuttle_marl.kernel.core import Tables, base_of, tables_of
 from shuttle_marl.kernel.rally import RallyBatch
 from shuttle_marl.kernel.rows import Rows
 from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, stroke_type
@@ -69,7 +69,7 @@ def _keep(
             continue
         if new < 0 or new > 2:
             return -1 - i
-        edge, at = edge_of(tables, rows.state[i]), kept.length[i]
+        edge, at = base_of(tables, rows.state[i]) >> np.uint64(1), kept.length[i]
         kept.stroke[i, at] = tables.own[edge] if new == 2 else tables.incoming[edge]
         kept.stroke[i, at + new - 1] = tables.incoming[edge]
         for e in range(kept.extra.shape[0]):

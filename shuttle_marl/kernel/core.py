@@ -31,21 +31,22 @@ _GUIDES: Final = 16
 _GUIDE_SHIFT: Final = np.uint16(12)
 
 
-_ROW_BITS: Final = 16
-_ROW: Final = (1 << _ROW_BITS) - 1
+_SHIFT: Final = np.uint64(57)
 
 
 class Tables(NamedTuple):
-    """A game packed so that a stroke costs few reads. B is the number of blocks, combinations of both players' efforts.
+    """A game packed so that a stroke costs few reads, from tables that are small enough for the second cache where it can be.
+
+    B is the number of blocks, combinations of both players' efforts.
 
     Attributes:
         limits: ``[L * base pairs]`` uint64, by own effort the three thresholds of a base pair in its lowest 48 bits, the fault's
             lowest.
-        head: ``[S, 4]`` int32, first legal pair of a state, number of its legal strokes, place of the first of its replies, and
-            its row of ``rank`` and ``mask`` with its block from bit 16 on.
-        surplus: ``[B]`` int32 by how much a legal pair of a block is further on than its thresholds in ``limits``.
+        head: ``[base states, 4]`` int32, first pair of a base state, number of its legal strokes, place of the first of its
+            replies, row of ``rank`` and ``mask``.
+        inverse: 2^57 divided by the number of base states, rounded up: a multiplication finds the block of a state.
+        first: ``[B, 3]`` int32 of each block the first state, the first legal pair, and the first of its thresholds.
         follows: ``[B, 2]`` int32 first state of the block that follows a block, after a stroke that is no attack and after one.
-        first: ``[B]`` int32 first state of a block.
         efforts: ``[B, 2]`` int32 effort of the striker and of the receiver in a block.
         arrival: ``[V]`` int32 twice the edge that follows each reply, and 1 more after an attack.
         stroke: ``[V]`` int16 stroke of each reply.
@@ -58,9 +59,9 @@ class Tables(NamedTuple):
 
     limits: npt.NDArray[np.uint64]
     head: npt.NDArray[np.int32]
-    surplus: npt.NDArray[np.int32]
-    follows: npt.NDArray[np.int32]
+    inverse: np.uint64
     first: npt.NDArray[np.int32]
+    follows: npt.NDArray[np.int32]
     efforts: npt.NDArray[np.int32]
     arrival: npt.NDArray[np.int32]
     stroke: npt.NDArray[np.int16]
@@ -73,29 +74,28 @@ class Tables(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def tables_of(game: Game) -> Tables:
-    """The packed tables of a game, made once."""
+    """The packed tables of a game, made once.
+
+    Raises:
+        KernelError: it has more states than can be told apart.
+    """
+    size, edge = game.n_base_states, game.reply_edge
+    # With e = inverse * size - 2^57 < size, the block of s comes out right where s * e < 2^57, that is for all s < B size.
+    if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
+        raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
     t = game.limits.reshape(-1, 3).astype(np.uint64)
-    base, block = np.arange(game.n_base_states), np.arange(game.n_blocks, dtype=np.int32)
-    own_effort, other_effort = np.divmod(block, game.levels)
-    row = np.tile(2 * game.incoming(base) + game.contact(base), game.n_blocks)
-    head = np.stack(
-        [
-            game.pair_start[:-1],
-            np.diff(game.pair_start),
-            np.tile(game.first_reply, game.n_blocks),
-            row | (np.repeat(block, game.n_base_states) << _ROW_BITS),
-        ],
-        axis=1,
-        dtype=np.int32,
-    )
-    edge = game.reply_edge
+    base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
+    effort = block // game.levels
+    row = 2 * game.incoming(base) + game.contact(base)
+    head = np.stack([game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row], axis=1, dtype=np.int32)
+    first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
     return Tables(
         limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
         head=np.ascontiguousarray(head),
-        surplus=(block - own_effort) * np.int32(game.n_base_pairs),
-        follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(game.n_base_states),
-        first=block * np.int32(game.n_base_states),
-        efforts=np.ascontiguousarray(np.stack([own_effort, other_effort], axis=1)),
+        inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
+        first=np.ascontiguousarray(first),
+        follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(size),
+        efforts=np.ascontiguousarray(np.stack([effort, block % game.levels], axis=1)),
         arrival=2 * edge + game.edge_attack[edge],
         stroke=game.edge_incoming[edge].astype(np.int16),
         incoming=game.edge_incoming.astype(np.int16),
@@ -106,28 +106,49 @@ def tables_of(game: Game) -> Tables:
     )
 
 
-@inlined
-def row_of(tables: Any, s: Any) -> Any:
-    """Row of ``rank`` and ``mask`` that belongs to a state."""
-    return np.uint64(tables.head[np.uint64(s), 3] & _ROW)
+# An index without a sign need not be checked for counting from the end.
 
 
 @inlined
 def block_of(tables: Any, s: Any) -> Any:
     """Block of a state."""
-    return np.uint64(tables.head[np.uint64(s), 3] >> _ROW_BITS)
+    return np.uint64((np.uint64(s) * tables.inverse) >> _SHIFT)
 
 
 @inlined
-def edge_of(tables: Any, s: Any) -> Any:
-    """Edge of a state."""
-    return np.uint64((s - tables.first[block_of(tables, s)]) >> 1)
+def base_of(tables: Any, s: Any) -> Any:
+    """Base state of a state."""
+    return np.uint64(s - tables.first[block_of(tables, s), 0])
+
+
+@inlined
+def row_of(tables: Any, s: Any) -> Any:
+    """Row of ``rank`` and ``mask`` that belongs to a state."""
+    return np.uint64(tables.head[base_of(tables, s), 3])
+
+
+@inlined
+def first_pair(tables: Any, s: Any) -> Any:
+    """First legal pair of a state."""
+    return tables.head[base_of(tables, s), 0] + tables.first[block_of(tables, s), 1]
+
+
+@inlined
+def legal_count(tables: Any, s: Any) -> Any:
+    """Number of legal strokes of a state."""
+    return tables.head[base_of(tables, s), 1]
+
+
+@inlined
+def reply_of(tables: Any, s: Any, k: Any) -> Any:
+    """Place of the k-th legal stroke of a state among the replies."""
+    return np.uint64(tables.head[base_of(tables, s), 2] + k)
 
 
 @inlined
 def arrival_of(tables: Any, block: Any, reply: Any) -> Any:
     """The receiver's state, contact below, after a reply in a block."""
-    code = tables.arrival[np.uint64(reply)]
+    code = tables.arrival[reply]
     return tables.follows[block, np.uint64(code & 1)] + (code & ~1)
 
 
@@ -318,11 +339,10 @@ def draw_strokes(part: Any, bits: Any) -> None:
 @inlined
 def find_pair(tables: Any, block: Any, j: Any, s: Any, k: Any) -> None:
     """Note that the k-th legal stroke of state s is played."""
-    # An index without a sign need not be checked for counting from the end.
-    at = np.uint64(s)
     of = block_of(tables, s)
-    reply = tables.head[at, 2] + k
-    block.limit[j] = tables.head[at, 0] + k - tables.surplus[of]
+    head = tables.head[np.uint64(s - tables.first[of, 0])]
+    block.limit[j] = head[0] + k + tables.first[of, 2]
+    reply = np.uint64(head[2] + k)
     block.reply[j] = reply
     block.arrival[j] = arrival_of(tables, of, reply)
 

@@ -25,6 +25,7 @@ from shuttle_marl.kernel.core import (
     draw_strokes,
     extend,
     find_pair,
+    first_pair,
     list_where,
     new_block,
     pack,
@@ -118,7 +119,7 @@ def _play(
         for j in range(live):
             s = part.state[j]
             player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
-            k = table_choice(players, player, s, tables.head[np.uint64(s), 0], block.bits[j])
+            k = table_choice(players, player, s, first_pair(tables, s), block.bits[j])
             find_pair(tables, block, j, s, k)
         read_limits(tables, block, live)
         play(part, block)

@@ -17,11 +17,14 @@ from shuttle_marl.kernel.core import (
     draw,
     draw_strokes,
     find_pair,
+    first_pair,
+    legal_count,
     list_where,
     new_block,
     pack,
     play,
     read_limits,
+    reply_of,
     strike,
     table_choice,
     uniform_choice,
@@ -43,8 +46,8 @@ def _reset(rows: Rows, which: npt.NDArray[np.bool_], seed_key: np.uint64, server
 def _choose(tables: Tables, rows: Rows, players: Players, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
     for i in range(first, last):
         s = rows.state[i]
-        k = table_choice(players, rows.striker[i], s, tables.head[s, 0], draw(rows.key[i], rows.stroke[i]))
-        stroke[i] = tables.stroke[tables.head[s, 2] + k]
+        k = table_choice(players, rows.striker[i], s, first_pair(tables, s), draw(rows.key[i], rows.stroke[i]))
+        stroke[i] = tables.stroke[reply_of(tables, s, k)]
 
 
 @compiled
@@ -106,12 +109,12 @@ def _run(
             if tabulated:
                 for j in range(count):
                     s = part.state[j]
-                    k = table_choice(players, part.striker[j], s, tables.head[np.uint64(s), 0], block.bits[j])
+                    k = table_choice(players, part.striker[j], s, first_pair(tables, s), block.bits[j])
                     find_pair(tables, block, j, s, k)
             else:
                 for j in range(count):
                     s = part.state[j]
-                    find_pair(tables, block, j, s, uniform_choice(tables.head[np.uint64(s), 1], block.bits[j]))
+                    find_pair(tables, block, j, s, uniform_choice(legal_count(tables, s), block.bits[j]))
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):

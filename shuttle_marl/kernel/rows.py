@@ -16,13 +16,15 @@ from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     Tables,
+    base_of,
     block_of,
     draw,
     draw_strokes,
-    edge_of,
     extend,
     first_server,
+    legal_count,
     new_block,
+    reply_of,
     row_of,
     tables_of,
     uniform_choice,
@@ -144,7 +146,7 @@ def show(tables: Any, rows: Any, observed: Any, first: Any, last: Any) -> None:
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
         block = block_of(tables, rows.state[i])
-        edge = edge_of(tables, rows.state[i])
+        edge = base_of(tables, rows.state[i]) >> np.uint64(1)
         observed.tokens[i, 0] = tables.own[edge]
         observed.tokens[i, 1] = tables.incoming[edge]
         observed.tokens[i, 2] = rows.state[i] & 1
@@ -177,9 +179,9 @@ def choose_uniform(tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], fi
         chosen = stroke[begin_block : begin_block + part.state.size]
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
-            s = np.uint64(part.state[j])
-            reply = tables.head[s, 2] + uniform_choice(tables.head[s, 1], block.bits[j])
-            chosen[j] = tables.stroke[np.uint64(reply)]
+            s = part.state[j]
+            k = uniform_choice(legal_count(tables, s), block.bits[j])
+            chosen[j] = tables.stroke[reply_of(tables, s, k)]
 
 
 @lru_cache(maxsize=4)

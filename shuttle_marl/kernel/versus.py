@@ -16,6 +16,7 @@ from shuttle_marl.kernel.core import (
     arrival_of,
     draw,
     find_pair,
+    first_pair,
     list_where,
     new_block,
     next_state,
@@ -23,6 +24,7 @@ from shuttle_marl.kernel.core import (
     pack,
     put,
     read_limits,
+    reply_of,
     strike,
     table_choice,
 )
@@ -56,10 +58,10 @@ def _begin_rally(tables: Any, rows: Any, opponents: Any, i: Any, seed_key: Any, 
     opponents.opponent[i] = opponents.following[i]
     if rows.striker[i] == opponents.seat[i]:
         return np.int64(2)
-    start = tables.head[0, 0]
+    start = first_pair(tables, 0)
     k = table_choice(opponents.players, opponents.opponent[i], 0, start, bits)
     outcome = outcome_of(tables.limits[start + k], bits)
-    rows.state[i] = next_state(arrival_of(tables, np.uint64(0), tables.head[0, 2] + k), outcome)
+    rows.state[i] = next_state(arrival_of(tables, np.uint64(0), reply_of(tables, 0, k)), outcome)
     rows.stroke[i] = 1
     rows.striker[i] = opponents.seat[i]
     rows.live[i] = outcome >= 2
@@ -136,7 +138,7 @@ def _step(
         for r in range(replies):
             at = np.uint64(block.listed[r])
             s = part.state[at]
-            k = table_choice(opponents.players, opponent[at], s, tables.head[np.uint64(s), 0], block.bits[r])
+            k = table_choice(opponents.players, opponent[at], s, first_pair(tables, s), block.bits[r])
             find_pair(tables, block, r, s, k)
         read_limits(tables, block, replies)
         for r in range(replies):
