@@ -23,9 +23,12 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from shuttle_marl.exact.away import Spread
     from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., Any]
+Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
+"""Whose figures, by name at home, and their spreads away; None without refits."""
 
 _EXTRAS: Final = {
     "foxglove": "scene",
@@ -41,6 +44,15 @@ _EXTRAS: Final = {
 _WIDTH: Final = 160
 """Of output that goes to no terminal."""
 _SHOWN_SHOTS: Final = 5
+_FIGURES: Final = {
+    "rally_win_vs_bc": "rallies won against bc",
+    "match_win_vs_bc": "matches won against bc",
+    "rally_win": "rallies won",
+    "match_win": "matches won",
+    "server_win": "rallies won by the server",
+    "exploitability": "exploitability",
+}
+"""Figures at home and away, in words."""
 _FIXABLE: Final = {
     errno.EACCES,
     errno.EEXIST,
@@ -143,6 +155,21 @@ def play(cards: Sequence["Scorecard"]) -> Table:
     for card in cards:
         if card.endings_vs_bc is not None and card.shot_mix_vs_bc is not None:
             table.add_row(_name(card.policy), shares(card.endings_vs_bc), shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
+    return table
+
+
+def home_and_away(rows: Sequence["Headlines"]) -> Table:
+    """Figures in the game itself and in its refits, where there are both; one a row."""
+    table = Table(title="At home, and away in the refits", title_justify="left", header_style="bold")
+    table.add_column("", no_wrap=True)
+    table.add_column("figure")
+    for heading in ("home", "away", "95 %"):
+        table.add_column(heading, justify="right")
+    for name, home, away in rows:
+        known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
+        for i, (figure, value, there) in enumerate(known):
+            mean, low, high = (percent(float(part)) for part in (there.value, there.low, there.high))
+            table.add_row(Text("") if i else _name(name), _FIGURES[figure], percent(value), mean, f"{low} to {high}")
     return table
 
 

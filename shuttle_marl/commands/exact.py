@@ -5,9 +5,9 @@ import functools
 import json as json_format
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 from rich.progress import track
@@ -15,10 +15,12 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import load_game, refits
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
+    from shuttle_marl.exact.away import Spread
+    from shuttle_marl.game.rally import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
     from shuttle_marl.recording.kernel_rallies import Add
 
@@ -30,6 +32,7 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 def solve(
     *,
     game: str = "default",
+    away: bool = True,
     tolerance: float = 1e-9,
     plot: File = None,
     incoming: str | None = None,
@@ -40,6 +43,7 @@ def solve(
 
     Args:
         game: model whose game is solved: a shipped one or a folder.
+        away: play the solution in the refits of the game too.
         tolerance: largest error bound of a value that is good enough.
         plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
         incoming: the stroke replied to in the picture, as in smash:middle-left:above:forehand; default: the one that perfect
@@ -49,6 +53,7 @@ def solve(
     """
     from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
     from shuttle_marl.exact import solve as solve_game  # noqa: PLC0415  numba
+    from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
@@ -59,6 +64,8 @@ def solve(
     seconds = time.perf_counter() - begun
     if incoming is not None or own is not None or plot is not None:
         _plot(solution, plot, incoming, own)
+    others = refits(tables) if away else ()
+    spreads = over(others, functools.partial(of_solution, solution)) if others else None
     figures = {
         "value_at_serve": solution.value_at_serve,
         "states": tables.n_states,
@@ -67,6 +74,7 @@ def solve(
         "residual": solution.residual,
         "error_bound": solution.error_bound,
         "seconds": seconds,
+        **_home_and_away({"server_win": (1 + solution.value_at_serve) / 2, "exploitability": 0.0}, spreads),
     }
     if json_output:
         _say(json_format.dumps(figures))
@@ -85,12 +93,14 @@ def solve(
         "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
     }
     cli.console().print(cli.facts(rows))
+    _print_away([("minimax", figures["home"], spreads)], others, asked=away)
 
 
 def evaluate(
     policies: Policies,
     *,
     game: str = "default",
+    away: bool = True,
     matches: int = 400,
     seed: int = 0,
     record: str = "all",
@@ -106,6 +116,7 @@ def evaluate(
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        away: play the policies in the refits of the game too.
         matches: matches played out for a policy that is sampled.
         seed: of their draws.
         record: which of their rallies are recorded: all, sample:N (those of one match in N) or none.
@@ -122,7 +133,8 @@ def evaluate(
         raise ExactError(f"--matches {matches}: expected a number from 1 to {MOST_MATCHES:,}")
     if not 0 <= seed < 1 << 63:
         raise ExactError(f"--seed {seed}: expected a number from 0 up to 2^63")
-    scorer = Scorer(load_game(game))
+    tables = load_game(game)
+    scorer = Scorer(tables, refits=refits(tables) if away else ())
     with time_limit(policy_timeout):
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
@@ -143,6 +155,7 @@ def evaluate(
         f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
         "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play."
     )
+    _print_away([(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away)
     exact = [card.error_bound for card in cards if card.error_bound is not None]
     if exact:
         console.print(f"exact: every figure is within {max(exact):.0e} of the true one.")
@@ -156,6 +169,7 @@ def best_response(
     policy: Annotated[str, tyro.conf.Positional],
     *,
     game: str = "default",
+    away: bool = True,
     save: File = None,
     policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
@@ -165,12 +179,14 @@ def best_response(
     Args:
         policy: name of a policy (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        away: play the response, as it was computed at home, in the refits of the game too.
         save: write the response as a table; table:FILE is its name from then on.
         policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
     from shuttle_marl.exact import best_response as respond  # noqa: PLC0415  numba
     from shuttle_marl.exact import visits  # noqa: PLC0415
+    from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
@@ -183,6 +199,8 @@ def best_response(
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
+    others = refits(tables) if away else ()
+    spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
     figures: dict[str, Any] = {
         "policy": policy,
         "rally_win": odds.rally,
@@ -195,6 +213,7 @@ def best_response(
         "shot_mix": mix[0],
         "error_bound": max(answer.value.error_bound, seen.error_bound),
         "saved": None if save is None else str(save),
+        **_home_and_away({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
     }
     if json_output:
         _say(json_format.dumps(figures))
@@ -213,20 +232,30 @@ def best_response(
     if save is not None:
         rows["saved as"] = f"table:{save}"
     cli.console().print(cli.facts(rows))
+    _print_away([("the response", figures["home"], spreads)], others, asked=away)
 
 
 def crossplay(
-    policies: Policies, *, game: str = "default", policy_timeout: float = POLICY_TIMEOUT, json_output: Json = False
+    policies: Policies,
+    *,
+    game: str = "default",
+    away: bool = False,
+    policy_timeout: float = POLICY_TIMEOUT,
+    json_output: Json = False,
 ) -> None:
     """Compute the odds of every policy against every other.
 
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        away: play all pairs in the refits of the game too, which takes nine times as long.
         policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
+    import numpy as np  # noqa: PLC0415
+
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
+    from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
@@ -240,6 +269,8 @@ def crossplay(
     seconds = time.perf_counter() - begun
     for _ in pairs:
         pass
+    others = refits(tables) if away else ()
+    spreads = over(others, functools.partial(of_all_pairs, entrants)) if others else None
     if json_output:
         figures = {
             "policies": list(policies),
@@ -249,13 +280,40 @@ def crossplay(
             "match_win": odds.match().tolist(),
             "error_bound": odds.error_bound,
             "seconds": seconds,
+            "away": None if spreads is None else {name: figure.as_json() for name, figure in spreads.items()},
         }
         _say(json_format.dumps(figures))
         return
     console = cli.console()
     console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(cli.matrix("Rallies won by the row against the column", policies, odds.rally))
+    if spreads is not None:
+        console.print(cli.matrix("Rallies won away, mean of the refits", policies, np.asarray(spreads["rally_win"].value)))
+    elif away:
+        console.print(_NO_REFITS)
     console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
+
+
+_NO_REFITS: Final = "The model has no refits on resampled matches, so there are no figures away from home."
+
+
+def _home_and_away(home: Mapping[str, float], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+    return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
+
+
+def _print_away(rows: "Sequence[cli.Headlines]", refits: "Sequence[Game]", *, asked: bool) -> None:
+    """The table of figures at home and away, where it was asked for, or why there is none."""
+    if not asked or not rows:
+        return
+    console = cli.console()
+    if not refits:
+        console.print(_NO_REFITS)
+        return
+    console.print(cli.home_and_away(rows))
+    console.print(
+        f"away: policies as they were tabulated at home, in {len(refits)} refits of the game on resampled matches: mean, and 95 %\n"
+        "interval for one more refit. The best response behind exploitability knows the refit."
+    )
 
 
 @contextlib.contextmanager

@@ -29,6 +29,7 @@ computed last, from rally values for which the bound holds already.
 more to the bound because z itself is rounded, and once more for y' and the serve.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Final
 
@@ -52,6 +53,15 @@ FIRST_RALLY_STATE: Final = 2
 
 _DIRECTIONS: Final = 60
 """Search directions that are kept; solutions take about a dozen."""
+
+
+_SOLVED: Final = 1e-3
+"""A Newton step is solved up to this part of the residual that it starts from."""
+
+Linear = Callable[[Floats], Floats]
+"""The linear part of an operator at some x: ``[S]`` to ``[S]``."""
+Operator = Callable[[Floats], tuple[Floats, Linear]]
+"""x to T x and the linear part of T at x."""
 
 
 class ExactError(ShuttleError):
@@ -83,14 +93,16 @@ def error_bound(residual: float, contraction: float) -> float:
     return (residual + ROUNDING) * contraction / (1 - contraction) + 2 * ROUNDING
 
 
-def iterate(
-    operator: Callable[[Floats, Floats], object], start: Floats, contraction: float, tolerance: float
-) -> tuple[Floats, int, float, float]:
-    """Apply an operator until the error bound is met.
+def newton(operator: Operator, start: Floats, contraction: float, tolerance: float) -> tuple[Floats, int, float, float]:
+    """The fixed point of an operator that is not linear, by Newton's method: policy iteration, where it takes a maximum.
+
+    Each step solves the operator's linear part at x. From far away such a step may miss, in games of two players who both
+    change their minds; then x moves on by a plain sweep instead, so every step makes the residual smaller by ``contraction`` at
+    least. The bound is that of a plain sweep at the end and rests on nothing else.
 
     Args:
-        operator: ``operator(x, out)`` writes T x into ``out``; T contracts the rally states.
-        start: ``[S]`` first guess, overwritten.
+        operator: T, and its linear part; T contracts the rally states.
+        start: ``[S]`` first guess.
         contraction: by what factor.
         tolerance: largest error bound that is good enough.
 
@@ -98,20 +110,27 @@ def iterate(
         ``[S]`` T x, the number of applications, the residual ``|T x - x|``, and the error bound of T x. All over the rally
         states; the serve's value is one application behind.
     """
-    x, z = start, np.empty_like(start)
-    applications = 0
+    x = start
+    z, linear = operator(x)
+    applications, residual = 1, _distance(z, x)
     while True:
-        operator(x, z)
-        applications += 1
-        residual = float(np.abs(z - x)[FIRST_RALLY_STATE:].max(initial=0.0))
         bound = error_bound(residual, contraction)
         # Below the rounding of one application nothing gets better any more.
         if bound <= tolerance or residual <= ROUNDING:
             return z, applications, residual, bound
-        x, z = z, x
+        close_enough = _SOLVED * residual
+        there = x + accelerated(linear, z - x, functools.partial(_small, close_enough))
+        image, slope = operator(there)
+        applications += 1
+        left = _distance(image, there)
+        if not left <= contraction * residual:
+            there, (image, slope) = z, operator(z)
+            applications += 1
+            left = _distance(image, there)
+        x, z, linear, residual = there, image, slope, left
 
 
-def accelerated(linear: Callable[[Floats], Floats], constant: Floats, done: Callable[[Floats], bool]) -> Floats:
+def accelerated(linear: Linear, constant: Floats, done: Callable[[Floats], bool]) -> Floats:
     """An approximate solution of x = constant + linear(x), by generalised conjugate residuals.
 
     (Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 1983.) Values of rallies have one slow mode, that the rally continues, and
@@ -148,7 +167,7 @@ def accelerated(linear: Callable[[Floats], Floats], constant: Floats, done: Call
 
 def solve_linear(
     constant: Floats,
-    linear: Callable[[Floats], Floats],
+    linear: Linear,
     *,
     norm: Callable[[Floats], float],
     bound: Callable[[float, Floats], float],
@@ -175,3 +194,16 @@ def solve_linear(
         if error <= tolerance or residual <= ROUNDING:
             return z, residual, error
         x = z
+
+
+def _distance(first: Floats, second: Floats) -> float:
+    return _norm(first - second)
+
+
+def _norm(difference: Floats) -> float:
+    """Largest difference over the rally states."""
+    return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
+
+
+def _small(enough: float, difference: Floats) -> bool:
+    return _norm(difference) <= enough

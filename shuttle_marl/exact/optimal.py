@@ -13,10 +13,10 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.fixed_point import TOLERANCE, iterate, largest_continuation
+from shuttle_marl.exact.fixed_point import TOLERANCE, Linear, largest_continuation, newton
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import best_ranks, best_values
+from shuttle_marl.exact.sweeps import Ints, after_choices, choices
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy
@@ -68,19 +68,21 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
         return _solve_symmetric(game, tolerance)
     check_same_layout(game, other)
     contraction = largest_continuation(game) * largest_continuation(other)
-    between = np.empty(game.n_states)
 
-    def operator(x: Floats, out: Floats) -> None:
-        best_values(game, best_values(other, x, between), out)
+    def operator(x: Floats) -> tuple[Floats, Linear]:
+        theirs = choices([other], x)
+        own = choices([game], theirs.value)
+        first, second = after_choices([game], own), after_choices([other], theirs)
+        return own.value, lambda change: first(second(change))
 
-    z, sweeps, residual, bound = iterate(operator, np.zeros(game.n_states), contraction, tolerance)
-    y = best_values(other, z)
-    z[ROOT] = best_values(game, y)[ROOT]
-    policies = (greedy_policy(game, y), greedy_policy(other, z))
+    z, sweeps, residual, bound = newton(operator, np.zeros(game.n_states), contraction, tolerance)
+    theirs = choices([other], z)
+    own = choices([game], theirs.value)
+    z[ROOT] = own.value[ROOT]
     return Solution(
         games=(game, other),
-        value=(z, y),
-        policy=policies,
+        value=(z, theirs.value),
+        policy=(pure_policy(game, own.rank), pure_policy(other, theirs.rank)),
         sweeps=2 * sweeps + 2,
         residual=residual,
         contraction=contraction,
@@ -90,11 +92,15 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
 
 def _solve_symmetric(game: Game, tolerance: float) -> Solution:
     contraction = largest_continuation(game)
-    value, sweeps, residual, bound = iterate(
-        lambda x, out: best_values(game, x, out), np.zeros(game.n_states), contraction, tolerance
-    )
-    value[ROOT] = best_values(game, value)[ROOT]
-    policy = greedy_policy(game, value)
+
+    def operator(x: Floats) -> tuple[Floats, Linear]:
+        chosen = choices([game], x)
+        return chosen.value, after_choices([game], chosen)
+
+    value, sweeps, residual, bound = newton(operator, np.zeros(game.n_states), contraction, tolerance)
+    chosen = choices([game], value)
+    value[ROOT] = chosen.value[ROOT]
+    policy = pure_policy(game, chosen.rank)
     return Solution(
         games=(game, game),
         value=(value, value),
@@ -106,13 +112,12 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
     )
 
 
-def greedy_policy(game: Game, following: Floats) -> TabulatedPolicy:
-    """The policy that plays the best stroke in every state, ``following`` being the value of the next states to the receiver."""
-    best = best_ranks(game, following)
+def pure_policy(game: Game, rank: Ints) -> TabulatedPolicy:
+    """The policy that plays in every state the legal stroke at one position, ``[S]``; -1 in states without any."""
     cumulative = np.empty(game.n_pairs, dtype=np.uint16)
     for block in range(game.n_blocks):
         # From the chosen stroke on, the cumulative probability of its state is 1.
-        chosen = best[game.block_states(block)][game.base_pair_state]
+        chosen = rank[game.block_states(block)][game.base_pair_state]
         cumulative[game.block_pairs(block)] = np.where(game.base_pair_rank >= chosen, CHOICE_ONE, 0)
     return TabulatedPolicy(game=game, cumulative=cumulative)
 
@@ -170,13 +175,19 @@ def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: f
     check_same_layout(own, policy.game)
     opponent = induced(policy)
     contraction = largest_continuation(own) * opponent.contraction
-    z, sweeps, residual, bound = iterate(
-        lambda x, out: best_values(own, opponent.values(x), out), np.zeros(own.n_states), contraction, tolerance
-    )
+
+    def operator(x: Floats) -> tuple[Floats, Linear]:
+        chosen = choices([own], opponent.values(x))
+        follow = after_choices([own], chosen)
+        # The opponent's part is minus what continues.
+        return chosen.value, lambda change: -follow(opponent.continuation(change))
+
+    z, sweeps, residual, bound = newton(operator, np.zeros(own.n_states), contraction, tolerance)
     y = opponent.values(z)
-    z[ROOT] = best_values(own, y)[ROOT]
+    chosen = choices([own], y)
+    z[ROOT] = chosen.value[ROOT]
     value = ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-    return Response(policy=greedy_policy(own, y), value=value, sweeps=sweeps + 1)
+    return Response(policy=pure_policy(own, chosen.rank), value=value, sweeps=sweeps + 1)
 
 
 def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:

@@ -42,7 +42,8 @@ class PairPolicy:
 
     Attributes:
         game: the tables with which the player strikes.
-        probability: ``[P]`` of each legal pair; those of a state add up to 1.
+        probability: ``[P]`` of each legal pair, or ``[base pairs]`` where it does not depend on the efforts; those of a state add up
+            to 1.
     """
 
     game: Game
@@ -50,11 +51,12 @@ class PairPolicy:
 
     def pair_probabilities(self) -> Floats:
         """``[P]`` the same; see :class:`StatePolicy`."""
-        return self.probability
+        return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
 
     def block_probabilities(self, block: int) -> Floats:
         """``[base pairs]`` the same in one block of states."""
-        return self.probability[self.game.block_pairs(block)]
+        alike = len(self.probability) == self.game.n_base_pairs
+        return self.probability if alike else self.probability[self.game.block_pairs(block)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

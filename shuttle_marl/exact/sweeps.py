@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.exact.fixed_point import Linear
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.kernel.compiling import cached
 
@@ -58,32 +59,52 @@ def _hand_back(arranged: Floats, reply_edge: Ints, attack: Bools, plain: Floats,
 
 
 @_compiled_without_nan
-def _best(rewards: Singles, continuation: Singles, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
-    for s in range(out.size):
-        reward = rewards[pair_start[s] : pair_start[s + 1]]
-        weight = continuation[2 * pair_start[s] : 2 * pair_start[s + 1]]
-        value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
-        best = -1e300
-        for i in range(reward.size):
-            best = max(best, reward[i] - weight[2 * i] * value[2 * i] - weight[2 * i + 1] * value[2 * i + 1])
-        out[s] = best / 65536.0 if reward.size else 0.0
-
-
-@_compiled
-def _first_best(
-    rewards: Singles, continuation: Singles, pair_start: Ints, first_reply: Ints, following: Floats, tie: float, out: Ints
+def _choose(
+    rewards: Singles,
+    continuation: Singles,
+    pair_start: Ints,
+    first_reply: Ints,
+    following: Floats,
+    against: bool,
+    out: Floats,
+    rank: Ints,
+    picked: Ints,
 ) -> None:
+    longest = 0
     for s in range(out.size):
-        reward = rewards[pair_start[s] : pair_start[s + 1]]
-        weight = continuation[2 * pair_start[s] : 2 * pair_start[s + 1]]
-        value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
-        best = -1e300
-        for i in range(reward.size):
-            best = max(best, reward[i] - weight[2 * i] * value[2 * i] - weight[2 * i + 1] * value[2 * i + 1])
-        out[s] = -1
-        for i in range(reward.size):
-            if reward[i] - weight[2 * i] * value[2 * i] - weight[2 * i + 1] * value[2 * i + 1] >= best - tie:
-                out[s] = i
+        longest = max(longest, pair_start[s + 1] - pair_start[s])
+    room = np.empty(longest)
+    for s in range(out.size):
+        first, last = pair_start[s], pair_start[s + 1]
+        out[s], rank[s], picked[s] = 0.0, -1, 0
+        if first == last:
+            continue
+        values = room[: last - first]
+        after = following[2 * first_reply[s] : 2 * (first_reply[s] + values.size)]
+        for g in range(len(rewards)):
+            reward, weight = rewards[g, first:last], continuation[g, 2 * first : 2 * last]
+            if g == 0:
+                for i in range(values.size):
+                    values[i] = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+            elif against:
+                for i in range(values.size):
+                    value = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+                    values[i] = min(values[i], value)
+            else:
+                for i in range(values.size):
+                    value = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+                    values[i] = max(values[i], value)
+        best = values.max()
+        i = 0
+        while values[i] < best - TIE * 65536.0:
+            i += 1
+        out[s], rank[s] = best / 65536.0, i
+        wanted = -values[i] if against else values[i]
+        for g in range(len(rewards)):
+            p = first + i
+            value = rewards[g, p] - continuation[g, 2 * p] * after[2 * i] - continuation[g, 2 * p + 1] * after[2 * i + 1]
+            if (-value if against else value) >= wanted - TIE * 65536.0:
+                picked[s] = g
                 break
 
 
@@ -115,7 +136,7 @@ def _propagate(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Flo
             reached[i] += weight[i] * visits[s]
 
 
-class _Probabilities(NamedTuple):
+class Probabilities(NamedTuple):
     """The probabilities of a game in units of 1/65536: whole numbers, so exact in single precision."""
 
     reward: Singles
@@ -125,10 +146,11 @@ class _Probabilities(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def _probabilities(game: Game) -> _Probabilities:
+def probabilities(game: Game) -> Probabilities:
+    """The probabilities of a game, as sweeps read them."""
     fault, winner, below = np.moveaxis(game.limits.astype(np.int64), -1, 0)
     continuation = np.stack([below - winner, ONE - below], axis=-1).reshape(game.levels, -1)
-    return _Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
+    return Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
 
 
 def arranged(game: Game, following: Floats, block: int, out: Floats | None = None) -> Floats:
@@ -139,33 +161,56 @@ def arranged(game: Game, following: Floats, block: int, out: Floats | None = Non
     return out
 
 
-def best_values(game: Game, following: Floats, out: Floats | None = None) -> Floats:
-    """``[S]`` value of the best stroke in every state; 0 in a state without legal strokes.
+class Choices(NamedTuple):
+    """The best stroke of every state."""
+
+    value: Floats
+    """``[S]`` value to the striker; 0 in a state without legal strokes."""
+    rank: Ints
+    """``[S]`` which legal stroke is played, the first one of a tie; -1 in a state without any."""
+    game: Ints
+    """``[S]`` number of the game in which it is played."""
+
+
+def choices(games: Sequence[Game], following: Floats, *, against: bool = False) -> Choices:
+    """The best strokes where nature picks the game after each, or of the one game there is.
 
     Args:
-        game: the tables of the striker.
-        following: ``[S]`` value of the next states to the receiver, who strikes there.
-        out: where to write the values; may not be ``following``.
+        games: tables of the striker, of one layout; nature picks the first one of a tie.
+        following: ``[S]`` value of the next states to the receiver.
+        against: whether nature picks the game that is worst for the striker; else the best one.
     """
-    out = np.empty(game.n_states) if out is None else out
-    table, room = _probabilities(game), np.empty(2 * len(game.reply_edge))
-    for block in range(game.n_blocks):
-        level, value = block // game.levels, arranged(game, following, block, room)
-        part = out[game.block_states(block)]
-        _best(table.reward[level], table.continuation[level], game.base_pair_start, game.first_reply, value, part)
-    return out
+    game = games[0]
+    found = Choices(*(np.empty(game.n_states, kind) for kind in (np.float64, np.int32, np.int32)))
+    room = np.empty(2 * len(game.reply_edge))
+    for level in range(game.levels):
+        tables = [probabilities(each) for each in games]
+        reward = np.stack([table.reward[level] for table in tables])
+        continuation = np.stack([table.continuation[level] for table in tables])
+        for block in range(level * game.levels, (level + 1) * game.levels):
+            value, part = arranged(game, following, block, room), game.block_states(block)
+            out = (array[part] for array in found)
+            _choose(reward, continuation, game.base_pair_start, game.first_reply, value, against, *out)
+    return found
 
 
-def best_ranks(game: Game, following: Floats) -> Ints:
-    """``[S]`` which legal stroke of each state has the highest value, the first one of a tie; -1 where there is none."""
-    out = np.empty(game.n_states, np.int32)
-    table = _probabilities(game)
-    for block in range(game.n_blocks):
-        level, value = block // game.levels, arranged(game, following, block)
-        part = out[game.block_states(block)]
-        tables = table.reward[level], table.continuation[level], game.base_pair_start, game.first_reply
-        _first_best(*tables, value, TIE * ONE, part)
-    return out
+def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
+    """The linear part of :func:`choices`: ``[S]`` minus what follows the chosen strokes, the end of the rally counting as 0."""
+    playable = chosen.rank >= 0
+    pairs = games[0].pair_start[:-1][playable] + chosen.rank[playable]
+    picked = chosen.game[playable]
+    weight = np.empty((len(pairs), 2))
+    for number, game in enumerate(games):
+        here = picked == number
+        weight[here] = game.outcome_probabilities(pairs[here])[:, 2:]
+    below, above = games[0].arrivals(pairs).T
+
+    def linear(following: Floats) -> Floats:
+        out = np.zeros(len(playable))
+        out[playable] = -(weight[:, 0] * following[below] + weight[:, 1] * following[above])
+        return out
+
+    return linear
 
 
 def mean_following(game: Game, weights: Sequence[Floats], following: Floats) -> Floats:
@@ -200,10 +245,9 @@ def propagate(game: Game, weights: Sequence[Floats], visits: Floats) -> Floats:
 def warm_up(game: Game) -> None:
     """Compile all sweeps, or load them from the disk, by sweeping the first state alone."""
     room, state, one = np.zeros(2 * len(game.reply_edge)), np.zeros(game.n_base_states), np.empty(1)
-    table, where = _probabilities(game), (game.base_pair_start, game.first_reply)
+    table, where = probabilities(game), (game.base_pair_start, game.first_reply)
     _arrange(state, state, game.reply_edge[:1], game.edge_attack, room)
     _hand_back(room, game.reply_edge[:1], game.edge_attack, state, state)
-    _best(table.reward[0], table.continuation[0], *where, room, one)
-    _first_best(table.reward[0], table.continuation[0], *where, room, TIE, np.empty(1, np.int32))
+    _choose(table.reward[:1], table.continuation[:1], *where, room, False, one, *np.empty((2, 1), np.int32))
     _mean(np.zeros(2 * game.n_base_pairs), *where, room, one)
     _propagate(np.zeros(2 * game.n_base_pairs), *where, one, room)

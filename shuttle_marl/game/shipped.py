@@ -4,9 +4,12 @@ import functools
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
+
 from shuttle_marl.files import FileReadError, read_sealed
 from shuttle_marl.game.rally import Game, GameError
-from shuttle_marl.tensor_files import Tensors, read_tensors
+from shuttle_marl.tensor_files import Tensors, checked, read_tensors
 
 GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""
@@ -16,6 +19,10 @@ NETWORKS: Final = "networks.safetensors"
 """The fitted models that the game was compiled from."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
+VARIANTS: Final = "variants.safetensors"
+"""Other games of its layout, among them refits on resampled matches."""
+REFITS: Final = 8
+"""Number of these refits; their names are those of the model with :1, :2, … behind."""
 CARD: Final = "card.json"
 """The model card, which holds the hashes of the other files."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
@@ -91,6 +98,35 @@ def folder_of(game: Game) -> Path | None:
     if game.hash not in _FOLDERS and (_MODELS / "default" / GAME).is_file():
         load_game()
     return _FOLDERS.get(game.hash)
+
+
+def refits(game: Game) -> tuple[Game, ...]:
+    """The same game refitted on resampled matches; none for a variant, and for a game of a model without refits.
+
+    Raises:
+        GameError: the file of the variants is damaged.
+    """
+    folder = folder_of(game)
+    if folder is None or not (folder / VARIANTS).is_file() or load_game(str(folder)).hash != game.hash:
+        return ()
+    return tuple(load_game(f"{folder}:{number}") for number in range(1, REFITS + 1))
+
+
+def real_strokes(game: Game) -> npt.NDArray[np.float64] | None:
+    """``[E]`` real strokes behind each edge: those in the innermost cell of the data that its stroke belongs to.
+
+    None where that is not known: for games that belong to no model.
+
+    Raises:
+        GameError: the file of a model folder cannot be read.
+    """
+    folder = folder_of(game)
+    if folder is None or not (folder / SUPPORT).is_file():
+        return None
+    try:
+        return checked(read_model(folder, SUPPORT).arrays["strokes"], np.float64, (len(game.edge_own),))
+    except (OSError, KeyError, ValueError) as error:
+        raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 def resolve_game(game: Game | str | None) -> Game:

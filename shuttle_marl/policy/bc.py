@@ -87,8 +87,8 @@ def players() -> list[str]:
     return list(clones(model_folder()).players)
 
 
-def load(player: str | None, game: Game) -> TabulatedPolicy:
-    """The average player (None), or one by identifier, as a table.
+def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:
+    """``[base pairs]`` probability of each legal pair at any efforts, never 0, for the average player (None) or one by identifier.
 
     Raises:
         PolicyError: no such player, or the game is of no known model.
@@ -101,4 +101,13 @@ def load(player: str | None, game: Game) -> TabulatedPolicy:
         raise PolicyError(f"{folder / BC}: its players are not of the game beside it; fit or install the model again")
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
-    return from_pair_probabilities(game, np.tile(known.pair_probabilities(game, player), game.n_blocks))
+    return known.pair_probabilities(game, player)
+
+
+def load(player: str | None, game: Game) -> TabulatedPolicy:
+    """The average player (None), or one by identifier, as a table.
+
+    Raises:
+        PolicyError: as :func:`probabilities`.
+    """
+    return from_pair_probabilities(game, np.tile(probabilities(player, game), game.n_blocks))

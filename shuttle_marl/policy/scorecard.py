@@ -6,7 +6,7 @@ They are exact where the policy has a table. One that reads the score has none; 
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from statistics import NormalDist
 from typing import Any, Final
 
@@ -14,14 +14,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
+from shuttle_marl.exact.away import Spread, moved, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.occupancy import Visits, visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.uncompiled import Ints, Matches, PlayedMatches, ask, play
@@ -29,6 +31,10 @@ from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
+HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
+"""Figures of a scorecard that are computed away from home too."""
+FEW_STROKES: Final = 5
+"""A stroke with fewer real ones behind it is not known from the data."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[int, Matches, PlayedMatches], None]
 """``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
@@ -62,6 +68,10 @@ class Scorecard:
         rally_length_vs_bc: expected strokes of a rally against ``bc``.
         endings_vs_bc: share of those rallies by how they end.
         shot_mix_vs_bc: share of the shot types among the policy's strokes there.
+        thin_vs_bc: share of the policy's strokes there with fewer than :data:`FEW_STROKES` real ones behind them
+            (:func:`shuttle_marl.game.shipped.real_strokes`); None where the model does not say.
+        away: the figures :data:`HEADLINES` in the refits of the game, the policy and ``bc`` as they are tabulated at home, the
+            best response knowing the refit; None where there are no refits.
         error_bound: every exact figure but the probability of a match is within this of the true one.
         match_error_bound: the probability of a match is within this.
         matches: matches played out; None for exact figures.
@@ -82,15 +92,23 @@ class Scorecard:
     rally_length_vs_bc: float
     endings_vs_bc: dict[str, float] | None = None
     shot_mix_vs_bc: dict[str, float] | None = None
+    thin_vs_bc: float | None = None
+    away: Mapping[str, Spread] | None = None
     error_bound: float | None = None
     match_error_bound: float | None = None
     matches: int | None = None
     rally_interval: tuple[float, float] | None = None
     match_interval: tuple[float, float] | None = None
 
+    @property
+    def home(self) -> dict[str, float | None]:
+        """The figures :data:`HEADLINES` in the game itself."""
+        return {name: getattr(self, name) for name in HEADLINES}
+
     def as_json(self) -> dict[str, Any]:
-        """The fields as JSON."""
-        return dataclasses.asdict(self)
+        """The fields as JSON, ``home`` too."""
+        away = None if self.away is None else {name: figure.as_json() for name, figure in self.away.items()}
+        return {**dataclasses.asdict(dataclasses.replace(self, away=None)), "home": self.home, "away": away}
 
 
 class Scorer:
@@ -98,20 +116,27 @@ class Scorer:
 
     Args:
         game: the tables.
+        refits: other fits of the game, two or more, for the figures away from home; none: there are no such figures.
         tolerance: largest error bound of a value that is good enough.
 
     Raises:
         PolicyError: the game has no behaviour-cloned players.
     """
 
-    def __init__(self, game: Game, *, tolerance: float = TOLERANCE) -> None:
-        self.game, self.tolerance = game, tolerance
+    def __init__(self, game: Game, *, refits: Sequence[Game] = (), tolerance: float = TOLERANCE) -> None:
+        self.game, self.refits, self.tolerance = game, tuple(refits), tolerance
         self.reference = tabulate(resolve(REFERENCE, game), game, REFERENCE)
 
     @functools.cached_property
     def solution(self) -> Solution:
         """The solved game."""
         return solve(self.game, tolerance=self.tolerance)
+
+    @functools.cached_property
+    def _thin(self) -> npt.NDArray[np.bool_] | None:
+        """``[base pairs]`` whether fewer than :data:`FEW_STROKES` real strokes stand behind it; None if that is not known."""
+        behind = real_strokes(self.game)
+        return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
 
     @functools.cached_property
     def reference_response(self) -> Response:
@@ -171,9 +196,24 @@ class Scorer:
             rally_length_vs_bc=seen.rally_length,
             endings_vs_bc=endings,
             shot_mix_vs_bc=dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True)),
+            thin_vs_bc=self._thin_share(seen),
+            away=over(self.refits, functools.partial(self._headlines, policy)) if self.refits else None,
             error_bound=max(bounds),
             match_error_bound=odds.match_error_bound(),
         )
+
+    def _thin_share(self, seen: Visits) -> float | None:
+        if self._thin is None:
+            return None
+        played = seen.base_pairs(0).sum(axis=0)
+        return float(played[self._thin].sum() / played.sum())
+
+    def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
+        """The figures :data:`HEADLINES` of a policy in a refit."""
+        there = moved(policy, refit)
+        odds = evaluate(there, moved(self.reference, refit), tolerance=self.tolerance).odds()
+        gain = best_response(there, tolerance=self.tolerance).value.odds().value
+        return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
         key = draws.pairing_key(name, REFERENCE)

@@ -1,0 +1,91 @@
+"""Figures at home and away: policies as they were made for one game, played in its refits on resampled matches.
+
+A policy that was computed in a fitted game also exploits what that fit got wrong. The refits are other fits that the same data
+could have given, so what a policy wins there says how much of its advantage is in the data. Refits share most of their matches
+with the game itself; matches that no one has seen can be further away still.
+"""
+
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import stdtrit
+
+from shuttle_marl.exact.optimal import Solution, best_response
+from shuttle_marl.exact.profile import crossplay, evaluate
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
+
+Values = float | npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Spread:
+    """A figure over the refits.
+
+    Attributes:
+        value: mean.
+        low, high: 95 % interval for the figure in one more refit (Student's t): how far it may be off because other matches
+            could have been recorded.
+    """
+
+    value: Values
+    low: Values
+    high: Values
+
+    def as_json(self) -> dict[str, float | list[float]]:
+        """The three numbers, or lists of them."""
+        return {name: np.asarray(getattr(self, name)).tolist() for name in ("value", "low", "high")}
+
+
+def spread(values: Sequence[Values]) -> Spread:
+    """The spread of a figure over two or more refits; of arrays entry by entry."""
+    n = len(values)
+    found = np.array(values, dtype=np.float64)
+    mean = found.mean(axis=0)
+    width = float(stdtrit(n - 1, 0.975)) * found.std(axis=0, ddof=1) * math.sqrt(1 + 1 / n)
+    return Spread(value=mean, low=mean - width, high=mean + width)
+
+
+def over(games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]]) -> dict[str, Spread]:
+    """The spread of each figure over games, which are computed on all cores.
+
+    Args:
+        games: two refits or more.
+        figures: of one game, by name.
+    """
+    with ThreadPoolExecutor(min(len(games), os.cpu_count() or 1)) as threads:
+        found = list(threads.map(figures, games))
+    return {name: spread([each[name] for each in found]) for name in found[0]}
+
+
+def moved(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
+    """A policy, as it was tabulated, in another game of the same layout."""
+    return TabulatedPolicy(game=game, cumulative=policy.cumulative)
+
+
+def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
+    """``rally_win`` and ``match_win`` of a policy against another in a refit."""
+    odds = evaluate(moved(policy, refit), moved(opponent, refit)).odds()
+    return {"rally_win": odds.rally, "match_win": odds.match()}
+
+
+def of_all_pairs(policies: Sequence[TabulatedPolicy], refit: Game) -> dict[str, Values]:
+    """``[N, N]`` ``rally_win`` and ``match_win`` of N policies against each other in a refit."""
+    odds = crossplay([moved(policy, refit) for policy in policies])
+    return {"rally_win": odds.rally, "match_win": odds.match()}
+
+
+def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:
+    """Perfect play of the game at home, in a refit.
+
+    ``server_win``: rallies that the server wins when both play it; ``exploitability``: what the best response of one who knows
+    the refit gains.
+    """
+    policy = moved(solution.policy[0], refit)
+    played = evaluate(policy, policy).odds()
+    return {"server_win": played.serving, "exploitability": best_response(policy).value.odds().value}

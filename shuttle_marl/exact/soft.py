@@ -1,0 +1,187 @@
+"""Play close to people: the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544).
+
+Each player i has a prior b_i, how people play, and pays tau for every nat by which their policy departs from it in a state,
+KL(pi_i(. | s) || b_i(. | s)); the other player receives that, so the game stays zero-sum. Q(s, a) being the value of a stroke as in
+:mod:`shuttle_marl.exact.fixed_point`, the value of a state to its striker and the policy are
+
+    V(s) = tau log sum_a b(a | s) exp(Q(s, a) / tau),        pi(a | s) = b(a | s) exp((Q(s, a) - V(s)) / tau).
+
+For tau to 0 this is minimax over the strokes that the prior plays, for tau to infinity it is the prior. A soft maximum changes by no
+more than the largest change of its terms, so an operator contracts with the largest continuation as a maximum does, the values
+lie between -1 and 1, there is one equilibrium, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. Of the logarithm of a
+probability of the policy it makes 2 / tau times the bound.
+"""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
+from shuttle_marl.exact.profile import PairPolicy, StatePolicy, check_same_layout
+from shuttle_marl.exact.sweeps import Ints, Singles, arranged, probabilities
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.kernel.compiling import compiled
+
+Floats = npt.NDArray[np.float64]
+
+
+@compiled
+def _soften(
+    rewards: Singles,
+    continuation: Singles,
+    pair_start: Ints,
+    first_reply: Ints,
+    prior: Floats,
+    tau: float,
+    following: Floats,
+    out: Floats,
+    policy: Floats,
+) -> None:
+    for s in range(out.size):
+        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
+        reward, weight = rewards[first : first + count], continuation[2 * first : 2 * (first + count)]
+        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
+        before, played = prior[first : first + count], policy[first : first + count]
+        best = -1e300
+        for i in range(count):
+            played[i] = (reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]) / 65536.0
+            if before[i] > 0.0:
+                best = max(best, played[i])
+        # For a large tau all terms are close to 1, and what tells them apart must not be rounded away.
+        total = change = 0.0
+        for i in range(count):
+            x = min((played[i] - best) / tau, 0.0)
+            if tau > 1.0:
+                change += before[i] * np.expm1(x)
+            played[i] = before[i] * np.exp(x)
+            total += played[i]
+        for i in range(count):
+            played[i] /= total
+        out[s] = 0.0
+        if count > 0:
+            out[s] = best + tau * (np.log1p(change) if tau > 1.0 else np.log(total))
+
+
+@compiled
+def _continue(
+    continuation: Singles, pair_start: Ints, first_reply: Ints, policy: Floats, following: Floats, out: Floats
+) -> None:
+    for s in range(out.size):
+        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
+        weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]
+        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
+        total = 0.0
+        for i in range(count):
+            total += played[i] * (weight[2 * i] * after[2 * i] + weight[2 * i + 1] * after[2 * i + 1])
+        out[s] = -total / 65536.0
+
+
+class _Player:
+    """A player of the regularised game: the soft maximum over the strokes, and the policy at its last call."""
+
+    def __init__(self, prior: StatePolicy, tau: float) -> None:
+        self.game, self._tau = prior.game, tau
+        self._prior = tuple(each_once(prior))
+        self.policy = np.empty(self.game.n_pairs)
+
+    def values(self, following: Floats) -> Floats:
+        """``[S]`` the soft maximum, ``following`` the value of the next states to the receiver."""
+        game, table = self.game, probabilities(self.game)
+        out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
+        for block, prior in enumerate(self._prior):
+            level, value = block // game.levels, arranged(game, following, block, room)
+            where = table.reward[level], table.continuation[level], game.base_pair_start, game.first_reply
+            found = out[game.block_states(block)], self.policy[game.block_pairs(block)]
+            _soften(*where, prior, self._tau, value, *found)
+        return out
+
+    def linear(self, following: Floats) -> Floats:
+        """``[S]`` the linear part at the last call of :meth:`values`: minus what follows under the policy."""
+        game, table = self.game, probabilities(self.game)
+        out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
+        for block in range(game.n_blocks):
+            value, policy = arranged(game, following, block, room), self.policy[game.block_pairs(block)]
+            where = table.continuation[block // game.levels], game.base_pair_start, game.first_reply
+            _continue(*where, policy, value, out[game.block_states(block)])
+        return out
+
+
+def each_once(policy: StatePolicy) -> list[Floats]:
+    """``[base pairs]`` probabilities of each block, one array for blocks that are alike: most policies do not look at efforts."""
+    kept: list[Floats] = []
+    for block in range(policy.game.n_blocks):
+        probability = policy.block_probabilities(block)
+        kept.append(next((seen for seen in kept if np.array_equal(seen, probability)), probability))
+    return kept
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class SoftSolution:
+    """The KL-regularised equilibrium.
+
+    Attributes:
+        tau: cost of a nat away from the prior, on the scale of values.
+        value: ``[S]`` each: value of the regularised game where player 0 strikes, to player 0, and where player 1 strikes, to
+            player 1.
+        policy: of each player.
+        sweeps: how often all legal pairs of a game were swept, for values or for the steps between them.
+        residual: by how much the last sweep changed a value.
+        contraction: factor by which a sweep (a pair of sweeps, where the players differ) shrinks an error.
+        error_bound: every value is within this of the true one.
+    """
+
+    tau: float
+    value: tuple[Floats, Floats]
+    policy: tuple[PairPolicy, PairPolicy]
+    sweeps: int
+    residual: float
+    contraction: float
+    error_bound: float
+
+
+def solve_soft(
+    prior: StatePolicy, opponent: StatePolicy | None = None, *, tau: float, tolerance: float = TOLERANCE
+) -> SoftSolution:
+    """The equilibrium of two players who pay for departing from their priors.
+
+    Args:
+        prior: of player 0; strokes that it never plays stay unplayed.
+        opponent: prior of player 1; None: the same.
+        tau: cost of a nat, a finite number above 0.
+        tolerance: largest error bound of a value that is good enough.
+
+    Raises:
+        ExactError: ``tau`` is no such number, the layouts differ, or some stroke never ends a rally.
+    """
+    if not 0 < tau < float("inf"):
+        raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
+    own = _Player(prior, tau)
+    start = np.zeros(own.game.n_states)
+    if opponent is None or opponent is prior:
+        contraction = largest_continuation(own.game)
+        z, sweeps, residual, bound = newton(lambda x: (own.values(x), own.linear), start, contraction, tolerance)
+        z[ROOT] = own.values(z)[ROOT]
+        values, players, sweeps = (z, z), (own, own), sweeps + 1
+    else:
+        check_same_layout(prior.game, opponent.game)
+        other = _Player(opponent, tau)
+        contraction = largest_continuation(own.game) * largest_continuation(other.game)
+
+        def operator(x: Floats) -> tuple[Floats, Linear]:
+            return own.values(other.values(x)), lambda change: own.linear(other.linear(change))
+
+        z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
+        y = other.values(z)
+        z[ROOT] = own.values(y)[ROOT]
+        values, players, sweeps = (z, y), (own, other), 2 * sweeps + 2
+    first, second = (PairPolicy(game=player.game, probability=player.policy) for player in players)
+    return SoftSolution(
+        tau=tau,
+        value=values,
+        policy=(first, first if players[0] is players[1] else second),
+        sweeps=sweeps,
+        residual=residual,
+        contraction=contraction,
+        error_bound=bound,
+    )
