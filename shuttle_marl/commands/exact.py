@@ -311,8 +311,8 @@ def _print_away(rows: "Sequence[cli.Headlines]", refits: "Sequence[Game]", *, as
         return
     console.print(cli.home_and_away(rows))
     console.print(
-        f"away: policies as they were tabulated at home, in {len(refits)} refits of the game on resampled matches: mean, and 95 %\n"
-        "interval for one more refit. The best response behind exploitability knows the refit."
+        f"away: policies as they were tabulated at home, in {len(refits)} refits of the game on resampled matches: mean, and\n"
+        "95 % interval for one more refit. The best response behind exploitability knows the refit."
     )
 
 

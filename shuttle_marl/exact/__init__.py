@@ -1,4 +1,4 @@
-"""Exact values of the game: minimax, best responses, exploitability, cross-play, regret, visits. See ``docs/exact.md``.
+"""Exact values of the game: minimax, robust and human play, best responses, cross-play, regret, visits. See ``docs/exact.md``.
 
 Names are imported when first used, because the solvers need numba, which takes longer to import than a command's help.
 """
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
     from shuttle_marl.exact.match import Odds, least_gain
     from shuttle_marl.exact.occupancy import Visits, visits
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
         solve,
     )
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
+    from shuttle_marl.exact.robust import RobustSolution, solve_robust
+    from shuttle_marl.exact.soft import SoftSolution, solve_soft
 
 __all__ = [
     "TOLERANCE",
@@ -33,7 +36,10 @@ __all__ = [
     "ProfileValue",
     "Regret",
     "Response",
+    "RobustSolution",
+    "SoftSolution",
     "Solution",
+    "Spread",
     "StatePolicy",
     "Visits",
     "best_response",
@@ -43,16 +49,21 @@ __all__ = [
     "nash_conv",
     "policy_regret",
     "solve",
+    "solve_robust",
+    "solve_soft",
     "visits",
 ]
 
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "away": ("Spread",),
         "fixed_point": ("TOLERANCE", "ExactError"),
         "match": ("Odds", "least_gain"),
         "occupancy": ("Visits", "visits"),
         "optimal": ("Exploitability", "Regret", "Response", "Solution", "best_response", "nash_conv", "policy_regret", "solve"),
         "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
+        "robust": ("RobustSolution", "solve_robust"),
+        "soft": ("SoftSolution", "solve_soft"),
     },
 )

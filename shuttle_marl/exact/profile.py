@@ -42,8 +42,8 @@ class PairPolicy:
 
     Attributes:
         game: the tables with which the player strikes.
-        probability: ``[P]`` of each legal pair, or ``[base pairs]`` where it does not depend on the efforts; those of a state add up
-            to 1.
+        probability: ``[P]`` of each legal pair, or ``[base pairs]`` where it does not depend on the efforts; those of a state add
+            up to 1.
     """
 
     game: Game

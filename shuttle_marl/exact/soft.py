@@ -1,15 +1,15 @@
 """Play close to people: the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544).
 
 Each player i has a prior b_i, how people play, and pays tau for every nat by which their policy departs from it in a state,
-KL(pi_i(. | s) || b_i(. | s)); the other player receives that, so the game stays zero-sum. Q(s, a) being the value of a stroke as in
-:mod:`shuttle_marl.exact.fixed_point`, the value of a state to its striker and the policy are
+KL(pi_i(. | s) || b_i(. | s)); the other player receives that, so the game stays zero-sum. Q(s, a) being the value of a stroke as
+in :mod:`shuttle_marl.exact.fixed_point`, the value of a state to its striker and the policy are
 
     V(s) = tau log sum_a b(a | s) exp(Q(s, a) / tau),        pi(a | s) = b(a | s) exp((Q(s, a) - V(s)) / tau).
 
-For tau to 0 this is minimax over the strokes that the prior plays, for tau to infinity it is the prior. A soft maximum changes by no
-more than the largest change of its terms, so an operator contracts with the largest continuation as a maximum does, the values
-lie between -1 and 1, there is one equilibrium, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. Of the logarithm of a
-probability of the policy it makes 2 / tau times the bound.
+Towards tau = 0 this is minimax over the strokes that the prior plays, towards infinity it is the prior. A soft maximum changes by
+no more than the largest change of its terms, so an operator contracts with the largest continuation as a maximum does, the values
+lie between -1 and 1, there is one equilibrium, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. The logarithm of a
+probability of the policy is off by at most 2 / tau times the bound.
 """
 
 import dataclasses
@@ -64,9 +64,7 @@ def _soften(
 
 
 @compiled
-def _continue(
-    continuation: Singles, pair_start: Ints, first_reply: Ints, policy: Floats, following: Floats, out: Floats
-) -> None:
+def _continue(continuation: Singles, pair_start: Ints, first_reply: Ints, policy: Floats, following: Floats, out: Floats) -> None:
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
         weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]

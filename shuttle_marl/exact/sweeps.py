@@ -181,7 +181,8 @@ def choices(games: Sequence[Game], following: Floats, *, against: bool = False) 
         against: whether nature picks the game that is worst for the striker; else the best one.
     """
     game = games[0]
-    found = Choices(*(np.empty(game.n_states, kind) for kind in (np.float64, np.int32, np.int32)))
+    size = game.n_states
+    found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     room = np.empty(2 * len(game.reply_edge))
     for level in range(game.levels):
         tables = [probabilities(each) for each in games]
@@ -189,7 +190,7 @@ def choices(games: Sequence[Game], following: Floats, *, against: bool = False) 
         continuation = np.stack([table.continuation[level] for table in tables])
         for block in range(level * game.levels, (level + 1) * game.levels):
             value, part = arranged(game, following, block, room), game.block_states(block)
-            out = (array[part] for array in found)
+            out = found.value[part], found.rank[part], found.game[part]
             _choose(reward, continuation, game.base_pair_start, game.first_reply, value, against, *out)
     return found
 

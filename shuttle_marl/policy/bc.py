@@ -88,7 +88,7 @@ def players() -> list[str]:
 
 
 def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:
-    """``[base pairs]`` probability of each legal pair at any efforts, never 0, for the average player (None) or one by identifier.
+    """``[base pairs]`` probability of each legal pair, never 0, for the average player (None) or one by identifier.
 
     Raises:
         PolicyError: no such player, or the game is of no known model.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis.replies import aims
+from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.exact import solve
@@ -18,6 +19,12 @@ from shuttle_marl.recording import Rallies, RallyLog, replay
 
 GAME = default_game()
 SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))
+
+
+@pytest.fixture(autouse=True)
+def at_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No refits: figures away from home have their own tests."""
+    monkeypatch.setattr(commands, "refits", lambda game: ())
 
 
 def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -32,7 +39,8 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_solve_prints_what_it_promises(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(output(capsys, "solve", "--json"))
-    assert list(found) == ["value_at_serve", "states", "legal_pairs", "sweeps", "residual", "error_bound", "seconds"]
+    first = ["value_at_serve", "states", "legal_pairs", "sweeps", "residual", "error_bound", "seconds"]
+    assert list(found) == [*first, "home", "away"]
     solution = solve(GAME)
     assert (found["states"], found["legal_pairs"], found["sweeps"]) == (GAME.n_states, GAME.n_pairs, solution.sweeps)
     assert found["value_at_serve"] == solution.value_at_serve

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exact_games import hand_made, random_policy
+from exact_games import hand_made, random_policy, with_probabilities
 from safetensors.numpy import save_file
 
-from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy import registry
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.policy import bc, registry
 from shuttle_marl.policy.registry import Family, resolve
 
 GAME = default_game()
@@ -25,8 +25,33 @@ def cumulative(name: str) -> np.ndarray:
 def test_minimax_and_best_responses_have_names() -> None:
     assert {"minimax", "best-response:bc"} <= set(registry.names())
     assert np.array_equal(cumulative("minimax"), solve(GAME).policy[0].cumulative)
-    bc = tabulate(resolve("bc", GAME), GAME)
-    assert np.array_equal(cumulative("best-response:bc"), best_response(bc).policy.cumulative)
+    average = tabulate(resolve("bc", GAME), GAME)
+    assert np.array_equal(cumulative("best-response:bc"), best_response(average).policy.cumulative)
+
+
+def test_human_play_has_names() -> None:
+    assert "human:0.05" in registry.names()
+    prior = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
+    expected = from_pair_probabilities(GAME, solve_soft(prior, tau=0.1).policy[0].probability)
+    assert np.array_equal(cumulative("human:0.1"), expected.cumulative)
+    player = bc.players()[0]
+    own = PairPolicy(game=GAME, probability=bc.probabilities(player, GAME))
+    expected = from_pair_probabilities(GAME, solve_soft(own, prior, tau=0.1).policy[0].probability)
+    assert np.array_equal(cumulative(f"human:0.1:{player}"), expected.cumulative)
+    assert np.array_equal(cumulative("human:1e9"), cumulative("bc"))
+
+
+def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
+    refits = [with_probabilities(GAME, seed) for seed in (1, 2)]
+    monkeypatch.setattr(registry, "refits", lambda game: ())
+    with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
+        resolve("minimax:robust", GAME)
+    assert "minimax:robust" not in registry.names()
+    monkeypatch.setattr(registry, "refits", lambda game: tuple(refits))
+    assert "minimax:robust" in registry.names()
+    registry.robust_policy.cache_clear()
+    assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits]).policy.cumulative)
+    registry.robust_policy.cache_clear()
 
 
 def test_the_name_within_a_best_response_is_a_whole_name() -> None:
@@ -41,7 +66,12 @@ def test_the_name_within_a_best_response_is_a_whole_name() -> None:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("minimax:3", "takes nothing behind a colon"),
+        ("minimax:3", "expected minimax or minimax:robust"),
+        ("human", "expected human:TAU or human:TAU:PLAYER"),
+        ("human:", "expected human:TAU or human:TAU:PLAYER"),
+        ("human:-1", "with a number TAU above 0"),
+        ("human:nan", "with a number TAU above 0"),
+        ("human:0.05:no-one", "no model of the player 'no-one'"),
         ("minimx", "did you mean minimax"),
         ("best-response", "expected the name of a policy behind the colon"),
         ("best-response:", "expected the name of a policy behind the colon"),

@@ -1,0 +1,102 @@
+"""Figures at home and away in refits, and the iteration that solves for values."""
+
+import json
+
+import numpy as np
+import pytest
+from exact_games import with_probabilities
+from scipy import stats
+
+from shuttle_marl.commands import exact as commands
+from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.exact.away import moved, over, spread
+from shuttle_marl.exact.fixed_point import newton
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.scorecard import Scorer
+
+GAME = default_game()
+
+
+@pytest.fixture(scope="module")
+def refits() -> tuple[Game, ...]:
+    """Two games of the shipped layout."""
+    return with_probabilities(GAME, 1), with_probabilities(GAME, 2)
+
+
+@pytest.fixture(autouse=True)
+def known_refits(monkeypatch: pytest.MonkeyPatch, refits: tuple[Game, ...]) -> None:
+    monkeypatch.setattr(commands, "refits", lambda game: refits)
+
+
+def test_the_interval_is_that_of_one_more_refit() -> None:
+    """In draws from a normal distribution one more draw lies inside 95 times in 100."""
+    draws = np.random.default_rng(0).normal(size=(4000, 9))
+    found = [spread(row[:8].tolist()) for row in draws]
+    inside = [each.low <= row[8] <= each.high for each, row in zip(found, draws, strict=True)]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+    width = stats.t.ppf(0.975, 2) * np.sqrt(4 / 3)
+    one = spread([1.0, 2.0, 3.0])
+    assert (one.value, one.low, one.high) == pytest.approx((2.0, 2 - width, 2 + width))
+    assert spread([np.array([1.0, 5.0]), np.array([3.0, 5.0])]).as_json()["value"] == [2.0, 5.0]
+
+
+def test_a_scorecard_has_figures_away(refits: tuple[Game, ...]) -> None:
+    safe, bc = (tabulate(resolve(name, GAME), GAME) for name in ("safe", "bc"))
+    card = Scorer(GAME, refits=refits).score(safe, "safe")
+    odds = [evaluate(moved(safe, game), moved(bc, game)).odds() for game in refits]
+    assert card.away["rally_win_vs_bc"].value == pytest.approx(np.mean([each.rally for each in odds]))
+    assert card.away["match_win_vs_bc"].value == pytest.approx(np.mean([each.match() for each in odds]))
+    gains = [best_response(moved(safe, game)).value.odds().value for game in refits]
+    assert card.away["exploitability"].value == pytest.approx(np.mean(gains))
+    told = card.as_json()
+    assert told["home"] == {name: told[name] for name in ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")}
+    assert set(told["away"]["exploitability"]) == {"value", "low", "high"}
+    assert 0 < card.thin_vs_bc < 1
+    assert Scorer(GAME).score(safe, "safe").as_json()["away"] is None
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert commands.main(arguments) == 0
+    return capsys.readouterr().out
+
+
+def test_commands_print_home_and_away(capsys: pytest.CaptureFixture[str], refits: tuple[Game, ...]) -> None:
+    solved = json.loads(run(capsys, "solve", "--json"))
+    policy = solve(GAME).policy[0]
+    wins = [evaluate(moved(policy, game), moved(policy, game)).odds().serving for game in refits]
+    assert solved["home"] == {"server_win": (1 + solved["value_at_serve"]) / 2, "exploitability": 0.0}
+    assert solved["away"]["server_win"]["value"] == pytest.approx(np.mean(wins))
+    answer = json.loads(run(capsys, "best-response", "safe", "--json"))
+    assert answer["home"] == {"rally_win": answer["rally_win"], "match_win": answer["match_win"]}
+    assert answer["away"]["rally_win"]["low"] < answer["away"]["rally_win"]["value"]
+    odds = json.loads(run(capsys, "crossplay", "safe", "random", "--away", "--json"))["away"]
+    assert np.array(odds["rally_win"]["value"]).shape == (2, 2)
+    assert "2 refits of the game on resampled matches" in run(capsys, "evaluate", "random")
+    assert "Rallies won away" in run(capsys, "crossplay", "safe", "random", "--away")
+
+
+def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "refits", lambda game: ())
+    assert "no refits on resampled matches" in run(capsys, "evaluate", "random")
+    assert "no refits" in run(capsys, "solve")
+    assert "refits" not in run(capsys, "solve", "--no-away")
+    assert json.loads(run(capsys, "best-response", "safe", "--json"))["away"] is None
+
+
+def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
+    seen = over([*refits, *refits], lambda game: {"first": float(game is refits[0])})
+    assert seen["first"].value == 0.5
+
+
+@pytest.mark.parametrize("slope", [-0.9, 0.9, -5.0, 0.999999])
+def test_newton_converges_whatever_its_linear_part(slope: float) -> None:
+    """x = 1 - 0.9 |x|, with a linear part that is right for one of them and misleads with the others."""
+    start = np.zeros(4)
+    found, sweeps, residual, bound = newton(lambda x: (1 - 0.9 * np.abs(x), lambda change: slope * change), start, 0.9, 1e-10)
+    assert found == pytest.approx(1 / 1.9, abs=bound)
+    assert bound <= 1e-10
+    assert residual <= bound
+    assert sweeps <= (4 if slope == -0.9 else 600)
