@@ -15,7 +15,7 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import load_game, refits
+from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def solve(
     seconds = time.perf_counter() - begun
     if incoming is not None or own is not None or plot is not None:
         _plot(solution, plot, incoming, own)
-    others = refits(tables) if away else ()
+    others = refits_of(tables) if away else ()
     spreads = over(others, functools.partial(of_solution, solution)) if others else None
     figures = {
         "value_at_serve": solution.value_at_serve,
@@ -134,7 +134,7 @@ def evaluate(
     if not 0 <= seed < 1 << 63:
         raise ExactError(f"--seed {seed}: expected a number from 0 up to 2^63")
     tables = load_game(game)
-    scorer = Scorer(tables, refits=refits(tables) if away else ())
+    scorer = Scorer(tables, refits=refits_of(tables) if away else ())
     with time_limit(policy_timeout):
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
@@ -199,7 +199,7 @@ def best_response(
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
-    others = refits(tables) if away else ()
+    others = refits_of(tables) if away else ()
     spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
     figures: dict[str, Any] = {
         "policy": policy,
@@ -269,7 +269,7 @@ def crossplay(
     seconds = time.perf_counter() - begun
     for _ in pairs:
         pass
-    others = refits(tables) if away else ()
+    others = refits_of(tables) if away else ()
     spreads = over(others, functools.partial(of_all_pairs, entrants)) if others else None
     if json_output:
         figures = {

@@ -100,7 +100,7 @@ def folder_of(game: Game) -> Path | None:
     return _FOLDERS.get(game.hash)
 
 
-def refits(game: Game) -> tuple[Game, ...]:
+def refits_of(game: Game) -> tuple[Game, ...]:
     """The same game refitted on resampled matches; none for a variant, and for a game of a model without refits.
 
     Raises:

@@ -26,7 +26,7 @@ from typing import Final
 from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import default_game, refits
+from shuttle_marl.game.shipped import default_game, refits_of
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
@@ -295,7 +295,7 @@ def robust_policy(game: Game) -> TabulatedPolicy:
     """
     from shuttle_marl.exact.robust import solve_robust  # noqa: PLC0415  numba, only when it is asked for
 
-    others = refits(game)
+    others = refits_of(game)
     if not others:
         raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
     return solve_robust([game, *others]).policy
@@ -328,7 +328,7 @@ def _load_minimax(kind: str | None, game: Game) -> Policy:
 
 
 def _minimax_names() -> tuple[str, ...]:
-    return ("minimax", "minimax:robust") if refits(default_game()) else ("minimax",)
+    return ("minimax", "minimax:robust") if refits_of(default_game()) else ("minimax",)
 
 
 def _load_human(argument: str | None, game: Game) -> Policy:

@@ -28,7 +28,7 @@ def refits() -> tuple[Game, ...]:
 
 @pytest.fixture(autouse=True)
 def known_refits(monkeypatch: pytest.MonkeyPatch, refits: tuple[Game, ...]) -> None:
-    monkeypatch.setattr(commands, "refits", lambda game: refits)
+    monkeypatch.setattr(commands, "refits_of", lambda game: refits)
 
 
 def test_the_interval_is_that_of_one_more_refit() -> None:
@@ -79,7 +79,7 @@ def test_commands_print_home_and_away(capsys: pytest.CaptureFixture[str], refits
 
 
 def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "refits", lambda game: ())
+    monkeypatch.setattr(commands, "refits_of", lambda game: ())
     assert "no refits on resampled matches" in run(capsys, "evaluate", "random")
     assert "no refits" in run(capsys, "solve")
     assert "refits" not in run(capsys, "solve", "--no-away")

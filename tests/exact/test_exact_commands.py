@@ -24,7 +24,7 @@ SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))
 @pytest.fixture(autouse=True)
 def at_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """No refits: figures away from home have their own tests."""
-    monkeypatch.setattr(commands, "refits", lambda game: ())
+    monkeypatch.setattr(commands, "refits_of", lambda game: ())
 
 
 def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:

@@ -43,11 +43,11 @@ def test_human_play_has_names() -> None:
 
 def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     refits = [with_probabilities(GAME, seed) for seed in (1, 2)]
-    monkeypatch.setattr(registry, "refits", lambda game: ())
+    monkeypatch.setattr(registry, "refits_of", lambda game: ())
     with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
         resolve("minimax:robust", GAME)
     assert "minimax:robust" not in registry.names()
-    monkeypatch.setattr(registry, "refits", lambda game: tuple(refits))
+    monkeypatch.setattr(registry, "refits_of", lambda game: tuple(refits))
     assert "minimax:robust" in registry.names()
     registry.robust_policy.cache_clear()
     assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits]).policy.cumulative)
