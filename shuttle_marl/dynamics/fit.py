@@ -42,8 +42,8 @@ from shuttle_marl.game.stroke import N_TECHNIQUES
 Floats = npt.NDArray[np.float64]
 Report = Callable[[str], None]
 
-THREADS: Final = 2
-"""Threads of the fit; fixed, because sums in another order give other weights."""
+THREADS: Final = 1
+"""Threads of the fit; fixed, because sums in another order give other weights. Its products are too small to gain from more."""
 _RIDGE_FOLDS: Final = 5
 _PLAYER_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
@@ -106,7 +106,7 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
 
     report("calibration on matches that a network did not see")
     blind_fault, share = _blind_faults(success, target, known, config)
-    blind_return = _blind_returns(return_network, good, returned, config)
+    blind_return = _blind_returns(return_network, ridge, good, returned, config)
     blind_above = log_odds(unseen(_probabilities(contact, met), met.match, config.folds))
     fault_line, situations = fit_situations(blind_fault, share, known)
     calibration = np.stack([
@@ -182,12 +182,15 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     return log_odds(fault), share
 
 
-def _blind_returns(network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig) -> Floats:
+def _blind_returns(
+    network: Ensemble, ridge: Floats, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig
+) -> Floats:
+    """``[N]`` logit of a return, from members and regressions that did not see the match."""
     convex = np.empty(len(rows))
     fold = fold_of_match(rows.match, _RIDGE_FOLDS)
     for k in range(_RIDGE_FOLDS):
         inside = fold == k
-        weights = fit_ridge(rows.take(~inside).codes, label[~inside])
+        weights = fit_ridge(rows.take(~inside).codes, label[~inside], start=ridge)
         convex[inside] = ridge_logits(weights, rows.take(inside).codes)
     return 0.5 * (log_odds(unseen(_probabilities(network, rows), rows.match, config.folds)) + convex)
 

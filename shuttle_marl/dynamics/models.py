@@ -96,6 +96,8 @@ _TRIPLES: Final = (
 _CROSSES: Final = (*((name,) for name in SLOTS), *_PAIRS, *_TRIPLES)
 _SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
 _PENALTY: Final = 2.0
+_GRADIENT: Final = 0.5
+"""Length of the gradient at which the ridge regression has converged: its logits are then within some thousandths."""
 _SIZES: Final = tuple(math.prod(SLOTS[name] for name in cross) for cross in _CROSSES)
 RIDGE_COLUMNS: Final = sum(_SIZES)
 """Number of attributes and products of attributes that the ridge regression reads."""
@@ -255,26 +257,50 @@ def _ridge_columns(codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
     return np.stack(columns, axis=1)
 
 
-def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_]) -> Floats:
-    """Coefficients ``[1 + columns]``, the intercept first, scales folded in."""
+def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_], start: Floats | None = None) -> Floats:
+    """Coefficients ``[1 + columns]``, the intercept first, scales folded in.
+
+    Args:
+        codes: of N strokes.
+        label: ``[N]`` what is predicted.
+        start: coefficients of a fit on similar strokes; the solution is the same, but found sooner.
+    """
     active = _ridge_columns(codes)
     n, width = len(active), RIDGE_COLUMNS
     indptr = np.arange(0, active.size + 1, active.shape[1])
     x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
     y = label.astype(np.float64)
+    scale = np.r_[1.0, np.repeat(_SCALE, _SIZES)]
+    penalty = np.r_[0.0, np.full(width, _PENALTY)]
+
+    def probability(w: Floats) -> Floats:
+        return sigmoid(w[0] + x @ w[1:])
+
+    def gradient_of(error: Floats) -> Floats:
+        return np.r_[error.sum(), x.T @ error]
 
     def objective(w: Floats) -> tuple[float, Floats]:
         z = w[0] + x @ w[1:]
-        error = 1 / (1 + np.exp(-z)) - y
-        value = float(np.logaddexp(0, z).sum() - y @ z + 0.5 * _PENALTY * (w[1:] @ w[1:]))
-        return value, np.r_[error.sum(), x.T @ error + _PENALTY * w[1:]]
+        value = float(np.logaddexp(0, z).sum() - y @ z + 0.5 * penalty @ (w * w))
+        return value, gradient_of(sigmoid(z) - y) + penalty * w
 
-    rate = y.mean()
-    start = np.zeros(1 + width)
-    start[0] = np.log(rate / (1 - rate))
-    solution = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-10})
-    weights: Floats = solution.x
-    weights[1:] *= np.repeat(_SCALE, _SIZES)
+    # The products of the Hessian at one place follow each other.
+    variance_at: dict[bytes, Floats] = {}
+
+    def hessian_product(w: Floats, direction: Floats) -> Floats:
+        key = w.tobytes()
+        if key not in variance_at:
+            p = probability(w)
+            variance_at.clear()
+            variance_at[key] = p * (1 - p)
+        return gradient_of(variance_at[key] * (direction[0] + x @ direction[1:])) + penalty * direction
+
+    first = np.zeros(1 + width)
+    first[0] = log_odds(y.mean())
+    if start is not None:
+        first = start / scale
+    solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
+    weights: Floats = solution.x * scale
     return weights
 
 
