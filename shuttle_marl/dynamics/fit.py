@@ -182,9 +182,7 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     return log_odds(fault), share
 
 
-def _blind_returns(
-    network: Ensemble, ridge: Floats, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig
-) -> Floats:
+def _blind_returns(network: Ensemble, ridge: Floats, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig) -> Floats:
     """``[N]`` logit of a return, from members and regressions that did not see the match."""
     convex = np.empty(len(rows))
     fold = fold_of_match(rows.match, _RIDGE_FOLDS)
