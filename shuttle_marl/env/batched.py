@@ -14,10 +14,10 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from shuttle_marl.errors import whole_number
-from shuttle_marl.game.rally import LONGEST_DUEL, Game
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
-from shuttle_marl.kernel.rows import TOKENS, Observations, Server
+from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 _SEEDS = 1 << 63
@@ -47,10 +47,9 @@ class _BatchedEnv(EnvBase):
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
-        n, effort = game.n_strokes, game.levels - 1
-        highest = [n, n, 1, LONGEST_DUEL, effort, effort]
+        n, highest = game.n_strokes, torch.from_numpy(game.highest_observation)
         self.observation_spec = Composite(
-            observation=Bounded(0, torch.tensor(highest, dtype=torch.int32).expand(size, TOKENS), dtype=torch.int32),
+            observation=Bounded(0, highest.expand(size, -1), dtype=torch.int32),
             action_mask=Binary(shape=(size, n), dtype=torch.bool),
             shape=(size,),
         )

@@ -36,8 +36,8 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
-        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet) and
-            contact as three integers, which costs less and suits an embedding.
+        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
+            contact, net shots in a row, own effort and the opponent's as six integers, which cost less and suit embeddings.
         threads: threads that share the rows; never changes a result.
 
     Raises:
@@ -68,13 +68,13 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
             self.game, num_envs, opponents=tabulated(opponent, self.game), seat=seat, server=server, threads=threads
         )
         self._features = tables_of(self.game).rows if observation == "features" else None
-        n = self.game.n_strokes
+        n, highest = self.game.n_strokes, self.game.highest_observation
         self.single_action_space = spaces.Discrete(n)
         self.single_observation_space = spaces.Dict(
             {
                 "observation": spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
                 if observation == "features"
-                else spaces.Box(np.zeros(3, np.int32), np.array([n, n, 1], np.int32), dtype=np.int32),
+                else spaces.Box(np.zeros_like(highest), highest, dtype=np.int32),
                 "action_mask": spaces.Box(0, 1, (n,), np.int8),
             }
         )

@@ -198,6 +198,12 @@ class Game:
         parts = (self.own, self.incoming, self.contact, self.duel, self.effort, self.opponent_effort)
         return np.stack([part(state) for part in parts], axis=-1)
 
+    @property
+    def highest_observation(self) -> Ints:
+        """``[6]`` highest number of each part of an observation."""
+        n, effort = self.n_strokes, self.levels - 1
+        return np.array([n, n, 1, LONGEST_DUEL, effort, effort], dtype=np.int32)
+
     def state_of(
         self,
         own: Indices,

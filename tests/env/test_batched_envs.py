@@ -15,15 +15,15 @@ from shuttle_marl.env.rally_v0 import ShuttleEnv
 from shuttle_marl.env.strokes import stroke_features
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT, IllegalStrokeError
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.rally import ROOT, Game, IllegalStrokeError
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError
 from shuttle_marl.policy.registry import resolve
-from tests.exact.exact_games import random_game, random_policy
+from tests.exact.exact_games import random_game, random_policy, tiring_game
 
 GAME = default_game()
 EITHER = pytest.mark.parametrize("make", [RallyEnv, VersusEnv])
-ONE_HOTS = stroke_features(GAME)
+BC = tabulate(resolve("bc", GAME), GAME)
 
 Env = RallyEnv | VersusEnv
 
@@ -167,21 +167,23 @@ def test_other_games_are_played() -> None:
     assert env.action_spec.n == versus.action_spec.n == game.n_strokes
 
 
-def compare(env: ShuttleEnv, seen: tuple[np.ndarray, np.ndarray]) -> None:
+def compare(env: ShuttleEnv, seen: tuple[np.ndarray, np.ndarray], one_hots: np.ndarray) -> None:
     """Tokens and mask of a row against what the striker sees in the AEC environment."""
     tokens, mask = seen
     observation = env.observe(env.agent_selection)
     vector = observation["observation"]
-    assert np.array_equal(vector[:27], ONE_HOTS[tokens[0]])
-    assert np.array_equal(vector[27:54], ONE_HOTS[tokens[1]])
-    assert vector[54] == tokens[2]
-    assert vector[55] == (tokens[1] == GAME.n_strokes)
+    assert np.array_equal(vector[:27], one_hots[tokens[0]])
+    assert np.array_equal(vector[27:54], one_hots[tokens[1]])
+    highest = max(1, env.game.levels - 1)
+    rest = [tokens[2], tokens[1] == env.game.n_strokes, tokens[3] / 3, tokens[4] / highest, tokens[5] / highest]
+    np.testing.assert_allclose(vector[54:], rest, rtol=1e-6)
     assert np.array_equal(observation["action_mask"], mask)
 
 
-def differ(rallies: int, batch: int, seed: int) -> tuple[int, int]:
+def differ(rallies: int, batch: int, seed: int, game: Game = GAME) -> tuple[int, int]:
     """Play rallies of ``RallyEnv`` in ``rally_v0``, comparing everything; returns rallies and strokes."""
-    env = RallyEnv(batch, seed=seed, threads=2)
+    env = RallyEnv(batch, seed=seed, threads=2, game=game)
+    one_hots = stroke_features(game)
     log: dict[int, list[tuple[np.ndarray, ...]]] = {}
     row_rally = np.arange(batch)
     for now, stepped in steps(env, 10**9):
@@ -192,13 +194,13 @@ def differ(rallies: int, batch: int, seed: int) -> tuple[int, int]:
         row_rally = np.where(over, row_rally + batch, row_rally)
         if row_rally.min() >= rallies:
             break
-    raw = rally_v0.raw_env()
+    raw = rally_v0.raw_env(game=game)
     strokes = 0
     for rally in range(rallies):
         raw.reset(seed=seed if rally == 0 else None)
         turns = log.pop(rally)
         for number, (tokens, mask, action, reward) in enumerate(turns):
-            compare(raw, (tokens, mask))
+            compare(raw, (tokens, mask), one_hots)
             striker = raw.agent_selection
             raw.step(int(action))
             assert raw.rewards[striker] == reward[0]
@@ -209,6 +211,7 @@ def differ(rallies: int, batch: int, seed: int) -> tuple[int, int]:
 
 def test_rallies_are_those_of_the_environment() -> None:
     assert differ(3000, 1024, seed=1)[1] > 10_000
+    assert differ(1000, 256, seed=1, game=tiring_game())[1] > 5_000
 
 
 @pytest.mark.slow
@@ -221,13 +224,14 @@ def test_a_hundred_thousand_rallies_are_those_of_the_environment() -> None:
     assert strokes > 400_000
 
 
-def differ_versus(rallies: int, batch: int, seed: int, seat: int) -> int:
+def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: TabulatedPolicy = BC) -> int:
     """Play rallies of ``VersusEnv`` in ``rally_v0``, comparing all that the learner sees and gets; returns strokes.
 
     The learner's rows are those moments of ``rally_v0`` in which the learner is to strike.
     """
-    bc = tabulate(resolve("bc", GAME), GAME)
-    env = VersusEnv(batch, opponents="bc", seat=seat, seed=seed, threads=2)
+    game = opponent.game
+    one_hots = stroke_features(game)
+    env = VersusEnv(batch, opponents=opponent, seat=seat, seed=seed, threads=2, game=game)
     log: dict[int, list[tuple[np.ndarray, ...]]] = {}
     now = env.reset()
     while (row_rally := env.versus.rows.rally.copy()).min() < rallies:
@@ -236,7 +240,7 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int) -> int:
         for row in np.flatnonzero(row_rally < rallies):
             log.setdefault(int(row_rally[row]), []).append(tuple(column[row] for column in columns))
         now = following
-    raw = rally_v0.raw_env()
+    raw = rally_v0.raw_env(game=game)
     learner = f"player_{seat}"
     choose = functools.partial(np.searchsorted, side="right")
     strokes = 0
@@ -248,13 +252,13 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int) -> int:
             strokes += 1
             if raw.agent_selection == learner:
                 tokens, mask, action, reward = next(turns)
-                compare(raw, (tokens, mask))
+                compare(raw, (tokens, mask), one_hots)
                 assert last == 0
                 last = reward[0]
                 raw.step(int(action))
             else:
-                first, end = GAME.pair_start[raw.state_number], GAME.pair_start[raw.state_number + 1]
-                raw.step(int(GAME.pair_stroke[first + choose(bc.cumulative[first:end], raw.choice_draw())]))
+                first, end = game.pair_start[raw.state_number], game.pair_start[raw.state_number + 1]
+                raw.step(int(game.pair_stroke[first + choose(opponent.cumulative[first:end], raw.choice_draw())]))
         assert next(turns, None) is None
         assert last == (raw.rewards[learner] if logged else 0.0)
     assert not log
@@ -264,6 +268,7 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int) -> int:
 @pytest.mark.parametrize("seat", [0, 1])
 def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
     assert differ_versus(1500, 64, seed=5, seat=seat) > 5000
+    assert differ_versus(500, 64, seed=5, seat=seat, opponent=random_policy(tiring_game(), 1)) > 2500
 
 
 @pytest.mark.slow

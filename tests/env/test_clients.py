@@ -17,7 +17,7 @@ from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl import exact, match_v0, rally_v0
-from shuttle_marl.env.strokes import features
+from shuttle_marl.env.strokes import RALLY_WIDTH, features
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import Policy, States
 from shuttle_marl.game.table import tabulate
@@ -128,7 +128,7 @@ def test_gymnasiums_wrappers_fit() -> None:
     over = False
     while not over:
         masks = env.get_wrapper_attr("action_masks")()
-        assert seen.shape == (GAME.n_strokes + 56,)
+        assert seen.shape == (GAME.n_strokes + RALLY_WIDTH,)
         seen, reward, over, _, info = env.step(int(masks.argmax()))
     assert abs(reward) == 0.5
     assert abs(info["episode"]["r"]) == 1

@@ -4,20 +4,22 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
+from shuttle_marl.env.strokes import RALLY_WIDTH
 from shuttle_marl.errors import OptionError
+from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import OUTCOMES, ROOT, strike
 from shuttle_marl.game.scoring import Rules, new, step
+from tests.exact.exact_games import tiring_game
 
 AGENTS = ("player_0", "player_1")
 SHORT = Rules(points=3, clear=2, cap=5, games=2)
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("reward", ["match", "rally"])
-def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed, reward):
-    env = match_v0.env(rules=SHORT, reward=reward)
-    game = env.unwrapped.game
+@pytest.mark.parametrize(("reward", "game"), [("match", default_game()), ("rally", default_game()), ("rally", tiring_game())])
+def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed, reward, game):
+    env = match_v0.env(rules=SHORT, reward=reward, game=game)
     for episode in range(3):
         striker = int(draw(stream(seed, episode, 0), 0)[0] >> np.uint64(16)) & 1
         score = new([striker], SHORT)
@@ -33,7 +35,7 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
             own_first = slice(None, None, 1 if player == 0 else -1)
             serving = [server == player, server != player]
             expected = np.r_[np.array(points[own_first]) / 5, np.array(games[own_first]) / 2, serving]
-            assert seen["observation"][56:] == pytest.approx(expected)
+            assert seen["observation"][RALLY_WIDTH:] == pytest.approx(expected)
             assert env.observation_space(agent).contains(seen)
             if info:
                 assert info["points"] == tuple(points)
@@ -43,6 +45,7 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
             if terminated:
                 continue
             assert player == striker
+            assert seen["observation"][57] == game.effort(state) / max(1, game.levels - 1)
             assert (seen["action_mask"] == game.mask(np.array(state))).all()
             k = game.pair(np.array([state]), np.array([action])) - game.pair_start[state]
             u = outcome_draw(draw(stream(seed, episode, rally), count))

@@ -14,6 +14,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, IllegalStrokeError, strike
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from tests.exact.exact_games import tiring_game
 
 AGENTS = ("player_0", "player_1")
 
@@ -30,10 +31,10 @@ def decode(part):
     return ":".join(words)
 
 
+@pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
 @pytest.mark.parametrize("seed", range(12))
-def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
-    env = rally_v0.env()
-    game = default_game()
+def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
+    env = rally_v0.env(game=game)
     good, returned, _ = game.stroke_probabilities()
     for episode in range(3):
         key = stream(seed, episode)
@@ -52,7 +53,9 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
             assert reward == 0
             vector = seen["observation"]
             assert (decode(vector[:27]), decode(vector[27:54])) == (own, other)
-            assert vector[54:].tolist() == [state & 1, state == ROOT]
+            highest = max(1, game.levels - 1)
+            efforts = game.effort(state) / highest, game.opponent_effort(state) / highest
+            np.testing.assert_allclose(vector[54:], [state & 1, state == ROOT, game.duel(state) / 3, *efforts], rtol=1e-6)
             assert (seen["action_mask"] == game.mask(np.array(state))).all()
             pair = game.pair(np.array([state]), np.array([action]))
             u = outcome_draw(draw(key, count))
@@ -72,6 +75,25 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed):
             last = facts
         assert env.unwrapped.infos == {}
         assert info == last
+
+
+def test_effort_and_duels_are_counted_from_the_strokes_of_the_rally(play):
+    """Against a count that shares no code with the game; every number of net shots and of attacks is met."""
+    env = rally_v0.env(game=tiring_game())
+    met = set()
+    for episode in range(400):
+        duel, attacks = 0, dict.fromkeys(AGENTS, 0)
+        for agent, seen, _, terminated, _, _, action in play(env, 0 if episode == 0 else None, policy_seed=episode):
+            if terminated:
+                continue
+            own, other = (min(attacks[player], 2) for player in (agent, AGENTS[1 - AGENTS.index(agent)]))
+            np.testing.assert_allclose(seen["observation"][56:], [min(duel, 3) / 3, own / 2, other / 2], rtol=1e-6)
+            assert env.observation_space(agent).contains(seen)
+            met.add((min(duel, 3), own, other))
+            shot = env.unwrapped.game.catalogue.names[action].split(":")[0]
+            duel = duel + 1 if shot in ("net-shot", "cross-court-net-shot") else 0
+            attacks[agent] += shot in ("smash", "half-smash")
+    assert len(met) == 4 * 3 * 3
 
 
 def test_long_rallies_use_draws_beyond_the_first_block():
@@ -94,14 +116,16 @@ def test_long_rallies_use_draws_beyond_the_first_block():
     assert longest > 70
 
 
-def test_the_other_player_sees_the_same_rally_from_its_side(play):
-    env = rally_v0.env()
+@pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
+def test_the_other_player_sees_the_same_rally_from_its_side(play, game):
+    env = rally_v0.env(game=game)
     for agent, seen, *_ in play(env, 5):
         other = env.observe(AGENTS[1 - AGENTS.index(agent)])
         mine, theirs = seen["observation"], other["observation"]
         assert (theirs[:27] == mine[27:54]).all()
         assert (theirs[27:54] == mine[:27]).all()
-        assert (theirs[54:] == mine[54:]).all()
+        assert (theirs[54:57] == mine[54:57]).all()
+        assert (theirs[57:] == mine[:56:-1]).all()
         assert not other["action_mask"].any()
 
 

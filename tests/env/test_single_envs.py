@@ -16,6 +16,7 @@ from gymnasium.utils.env_checker import check_env
 import shuttle_marl
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.strokes import RALLY_WIDTH
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.policy import PolicyError, States
@@ -24,7 +25,7 @@ from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel import VersusBatch
 from shuttle_marl.policy.registry import resolve
-from tests.exact.exact_games import random_game, random_policy
+from tests.exact.exact_games import random_game, random_policy, tiring_game
 
 GAME = default_game()
 SHORT = Rules(points=5, clear=2, cap=7, games=2)
@@ -121,10 +122,12 @@ def test_register_envs_can_be_given_the_package() -> None:
 
 @pytest.mark.parametrize("server", [None, 0, 1])
 @pytest.mark.parametrize("seat", [0, 1])
-def test_a_rally_is_that_of_the_kernel(seat: int, server: int | None) -> None:
-    env = SingleRallyEnv(opponent="bc", seat=seat, server=server)  # type: ignore[arg-type]
-    table = tabulate(resolve("bc", GAME), GAME)
-    batch = VersusBatch(GAME, 1, opponents=[table], seat=seat, server=server, seed=3)  # type: ignore[arg-type]
+@pytest.mark.parametrize("tiring", [False, True])
+def test_a_rally_is_that_of_the_kernel(seat: int, server: int | None, tiring: bool) -> None:
+    game = tiring_game() if tiring else GAME
+    table = random_policy(game, 3) if tiring else tabulate(resolve("bc", game), game)
+    env = SingleRallyEnv(opponent=table, seat=seat, server=server, game=game)  # type: ignore[arg-type]
+    batch = VersusBatch(game, 1, opponents=[table], seat=seat, server=server, seed=3)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     for episode in range(150):
         seen, info = env.reset(seed=3 if episode == 0 else None)
@@ -132,7 +135,7 @@ def test_a_rally_is_that_of_the_kernel(seat: int, server: int | None) -> None:
         while not over:
             assert env.state_number == batch.rows.state[0]
             assert env.unseen == batch.unseen == tuple(info["unseen"].tolist())
-            assert np.array_equal(env.action_masks(), GAME.mask(batch.rows.state)[0])
+            assert np.array_equal(env.action_masks(), game.mask(batch.rows.state)[0])
             assert np.array_equal(seen["action_mask"], env.action_masks())
             stroke = legal_stroke(seen, rng)
             seen, reward, over, _, info = env.step(stroke)
@@ -284,7 +287,12 @@ def test_the_opponent_is_told_the_score_from_its_own_side() -> None:
         if raw.agent_selection == "player_0":
             raw.step(next(mine))
             continue
-        score = raw.observe("player_1")["observation"][56:60] * [SHORT.cap, SHORT.cap, SHORT.games, SHORT.games]
+        score = raw.observe("player_1")["observation"][RALLY_WIDTH : RALLY_WIDTH + 4] * [
+            SHORT.cap,
+            SHORT.cap,
+            SHORT.games,
+            SHORT.games,
+        ]
         expected.append(tuple(np.rint(score).astype(int).tolist()))
         states = States(game=GAME, state=np.array([raw.state_number]), score=np.array([expected[-1]], np.int16))
         probabilities = np.cumsum(again.probabilities(states)[0])

@@ -16,8 +16,9 @@ from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import KernelError
-from tests.exact.exact_games import random_game, random_policy
+from tests.exact.exact_games import random_game, random_policy, tiring_game
 
 GAME = default_game()
 NAME = "shuttle_marl/Rally-v0"
@@ -59,9 +60,9 @@ def test_spaces_are_those_of_the_single_environment_in_batches() -> None:
 
 @pytest.mark.parametrize("seat", [0, 1])
 @pytest.mark.parametrize("illegal", [0.0, 0.1])
-def test_one_row_is_the_single_environment(seat: int, illegal: float) -> None:
-    """Observations, rewards, ends, last observations, reasons and counts, in a game whose serves often end the rally."""
-    game = random_game(3, 8, 0.5)
+@pytest.mark.parametrize("game", [random_game(3, 8, 0.5), tiring_game()], ids=["short", "tiring"])
+def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game) -> None:
+    """Observations, rewards, ends, last observations, reasons and counts: where serves often end the rally, and in long ones."""
     opponent = random_policy(game, 1)
     single = SingleRallyEnv(opponent=opponent, seat=seat, game=game)  # type: ignore[arg-type]
     vector = RallyVectorEnv(1, opponent=opponent, seat=seat, game=game)
@@ -84,17 +85,29 @@ def test_one_row_is_the_single_environment(seat: int, illegal: float) -> None:
             assert all(np.array_equal(final[key], seen[key]) for key in seen)
             assert infos["final_info"]["reason"].tolist() == [info["reason"]]
             seen, info = single.reset()
-    assert ends > 100
+    assert ends > 30
     assert single.unseen == vector.unseen
-    assert min(single.unseen) > 5
+    assert game.levels > 1 or min(single.unseen) > 5
+
+
+def assert_same(features: np.ndarray, tokens: np.ndarray, game: Game) -> None:
+    """The 59 numbers and the six tokens of a state say the same."""
+    assert tokens.dtype == np.int32
+    own, incoming, contact, duel, effort, other = tokens
+    hot, highest = stroke_features(game), max(1, game.levels - 1)
+    assert np.array_equal(features[:54], np.concatenate([hot[own], hot[incoming]]))
+    assert features[54] == contact
+    np.testing.assert_allclose(features[56:], [duel / 3, effort / highest, other / highest], rtol=1e-6)
 
 
 @pytest.mark.parametrize("observation", ["features", "tokens"])
-def test_rows_are_the_episodes_of_single_environments(observation: str) -> None:
+@pytest.mark.parametrize("tiring", [False, True])
+def test_rows_are_the_episodes_of_single_environments(observation: str, tiring: bool) -> None:
     """Row b plays the episodes b, b + B, … of the seed; tokens say the same as features."""
-    batch = 7
-    vector = RallyVectorEnv(batch, opponent=["bc", "random"], seat=1, observation=observation, threads=2)  # type: ignore[arg-type]
-    singles = [SingleRallyEnv(opponent=name, seat=1) for name in ("bc", "random")]
+    batch, game = 7, tiring_game() if tiring else GAME
+    opponents: Any = [random_policy(game, 1), random_policy(game, 2)] if tiring else ["bc", "random"]
+    vector = RallyVectorEnv(batch, opponent=opponents, seat=1, observation=observation, threads=2, game=game)  # type: ignore[arg-type]
+    singles = [SingleRallyEnv(opponent=opponent, seat=1, game=game) for opponent in opponents]
     rng = np.random.default_rng(3)
     rows, _ = vector.reset(seed=5)
     logs: list[list[tuple[int, dict[str, np.ndarray], int, float, bool]]] = [[] for _ in range(batch)]
@@ -105,7 +118,6 @@ def test_rows_are_the_episodes_of_single_environments(observation: str) -> None:
         for row in range(batch):
             seen = {key: value[row] for key, value in before.items()}
             logs[row].append((int(rally[row]), seen, int(actions[row]), float(rewards[row]), bool(terminated[row])))
-    hot = stroke_features(GAME)
     for row, log in enumerate(logs):
         single = singles[row % 2]
         seen, _ = single.reset(seed=5)
@@ -116,28 +128,27 @@ def test_rows_are_the_episodes_of_single_environments(observation: str) -> None:
             if observation == "features":
                 assert np.array_equal(expected["observation"], seen["observation"])
             else:
-                own, incoming, contact = expected["observation"]
-                assert np.array_equal(seen["observation"][:54], np.concatenate([hot[own], hot[incoming]]))
-                assert seen["observation"][54] == contact
+                assert_same(seen["observation"], expected["observation"], game)
             assert np.array_equal(expected["action_mask"], seen["action_mask"])
             seen, got, ended, _, _ = single.step(action)
             assert (got, ended) == (reward, over)
 
 
-def test_last_observations_as_tokens_say_the_same_as_features() -> None:
-    one, other = RallyVectorEnv(200), RallyVectorEnv(200, observation="tokens")
+@pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])
+def test_last_observations_as_tokens_say_the_same_as_features(game: Game) -> None:
+    opponent = random_policy(game, 1)
+    one = RallyVectorEnv(200, opponent=opponent, game=game)
+    other = RallyVectorEnv(200, opponent=opponent, game=game, observation="tokens")
     one.reset(seed=1)
     other.reset(seed=1)
-    hot, rng, ends = stroke_features(GAME), np.random.default_rng(0), 0
-    for _ in range(8):
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(12):
         actions = some_actions(one, rng, 0.05)
         *_, infos = one.step(actions)
-        *_, infos_too = other.step(actions)
+        seen, *_, infos_too = other.step(actions)
+        assert other.observation_space.contains(seen)
         for a, b in zip(infos["final_obs"][infos["_final_obs"]], infos_too["final_obs"][infos["_final_obs"]], strict=True):
-            own, incoming, contact = b["observation"]
-            assert b["observation"].dtype == np.int32
-            assert np.array_equal(a["observation"][:54], np.concatenate([hot[own], hot[incoming]]))
-            assert a["observation"][54] == contact
+            assert_same(a["observation"], b["observation"], game)
             ends += 1
     assert ends > 100
 
@@ -244,4 +255,4 @@ def test_matches_are_vectorized_by_gymnasium() -> None:
     seen, _ = env.reset(seed=1)
     actions = np.array([np.flatnonzero(mask)[0] for mask in seen["action_mask"]])
     seen, *_ = env.step(actions)
-    assert seen["observation"].shape == (2, 62)
+    assert seen["observation"].shape == (2, 65)

@@ -58,6 +58,30 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
     return with_probabilities(Game(catalogue=catalogue, threshold=threshold, fault_odds=odds, **tables), seed)
 
 
+TIRING_STROKES = (
+    "short-serve:front-centre:below:backhand",
+    "clear:back-left:above:forehand",
+    "cross-court-net-shot:front-left:below:forehand",
+    "half-smash:middle-right:above:around-the-head",
+    "lift:back-centre:below:forehand",
+    "net-shot:front-centre:below:forehand",
+    "net-shot:front-right:above:backhand",
+    "smash:middle-left:above:forehand",
+)
+
+
+def tiring_game() -> Game:
+    """Long rallies of smashes and net shots, so that all lengths of duels and all three levels of effort are often met."""
+    catalogue = Catalogue.from_names(TIRING_STROKES)
+    n = len(catalogue)
+    replies = np.vstack([np.tile(~catalogue.is_serve, (n, 1)), catalogue.is_serve])
+    tables = layout(catalogue, replies, duels=True)
+    rng = np.random.default_rng(0)
+    good, returned, above = rng.uniform([[0.85], [0.9], [0.3]], [[0.95], [0.98], [0.7]], (3, base_pairs(tables)))
+    odds = np.array([ONE, 3 * ONE // 2, 3 * ONE], np.int32)
+    return Game(catalogue=catalogue, threshold=thresholds(good, returned, above), fault_odds=odds, **tables)
+
+
 def with_probabilities(game: Game, seed: int) -> Game:
     """A game of the same layout with other probabilities; good and returned ones between 0.3 and 0.97."""
     rng = np.random.default_rng([seed, 1])

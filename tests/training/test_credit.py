@@ -25,14 +25,13 @@ class ExactValue(nn.Module):
 
     def __init__(self, value: np.ndarray) -> None:
         super().__init__()
-        state = np.arange(GAME.n_states)
-        table = np.zeros((GAME.n_strokes + 1, GAME.n_strokes + 1, 2))
-        table[GAME.edge_own[state >> 1], GAME.edge_incoming[state >> 1], state & 1] = value
+        seen = GAME.observation(np.arange(GAME.n_states))
+        table = np.zeros(seen.max(axis=0) + 1)
+        table[tuple(seen.T)] = value
         self.table = torch.from_numpy(table).float()
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        own, incoming, contact = observation.long().unbind(-1)
-        return self.table[own, incoming, contact].unsqueeze(-1)
+        return self.table[observation.long().unbind(-1)].unsqueeze(-1)
 
 
 def rollout(env: Any, policy: TabulatedPolicy, steps: int) -> Any:
