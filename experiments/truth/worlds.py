@@ -94,7 +94,8 @@ class Fitter:
             game.save(game_file)
             replace_file(tables_file, save(tables))
         game, tables = Game.load(game_file), load_file(tables_file)
-        return World(bc=from_pair_probabilities(game, game.normalized(np.exp(tables["log_choice"]))), behind=tables["behind"])
+        weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
+        return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"])
 
     def _fitted(self, names: Sequence[str], arranged: Sequence[str]) -> tuple[Game, dict[str, Floats]]:
         inside = self._strokes.in_matches(names)

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file, seal
-from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT
+from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, VARIANTS
 from shuttle_marl.game.stroke import SHOTS
 
 
@@ -28,7 +28,8 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in (GAME, BC, NETWORKS, SUPPORT)}
+    files = [name for name in (GAME, BC, NETWORKS, SUPPORT, VARIANTS) if (folder / name).is_file() or name != VARIANTS]
+    hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_file(folder / CARD, seal({**card, "sha256": hashes}))
 
 

@@ -1,14 +1,19 @@
-"""Finds the models that come with the package, and reads their games."""
+"""Finds the models that come with the package, and reads their games.
+
+A model is named by its folder, or by its name if it is shipped. Its game is the average of men's and women's singles; a name
+such as ``default:men`` means one of its variants: the game of one discipline, or of a refit on resampled matches.
+"""
 
 import functools
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.files import FileReadError, read_sealed
 from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.game.variants import hashes_of, unpacked
 from shuttle_marl.tensor_files import Tensors, checked, read_tensors
 
 GAME: Final = "game.safetensors"
@@ -17,27 +22,70 @@ BC: Final = "bc.safetensors"
 """Its behaviour-cloned players."""
 NETWORKS: Final = "networks.safetensors"
 """The fitted models that the game was compiled from."""
+VARIANTS: Final = "variants.safetensors"
+"""Variants of the game, as differences from it."""
+PROFILES: Final = ("men", "women")
+"""Variants that are the games of one discipline; the others are refits, named by their number from 1."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
-VARIANTS: Final = "variants.safetensors"
-"""Other games of its layout, among them refits on resampled matches."""
 REFITS: Final = 8
-"""Number of these refits; their names are those of the model with :1, :2, … behind."""
+"""Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
 CARD: Final = "card.json"
 """The model card, which holds the hashes of the other files."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
-_FOLDERS: dict[str, Path] = {}
+
+
+class Origin(NamedTuple):
+    """What a game was loaded from."""
+
+    folder: Path
+    """The model folder."""
+    variant: str | None
+    """Name of the variant; None: the game of the model itself."""
+
+
+_ORIGINS: dict[str, Origin] = {}
 
 
 def model_folder(name: str = "default") -> Path:
-    """Folder of a shipped model, or of the model in the folder ``name``.
+    """Folder of a shipped model, or of the model in the folder ``name``; a variant (``MODEL:VARIANT``) is in that of its model.
 
     Raises:
         GameError: there is no such model.
     """
-    for folder in (_MODELS / name, Path(name)):
-        if (folder / GAME).is_file():
-            return folder
+    return _origin(name).folder
+
+
+@functools.cache
+def load_game(name: str = "default") -> Game:
+    """The game of a shipped model, or of the model in the folder ``name``, or a variant of one: ``MODEL:VARIANT``.
+
+    Raises:
+        GameError: there is no such model or variant, or its file is damaged.
+    """
+    origin = _origin(name)
+    game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, *origin)
+    _ORIGINS[game.hash] = origin
+    return game
+
+
+def variants(name: str = "default") -> list[str]:
+    """Names of the variants of a model: profiles by discipline, then refits.
+
+    Raises:
+        GameError: there is no such model, or its file of variants is damaged.
+    """
+    folder = model_folder(name)
+    return list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
+
+
+def _origin(name: str) -> Origin:
+    model, _, variant = name.rpartition(":")
+    # The name of a folder may hold a colon itself.
+    for whole, part in ((name, None), (model, variant)):
+        for folder in (_MODELS / whole, Path(whole)):
+            if whole and (folder / GAME).is_file():
+                return Origin(folder, part)
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
     raise GameError(
         f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
@@ -45,17 +93,28 @@ def model_folder(name: str = "default") -> Path:
     )
 
 
-@functools.cache
-def load_game(name: str = "default") -> Game:
-    """The game of a shipped model, or of the model in the folder ``name``.
+def _load_variant(name: str, folder: Path, variant: str | None) -> Game:
+    known = list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
+    if variant not in known:
+        raise GameError(
+            f"no variant {variant!r} of the model {name.rpartition(':')[0]!r}; there are: {', '.join(known) or 'none'}"
+        )
+    game = load_game(name.rpartition(":")[0])
+    try:
+        return unpacked(read_model(folder, VARIANTS), game, variant)
+    except (OSError, KeyError, TypeError, ValueError, GameError) as error:
+        raise _damaged(folder, error) from error
 
-    Raises:
-        GameError: there is no such model, or its file is damaged.
-    """
-    folder = model_folder(name)
-    game = Game.load(folder / GAME)
-    _FOLDERS[game.hash] = folder
-    return game
+
+def _variant_hashes(folder: Path) -> dict[str, str]:
+    try:
+        return hashes_of(read_model(folder, VARIANTS))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise _damaged(folder, error) from error
+
+
+def _damaged(folder: Path, error: Exception) -> GameError:
+    return GameError(f"{folder / VARIANTS}: no readable variants ({error}); fit or install the model again")
 
 
 def read_model_card(folder: Path) -> dict[str, Any]:
@@ -95,9 +154,21 @@ def default_game() -> Game:
 
 def folder_of(game: Game) -> Path | None:
     """Folder of the model that a game was loaded from by :func:`load_game`; None for any other game."""
-    if game.hash not in _FOLDERS and (_MODELS / "default" / GAME).is_file():
-        load_game()
-    return _FOLDERS.get(game.hash)
+    origin = origin_of(game)
+    return None if origin is None else origin.folder
+
+
+def origin_of(game: Game) -> Origin | None:
+    """Folder and variant that a game was loaded from by :func:`load_game`; None for any other game.
+
+    Games of the shipped default are known in every process, also where they were not loaded.
+    """
+    if game.hash not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
+        folder = _MODELS / "default"
+        _ORIGINS[load_game().hash] = Origin(folder, None)
+        if (folder / VARIANTS).is_file():
+            _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
+    return _ORIGINS.get(game.hash)
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:
@@ -106,10 +177,10 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     Raises:
         GameError: the file of the variants is damaged.
     """
-    folder = folder_of(game)
-    if folder is None or not (folder / VARIANTS).is_file() or load_game(str(folder)).hash != game.hash:
+    origin = origin_of(game)
+    if origin is None or origin.variant is not None:
         return ()
-    return tuple(load_game(f"{folder}:{number}") for number in range(1, REFITS + 1))
+    return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if name not in PROFILES)
 
 
 def real_strokes(game: Game) -> npt.NDArray[np.float64] | None:
@@ -129,12 +200,21 @@ def real_strokes(game: Game) -> npt.NDArray[np.float64] | None:
         raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
-def resolve_game(game: Game | str | None) -> Game:
+def resolve_game(game: Game | str | None, profile: str | None = None) -> Game:
     """A game, or that of a model by name or folder; None: the benchmark's.
 
+    Args:
+        game: the game, or the name of a model, its folder, or a variant (``MODEL:VARIANT``).
+        profile: a variant of that model, such as ``men`` or ``women``; None: the game itself.
+
     Raises:
-        GameError: there is no such model, or its tables are damaged.
+        GameError: there is no such model or variant, or its tables are damaged.
     """
-    if game is None:
-        return default_game()
-    return game if isinstance(game, Game) else load_game(game)
+    if profile is None:
+        return game if isinstance(game, Game) else load_game("default" if game is None else game)
+    if isinstance(game, Game):
+        origin = origin_of(game)
+        if origin is None or origin.variant not in (None, profile):
+            raise GameError(f"profile {profile!r}: expected the game of a model, not a game of other tables or another variant")
+        return game if origin.variant == profile else load_game(f"{origin.folder}:{profile}")
+    return load_game(f"{'default' if game is None else game}:{profile}")

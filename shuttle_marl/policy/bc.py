@@ -15,7 +15,7 @@ import numpy.typing as npt
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game, GameError
-from shuttle_marl.game.shipped import BC, folder_of, model_folder, read_model
+from shuttle_marl.game.shipped import BC, PROFILES, model_folder, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.tensor_files import checked, parsed
@@ -27,19 +27,28 @@ class BehaviourClones:
 
     Attributes:
         log_choice: ``[base pairs]`` log-probability of each base pair for the average player, before dividing by the legal total.
+        profiles: the same for the average player of a discipline, by its name (:data:`~shuttle_marl.game.shipped.PROFILES`).
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
     """
 
     log_choice: npt.NDArray[np.float32]
+    profiles: dict[str, npt.NDArray[np.float16]]
     players: tuple[str, ...]
     style: npt.NDArray[np.float64]
     area: npt.NDArray[np.float64]
 
-    def pair_probabilities(self, game: Game, player: str | None) -> npt.NDArray[np.float64]:
-        """``[base pairs]`` probability of each base pair in its state; players do not look at the efforts."""
-        logit = self.log_choice.astype(np.float64)
+    def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> npt.NDArray[np.float64]:
+        """``[base pairs]`` probability of each base pair in its state; players do not look at the efforts.
+
+        Args:
+            game: the game.
+            player: identifier; None: the average player.
+            profile: the discipline whose average player it is, or whom the player is a tilt of; those without an average
+                player of their own, and None, mean the average of both.
+        """
+        logit = self.profiles.get(profile or "", self.log_choice).astype(np.float64)
         if player is not None:
             m = self.players.index(player)
             stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
@@ -65,8 +74,11 @@ def clones(folder: Path) -> BehaviourClones:
         if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
             raise ValueError("the players are no list of names")
         m = len(players)
+        pairs = arrays["log_choice"].shape[:1]
+        of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
         return BehaviourClones(
-            log_choice=checked(arrays["log_choice"], np.float32, arrays["log_choice"].shape[:1]),
+            log_choice=checked(arrays["log_choice"], np.float32, pairs),
+            profiles={name: checked(arrays[key], np.float16, pairs) for name, key in of_profiles.items() if key in arrays},
             players=tuple(players),
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
             area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
@@ -93,15 +105,15 @@ def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:
     Raises:
         PolicyError: no such player, or the game is of no known model.
     """
-    folder = folder_of(game)
-    if folder is None:
+    origin = origin_of(game)
+    if origin is None:
         raise PolicyError("behaviour-cloned players belong to a model; this game was not loaded from one")
-    known = clones(folder)
+    known = clones(origin.folder)
     if known.log_choice.shape != (game.n_base_pairs,):
-        raise PolicyError(f"{folder / BC}: its players are not of the game beside it; fit or install the model again")
+        raise PolicyError(f"{origin.folder / BC}: its players are not of the game beside it; fit or install the model again")
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
-    return known.pair_probabilities(game, player)
+    return known.pair_probabilities(game, player, origin.variant)
 
 
 def load(player: str | None, game: Game) -> TabulatedPolicy:

@@ -112,7 +112,7 @@ def test_a_failing_policy_is_named() -> None:
 
 
 def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped, "_FOLDERS", {})  # another test may have loaded the same small game from a folder
+    monkeypatch.setattr(shipped, "_ORIGINS", {})  # another test may have loaded the same small game from a folder
     with pytest.raises(PolicyError, match="was not loaded from one"):
         Scorer(hand_made())
 

@@ -1,0 +1,154 @@
+"""Variants of a game: the same strokes and rules, other probabilities, stored as small steps from the tables of a model.
+
+For every base pair a variant says by how many steps of :data:`STEP` the log-odds of three probabilities differ from those of
+the model: of a fault, of a winner given a good stroke, and of a return from below given a return. Steps are 8-bit numbers.
+They are applied in whole numbers, with multipliers that are exact by definition, so a variant has the same tables, and the
+same hash, on every machine.
+"""
+
+import decimal
+import functools
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from safetensors.numpy import save
+
+from shuttle_marl.game.rally import ONE, Game, GameError
+from shuttle_marl.tensor_files import Tensors, parsed
+
+Steps = npt.NDArray[np.int8]
+
+STEP: Final = 0.0625
+"""Difference of log-odds of one step."""
+_MOST: Final = 127
+_RARE: Final = 0.01
+_SLACK: Final = 1e-6
+
+
+@functools.cache
+def _multipliers() -> npt.NDArray[np.int64]:
+    """``[128]`` odds of 0 to 127 steps, in units of 1/65536."""
+    with decimal.localcontext(decimal.Context(prec=40)):
+        odds = [(decimal.Decimal(STEP) * k).exp() * ONE for k in range(_MOST + 1)]
+        return np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.int64)
+
+
+def _shares(threshold: npt.NDArray[np.integer]) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], ...]:
+    """Part and whole of the three probabilities, in units of 1/65536: fault, winner of good, from below of returned."""
+    fault, winner, below = (column.astype(np.int64) for column in threshold.T)
+    return (fault, np.full_like(fault, ONE)), (winner - fault, ONE - fault), (below - winner, ONE - winner)
+
+
+def _moved(part: npt.NDArray[np.int64], whole: npt.NDArray[np.int64], step: Steps, of: npt.NDArray[np.int64]) -> Any:
+    """The share part / whole with its odds moved by steps, of another whole, to the nearest unit (halves up)."""
+    odds = _multipliers()[np.abs(step.astype(np.int64))]
+    up = step > 0
+    inside = part * np.where(up, odds, ONE)
+    total = inside + (whole - part) * np.where(up, ONE, odds)
+    # At most 2^16 * 2^28 * 2^17: whole numbers of 64 bits hold it.
+    return np.where(total > 0, (2 * inside * of + total) // np.maximum(2 * total, 1), 0)
+
+
+def moved(game: Game, steps: Steps, fault_odds: npt.NDArray[np.int32] | None = None) -> Game:
+    """A game of the same layout whose log-odds differ by steps.
+
+    Args:
+        game: the tables to start from.
+        steps: ``[3, base pairs]`` of fault, winner given a good stroke, and from below given a return.
+        fault_odds: ``[L]`` odds of a fault by effort; default as before.
+    """
+    faults, winners, belows = _shares(game.threshold)
+    one = np.full(game.n_base_pairs, ONE, dtype=np.int64)
+    fault = np.minimum(_moved(*faults, steps[0], one), ONE - 1)
+    winner = np.minimum(fault + _moved(*winners, steps[1], one - fault), ONE - 1)
+    below = np.minimum(winner + _moved(*belows, steps[2], one - winner), ONE - 1)
+    table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
+    return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
+
+
+def steps_between(game: Game, other: Game) -> Steps:
+    """``[3, base pairs]`` steps that lead from a game to another one of the same layout.
+
+    To the nearest; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
+    """
+    parts = zip(_shares(game.threshold), _shares(other.threshold), strict=True)
+    steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / STEP for before, after in parts])
+    rare = other.threshold[:, 1] < _RARE * ONE
+    steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
+    return np.clip(np.rint(steps), -_MOST, _MOST).astype(np.int8)
+
+
+def _log_odds(part: npt.NDArray[np.int64], whole: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    # Half a unit on either side: a probability that was rounded to 0 or 1 is finite.
+    return np.asarray(np.log(part + 0.5) - np.log(whole - part + 0.5))
+
+
+def _order(game: Game) -> npt.NDArray[np.intp]:
+    """Order of the base pairs in a file: by the edge that follows, because the same answer differs alike and packs well."""
+    return np.argsort(game.base_pair_edge, kind="stable")
+
+
+def packed(game: Game, others: Mapping[str, Game]) -> bytes:
+    """Content of a file of variants (safetensors).
+
+    Args:
+        game: the game of the model.
+        others: variants by name, of the same layout; what is stored is their nearest steps.
+    """
+    order = _order(game)
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    hashes = {}
+    for name, other in others.items():
+        steps = steps_between(game, other)
+        arrays[f"{name}.steps"] = np.frombuffer(zlib.compress(steps[:, order].tobytes(), 9), dtype=np.uint8)
+        arrays[f"{name}.fault_odds"] = other.fault_odds
+        hashes[name] = moved(game, steps, other.fault_odds).hash
+    # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
+    return save(arrays, metadata={"variants": json.dumps({"game": game.hash, "hashes": hashes})})
+
+
+def hashes_of(tensors: Tensors) -> dict[str, str]:
+    """Hash of each variant in a file, by name.
+
+    Raises:
+        KeyError, ValueError: it is no file of variants.
+    """
+    hashes = parsed(tensors.metadata["variants"])["hashes"]
+    if not isinstance(hashes, dict) or not all(isinstance(value, str) for value in hashes.values()):
+        raise ValueError("the variants are no table of names and hashes")
+    return hashes
+
+
+def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
+    """One variant from a file.
+
+    Args:
+        tensors: what the file holds.
+        game: the game of the model.
+        name: of the variant, one of :func:`hashes_of`.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is no file of variants of this game.
+        GameError: its tables form no game.
+    """
+    if parsed(tensors.metadata["variants"])["game"] != game.hash:
+        raise ValueError("its variants are of another game")
+    try:
+        # A byte more than a table has, so that what is too long is noticed and never unpacked.
+        unpacker = zlib.decompressobj()
+        content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
+    except zlib.error as error:
+        raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
+    if len(content) != 3 * game.n_base_pairs:
+        raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")
+    steps = np.empty((3, game.n_base_pairs), dtype=np.int8)
+    steps[:, _order(game)] = np.frombuffer(content, dtype=np.int8).reshape(3, -1)
+    variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
+    if variant.hash != hashes_of(tensors)[name]:
+        raise GameError(f"variant {name} does not fit its hash")
+    return variant

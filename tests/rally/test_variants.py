@@ -1,0 +1,197 @@
+"""Variants of a game: steps of log-odds, packed and unpacked, found by name, damaged."""
+
+import json
+import pickle
+import shutil
+import subprocess
+import sys
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.files import replace_file
+from shuttle_marl.game import shipped
+from shuttle_marl.game.rally import ONE, Game, GameError
+from shuttle_marl.game.shipped import BC, VARIANTS, load_game, model_folder, origin_of, read_model_card, refits_of, resolve_game
+from shuttle_marl.game.table import thresholds
+from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
+from shuttle_marl.policy import bc
+from shuttle_marl.tensor_files import Tensors, read_tensors
+
+
+def shaken(game: Game, seed: int, spread: float = 0.4) -> Game:
+    """The same layout with every probability's log-odds moved by a random amount."""
+    rng = np.random.default_rng(seed)
+    parts = [np.clip(part, 1e-4, 1 - 1e-4) for part in game.stroke_probabilities(game.block_pairs(0))]
+    changed = [1 / (1 + np.exp(-(np.log(p / (1 - p)) + rng.normal(0, spread, p.shape)))) for p in parts]
+    odds = np.rint(game.fault_odds * (1 + 0.1 * np.arange(game.levels))).astype(np.int32)
+    return replace(game, threshold=thresholds(*changed), fault_odds=odds)
+
+
+def parts_of(game: Game) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Part and rest of the three probabilities of each base pair."""
+    fault, winner, below = game.threshold.T.astype(np.float64)
+    return (fault, ONE - fault), (winner - fault, ONE - winner), (below - winner, ONE - below)
+
+
+def test_probabilities_come_back_within_half_a_step() -> None:
+    game = load_game()
+    other = shaken(game, 1)
+    found = moved(game, steps_between(game, other), other.fault_odds)
+    assert found.fault_odds.tolist() == other.fault_odds.tolist()
+    nearest = other.threshold[:, 1] >= 0.01 * ONE
+    for before, stored, back in zip(*map(parts_of, (game, other, found)), strict=True):
+        # Where a part is small, what is lost in rounding to 1/65536 shows.
+        large = nearest & (np.minimum.reduce([*before, *stored, *back]) > 300)
+        assert large.sum() > 0.2 * game.n_base_pairs
+        log_odds = [np.log(part[large] / rest[large]) for part, rest in (before, stored, back)]
+        assert np.abs(log_odds[2] - log_odds[1]).max() < STEP / 2 + 0.01
+        assert np.abs(log_odds[0] - log_odds[1]).mean() > 5 * np.abs(log_odds[2] - log_odds[1]).mean()
+
+
+def test_strokes_that_end_few_rallies_end_no_fewer() -> None:
+    """A rally must end: rounding down would let it last longer than in the game that is stored."""
+    game = load_game()
+    other = shaken(game, 2, spread=0.1)
+    found = moved(game, steps_between(game, other))
+    rare = other.threshold[:, 1] < 0.01 * ONE
+    assert rare.any()
+    assert (found.threshold[rare, 1] >= other.threshold[rare, 1] - 2.0).all()
+
+
+def test_steps_are_applied_in_whole_numbers() -> None:
+    game = load_game()
+    assert moved(game, np.zeros((3, game.n_base_pairs), np.int8)).hash == game.hash
+    steps = np.random.default_rng(0).integers(-127, 128, (3, game.n_base_pairs), dtype=np.int8)
+    table = moved(game, steps).threshold.astype(np.int64)
+    assert (np.diff(table, axis=1) >= 0).all()
+    # Sixteen steps are a factor e, in units of 1/65536.
+    pair = int(np.flatnonzero((steps[0] == 16) & (game.threshold[:, 0] > 1000))[0])
+    fault = int(game.threshold[pair, 0])
+    assert STEP * 16 == 1
+    inside = fault * 178145
+    total = inside + (ONE - fault) * ONE
+    assert table[pair, 0] == (2 * inside * ONE + total) // (2 * total)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the shipped model with a profile and two refits."""
+    folder = tmp_path_factory.mktemp("made") / "model"
+    shutil.copytree(model_folder(), folder, ignore=shutil.ignore_patterns("agents", VARIANTS))
+    game = load_game()
+    replace_file(folder / VARIANTS, packed(game, {name: shaken(game, i) for i, name in enumerate(["men", "1", "2"])}))
+    header, arrays = read_tensors(folder / BC)
+    tilted = (arrays["log_choice"] * 2).astype(np.float16)
+    arrays = {name: array for name, array in arrays.items() if "." not in name}
+    save_file({**arrays, "log_choice.men": tilted}, folder / BC, metadata=header)
+    write_card(folder, read_model_card(folder))
+    return folder
+
+
+@pytest.fixture
+def model(made: Path, tmp_path: Path) -> Path:
+    """A folder of the same model that a test may change."""
+    return Path(shutil.copytree(made, tmp_path / "model"))
+
+
+def test_variants_are_found_by_name(model: Path) -> None:
+    game = load_game(str(model))
+    assert shipped.variants(str(model)) == ["men", "1", "2"]
+    assert [refit.hash for refit in refits_of(game)] == [load_game(f"{model}:{number}").hash for number in (1, 2)]
+    assert refits_of(load_game(f"{model}:men")) == ()
+    men = load_game(f"{model}:men")
+    assert men.hash != game.hash
+    assert men.catalogue.names == game.catalogue.names
+    assert origin_of(men) == (model, "men")
+    assert model_folder(f"{model}:men") == model
+    assert resolve_game(str(model), "men").hash == men.hash
+    assert resolve_game(men, "men") is men
+    with pytest.raises(GameError, match=r"no variant 'women' of the model .*; there are: men, 1, 2"):
+        load_game(f"{model}:women")
+    with pytest.raises(GameError, match=r"no model 'nothing:men'"):
+        load_game("nothing:men")
+    with pytest.raises(GameError, match="expected the game of a model"):
+        resolve_game(shaken(game, 9), "men")
+    with pytest.raises(GameError, match="another variant"):
+        resolve_game(men, "1")
+
+
+def test_the_average_player_of_a_discipline_plays_in_its_game(model: Path) -> None:
+    of_game, men, refit = (bc.load(None, load_game(f"{model}{end}")) for end in ("", ":men", ":1"))
+    assert men.hash != of_game.hash
+    assert refit.hash == of_game.hash
+    player = bc.clones(model).players[0]
+    assert len({bc.load(player, table.game).hash for table in (of_game, men)} | {men.hash}) == 3
+
+
+def test_a_variant_of_the_shipped_model_is_known_to_another_process(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shipped, "_MODELS", model.parent)
+    model.rename(model.parent / "default")
+    load_game.cache_clear()
+    try:
+        game = load_game("default:2")
+        monkeypatch.setattr(shipped, "_ORIGINS", {})
+        again = pickle.loads(pickle.dumps(game))
+        assert origin_of(again) == (model.parent / "default", "2")
+    finally:
+        load_game.cache_clear()
+
+
+def altered(folder: Path, change: Any) -> None:
+    header, arrays = read_tensors(folder / VARIANTS)
+    content = json.loads(header["variants"])
+    change(content, arrays)
+    save_file(arrays, folder / VARIANTS, metadata={"variants": json.dumps(content)})
+    write_card(folder, read_model_card(folder))
+
+
+@pytest.mark.parametrize("change", [
+    lambda content, arrays: arrays.pop("1.steps"),
+    lambda content, arrays: arrays.update({"1.steps": arrays["1.steps"][:-9].copy()}),
+    lambda content, arrays: arrays.update({"1.steps": arrays["1.steps"][::-1].copy()}),
+    lambda content, arrays: arrays.update({"1.steps": arrays["2.steps"]}),
+    lambda content, arrays: arrays.update({"1.fault_odds": arrays["1.fault_odds"].astype(np.float32)}),
+    lambda content, arrays: arrays.update({"1.fault_odds": arrays["1.fault_odds"][:0].copy()}),
+    lambda content, arrays: content["hashes"].update({"1": "0" * 64}),
+    lambda content, arrays: content.update({"game": "0" * 64}),
+    lambda content, arrays: content.pop("hashes"),
+    lambda content, arrays: content.update({"hashes": [1]}),
+])  # fmt: skip
+def test_a_forged_file_of_variants_is_refused(model: Path, change: Any) -> None:
+    altered(model, change)
+    with pytest.raises(GameError, match=r"variants\.safetensors: no readable variants"):
+        load_game(f"{model}:1")
+
+
+def test_a_damaged_file_of_variants_is_refused(model: Path) -> None:
+    content = bytearray((model / VARIANTS).read_bytes())
+    content[len(content) // 2] ^= 1
+    (model / VARIANTS).write_bytes(content)
+    with pytest.raises(GameError, match=r"variants\.safetensors: no readable variants .*checksum"):
+        load_game(f"{model}:men")
+
+
+def test_what_unpacks_to_more_than_a_table_is_refused_before_it_does() -> None:
+    game = load_game()
+    header = {"variants": json.dumps({"game": game.hash, "hashes": {"1": ""}})}
+    bomb = np.frombuffer(zlib.compress(bytes(10**8), 9), dtype=np.uint8)
+    with pytest.raises(ValueError, match="steps, expected"):
+        unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1")
+
+
+def test_the_file_is_the_same_in_another_process() -> None:
+    game = load_game()
+    content = packed(game, {"men": shaken(game, 5), "1": shaken(game, 6)})
+    code = (
+        "import sys; from tests.rally.test_variants import *; game = load_game(); "
+        "sys.stdout.buffer.write(packed(game, {'men': shaken(game, 5), '1': shaken(game, 6)}))"
+    )
+    again = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, cwd=Path(__file__).parents[2])
+    assert again.stdout == content
