@@ -4,6 +4,7 @@ from typing import Any
 
 from benchmarks.machine import machine
 from docs.tools.markdown import markdown, saved
+from experiments import human as human_play
 from experiments import styles, win_rates
 
 
@@ -62,6 +63,19 @@ def time_to_win() -> str:
     headings = ("learner", "seconds (median)", "slowest", "strokes", "exact match, %", "times as long")
     seeds = len(result["runs"]) // len(result["learners"])
     return f"{markdown(headings, rows, left=('learner',))}\n\n{seeds} seeds. {machine(result)}"
+
+
+def human() -> str:
+    """Strength against likeness along TAU."""
+    result = saved("experiments", "human")
+    played = f"{result['known']:,} strokes of {result['matches']} matches, split {result['split']}, game `{result['game'][:12]}`."
+    return f"{markdown(human_play.HEADINGS, human_play.curve_rows(result), left=())}\n\n{played}"
+
+
+def human_players() -> str:
+    """TAU of single players."""
+    result = saved("experiments", "human")
+    return markdown(human_play.PLAYER_HEADINGS, human_play.player_rows(result), left=("player",))
 
 
 def stroke_value() -> str:

@@ -36,6 +36,8 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "aec": benchmark_tables.aec,
     "exact_values": benchmark_tables.exact_values,
+    "human": experiment_tables.human,
+    "human_players": experiment_tables.human_players,
     "recording": benchmark_tables.recording,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,

@@ -1,0 +1,284 @@
+"""Strength against likeness: play between how people play and perfect play, and where single players stand.
+
+    python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
+
+Along TAU, ``human:TAU`` leads from perfect play to the average player ``bc`` (:mod:`shuttle_marl.exact.soft`). For each TAU: the
+share of rallies it wins against ``bc``, at home and away, and its cross-entropy on real strokes of unseen matches, in nats a
+stroke; less is more alike. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their
+strokes the highest likelihood, infinity being the clone itself. A low TAU says that among the strokes that are usual for them a
+player prefers those that the game calls better.
+
+The target of a fault is not known, so of faults the shot type and technique count, and of other strokes the area too.
+"""
+
+import dataclasses
+import json as json_format
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from experiments.truth.matches import RESAMPLES, Floats, Ints, Strokes, ratio_by_match, states_of, strokes_of
+from shuttle_marl.analysis import pictures
+from shuttle_marl.commands.cli import run
+from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact import PairPolicy, solve_soft
+from shuttle_marl.game import load_game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.table import from_pair_probabilities
+from shuttle_marl.policy import Scorer, bc
+
+TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
+"""Values of TAU that are tried, beside infinity."""
+LEAST_STROKES: Final = 200
+"""A player with fewer strokes in the split gets no TAU."""
+_TOLERANCE: Final = 1e-7
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Answers:
+    """Legal pairs that each of N real strokes can have been.
+
+    Attributes:
+        strokes: those with at least one.
+        row: ``[M]`` stroke that a pair belongs to.
+        pair: ``[M]`` the pair: one for a stroke with a known target, else one for each target.
+    """
+
+    strokes: Strokes
+    row: Ints
+    pair: Ints
+
+    def losses(self, probability: Floats) -> Floats:
+        """``[N]`` minus log-likelihood of each stroke under the ``[P]`` or ``[base pairs]`` probabilities of a policy."""
+        return np.asarray(-np.log(np.bincount(self.row, probability[self.pair % len(probability)], len(self.strokes))))
+
+    def of(self, which: npt.NDArray[np.bool_]) -> "Answers":
+        """Those of some strokes."""
+        kept = which[self.row]
+        # Rallies keep their numbers, and rows of other strokes are never read.
+        return Answers(strokes=_taken(self.strokes, which), row=(np.cumsum(which) - 1)[self.row[kept]], pair=self.pair[kept])
+
+
+def _taken(strokes: Strokes, which: npt.NDArray[np.bool_]) -> Strokes:
+    kept = {name: getattr(strokes, name)[which] for name in ("rally", "number", "last", "result")}
+    return Strokes(rows=strokes.rows.take(which), **kept)
+
+
+def answers(game: Game, strokes: Strokes) -> Answers:
+    """The legal pairs of real strokes, of which those are left out that the game does not know."""
+    codes, state = strokes.rows.codes, states_of(game, strokes.rows)
+    known = np.flatnonzero(state >= 0)
+    at, pair = game.pairs(state[known])
+    row, played = known[at], game.base_pair_stroke[pair % game.n_base_pairs]
+    aimed = (strokes.rows.outcome != Outcome.FAULT) & (codes["area"] >= 0)
+    alike = ~aimed[row] | (game.catalogue.area[played] == codes["area"][row])
+    for part in ("shot", "technique"):
+        alike &= getattr(game.catalogue, part)[played] == codes[part][row]
+    found = np.zeros(len(strokes), dtype=bool)
+    found[row[alike]] = True
+    return Answers(strokes=strokes, row=row[alike], pair=pair[alike]).of(found)
+
+
+def curve(game: Game, real: Answers, scorer: Scorer, console: Console) -> list[dict[str, Any]]:
+    """Strength and likeness of ``human:TAU`` for every TAU, None for infinity: ``bc``."""
+    prior = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    found = []
+    for tau in track([*TAUS, math.inf], "strength and likeness", console=console, transient=True):
+        policy = prior if tau == math.inf else solve_soft(prior, tau=tau, tolerance=_TOLERANCE).policy[0]
+        card = scorer.score_table(from_pair_probabilities(game, policy.pair_probabilities()), f"human:{tau}").as_json()
+        likeness = ratio_by_match(real.losses(policy.probability), np.ones(len(real.strokes)), real.strokes.rows.match)
+        found.append({"tau": _finite(tau), "cross_entropy": likeness, "home": card["home"], "away": card["away"]})
+    return found
+
+
+def fitted_players(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
+    """TAU of every player with a clone and enough strokes, most strokes first."""
+    average = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    names, counts = np.unique(real.strokes.rows.striker, return_counts=True)
+    chosen = [str(names[i]) for i in np.argsort(-counts, kind="stable") if counts[i] >= LEAST_STROKES]
+    found = []
+    for player in track([name for name in chosen if name in bc.players()], "players", console=console, transient=True):
+        mine = real.of(real.strokes.rows.striker == player)
+        own = PairPolicy(game=game, probability=bc.probabilities(player, game))
+        policies = [solve_soft(own, average, tau=tau, tolerance=_TOLERANCE).policy[0].probability for tau in TAUS]
+        losses = np.stack([mine.losses(probability) for probability in (*policies, own.probability)])
+        found.append({"player": player, "matches": len(mine.strokes.matches), **fit(losses, mine.strokes.rally)})
+    return found
+
+
+def fit(losses: Floats, rally: Ints, seed: int = 0) -> dict[str, Any]:
+    """The TAU of highest likelihood, with 95 % intervals by a bootstrap over rallies.
+
+    Args:
+        losses: ``[TAUS and infinity, N]`` minus log-likelihood of each stroke.
+        rally: ``[N]`` rally of each stroke.
+        seed: of the resamples.
+
+    Returns:
+        ``strokes``, ``tau`` (None for infinity), ``low``, ``high``, ``cross_entropy`` of the clone, and ``gain``: nats a stroke
+        that the fitted TAU gains on the clone.
+    """
+    names, index = np.unique(rally, return_inverse=True)
+    sums = np.stack([np.bincount(index, loss, len(names)) for loss in losses], axis=1)
+    counts = np.bincount(index, minlength=len(names))
+    drawn = np.random.default_rng(seed).integers(0, len(names), (RESAMPLES, len(names)))
+    totals = sums[drawn].sum(axis=1)
+    best = int(sums.sum(axis=0).argmin())
+    taus = np.array([*TAUS, math.inf])
+    low, high = np.quantile(taus[totals.argmin(axis=1)], [0.025, 0.975], method="nearest")
+    gains = (totals[:, -1] - totals[:, best]) / counts[drawn].sum(axis=1)
+    return {
+        "strokes": losses.shape[1],
+        "tau": _finite(taus[best]),
+        "low": _finite(low),
+        "high": _finite(high),
+        "cross_entropy": float(losses[-1].mean()),
+        "gain": {
+            "value": float((losses[-1] - losses[best]).mean()),
+            "low": float(np.quantile(gains, 0.025)),
+            "high": float(np.quantile(gains, 0.975)),
+        },
+    }
+
+
+def _finite(tau: float) -> float | None:
+    return None if math.isinf(tau) else float(tau)
+
+
+def draw(result: dict[str, Any], path: Path) -> None:
+    """Draw strength against likeness into a PNG, SVG or PDF file.
+
+    Raises:
+        AnalysisError: the file's suffix is of no known format.
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    drawn = pictures.figure(7.2, 4.6)
+    axes = drawn.subplots()
+    points = result["curve"]
+    x = [point["cross_entropy"]["value"] for point in points]
+    home = [100 * point["home"]["rally_win_vs_bc"] for point in points]
+    axes.plot(x, home, "o-", color="#127257", label="in the game itself")
+    if points[0]["away"] is not None:
+        away = [point["away"]["rally_win_vs_bc"] for point in points]
+        middle, low, high = ([100 * figure[name] for figure in away] for name in ("value", "low", "high"))
+        axes.plot(x, middle, "s--", color="#d95f02", label="in its refits, with the 95 % interval for one more")
+        axes.fill_between(x, low, high, color="#d95f02", alpha=0.2, lw=0)
+    for point, along, up in zip(points, x, home, strict=True):
+        text = "bc" if point["tau"] is None else f"{point['tau']:g}"
+        axes.annotate(text, (along, up), xytext=(5, -9), textcoords="offset points", fontsize=8)
+    axes.set_xscale("log")
+    axes.set_xlabel("cross-entropy of real strokes, nats a stroke: less is more alike")
+    axes.set_ylabel("rallies won against bc, %")
+    axes.set_title("human:TAU, points labelled by TAU", fontsize=11)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, loc="lower right")
+    pictures.save(drawn, path)
+
+
+HEADINGS: Final = ("TAU", "rallies against bc, %", "away, %", "exploitability", "nats a stroke")
+PLAYER_HEADINGS: Final = ("player", "matches", "strokes", "TAU (95 %)", "nats gained on the clone (95 %)")
+
+
+def curve_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Cells of the table under :data:`HEADINGS`."""
+    rows = []
+    for point in result["curve"]:
+        home, away = point["home"], point["away"]
+        there = away and away["rally_win_vs_bc"]
+        nats = point["cross_entropy"]
+        rows.append(
+            (
+                _tau(point["tau"]),
+                f"{100 * home['rally_win_vs_bc']:.1f}",
+                f"{100 * there['value']:.1f} ({100 * there['low']:.1f} to {100 * there['high']:.1f})" if there else "",
+                f"{home['exploitability']:.3f}",
+                f"{nats['value']:.3f} ({nats['low']:.3f} to {nats['high']:.3f})",
+            )
+        )
+    return rows
+
+
+def player_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Cells of the table under :data:`PLAYER_HEADINGS`."""
+    return [
+        (
+            row["player"],
+            str(row["matches"]),
+            f"{row['strokes']:,}",
+            f"{_tau(row['tau'])} ({_tau(row['low'])} to {_tau(row['high'])})",
+            f"{row['gain']['value']:.4f} ({row['gain']['low']:.4f} to {row['gain']['high']:.4f})",
+        )
+        for row in result["players"]
+    ]
+
+
+def _tau(tau: float | None) -> str:
+    return "∞" if tau is None else f"{tau:g}"
+
+
+def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
+    """All figures of a game on real strokes of matches that it was not fitted on."""
+    real = answers(game, strokes)
+    return {
+        "game": game.hash,
+        "matches": len(strokes.matches),
+        "strokes": len(strokes),
+        "known": len(real.strokes),
+        "curve": curve(game, real, Scorer(game, refits=refits_of(game)), console),
+        "players": fitted_players(game, real, console),
+    }
+
+
+def human(
+    data: Path, split: Split = "validation", model: str = "default", picture: Path | None = None, json: bool = False
+) -> None:
+    """Measure strength against likeness, and fit TAU for single players.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: matches whose strokes are predicted.
+        model: a shipped model or a model folder.
+        picture: draw strength against likeness into this file (PNG, SVG or PDF).
+        json: print JSON.
+    """
+    strokes = strokes_of(load_strokes(data))
+    inside = strokes.in_matches(matches_of(split))
+    if not inside.any():
+        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    result = {"split": split, **measure(load_game(model), strokes.take(inside), Console(stderr=True))}
+    if picture is not None:
+        draw(result, picture)
+    if json:
+        sys.stdout.write(json_format.dumps(result) + "\n")
+        return
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
+    for title, headings, rows in (
+        ("Strength and likeness of human:TAU; infinity is bc", HEADINGS, curve_rows(result)),
+        ("TAU of single players", PLAYER_HEADINGS, player_rows(result)),
+    ):
+        table = Table(title=title)
+        for heading in headings:
+            table.add_column(heading, justify="left" if heading == "player" else "right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    console.print(f"{result['known']:,} of {result['strokes']:,} strokes of {result['matches']} matches, split {split}.")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run(human, prog="experiments.human", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""Strength against likeness: a TAU that is known is found again in simulated matches."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import human
+from experiments.truth.matches import Strokes, states_of, strokes_of
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.exact import PairPolicy, solve_soft
+from shuttle_marl.game import default_game
+from shuttle_marl.policy import bc
+from shuttle_marl.recording.simulate import simulate
+
+GAME = default_game()
+PRIOR = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
+TRUE_TAU = 0.1
+
+
+@pytest.fixture(scope="module")
+def strokes() -> Strokes:
+    p = solve_soft(PRIOR, tau=TRUE_TAU).policy[0].pair_probabilities()
+    return strokes_of(simulate(GAME, {"one": p, "other": p}, matches=8, seed=0))
+
+
+def test_a_known_tau_is_found_again(strokes: Strokes) -> None:
+    real = human.answers(GAME, strokes)
+    assert len(real.strokes) > 0.99 * len(strokes)
+    policies = [solve_soft(PRIOR, tau=tau, tolerance=1e-7).policy[0].probability for tau in human.TAUS]
+    losses = np.stack([real.losses(p) for p in (*policies, PRIOR.probability)])
+    found = human.fit(losses, real.strokes.rally)
+    assert found["tau"] == TRUE_TAU
+    assert found["low"] <= TRUE_TAU <= found["high"] <= 0.2
+    assert 0 < found["gain"]["low"] < found["gain"]["value"] < found["gain"]["high"]
+    assert found["cross_entropy"] - found["gain"]["value"] == pytest.approx(losses[human.TAUS.index(TRUE_TAU)].mean())
+
+
+def test_the_target_of_a_fault_is_not_known(strokes: Strokes) -> None:
+    real = human.answers(GAME, strokes)
+    choices = np.bincount(real.row)
+    fault = real.strokes.rows.outcome == Outcome.FAULT
+    assert (choices[~fault] == 1).all()
+    assert choices[fault].mean() > 2
+    known = np.flatnonzero(~fault)[:50]
+    pair = real.pair[np.searchsorted(real.row, known)]
+    assert real.losses(PRIOR.probability)[known] == pytest.approx(-np.log(PRIOR.pair_probabilities()[pair]))
+    mine = real.of(real.strokes.rows.striker == "one")
+    assert set(mine.strokes.rows.striker) == {"one"}
+    assert np.array_equal(mine.losses(PRIOR.probability), real.losses(PRIOR.probability)[real.strokes.rows.striker == "one"])
+    assert np.array_equal(GAME.pair_state[mine.pair], states_of(GAME, mine.strokes.rows)[mine.row])
+
+
+def test_without_a_better_tau_the_clone_stays() -> None:
+    losses = np.ones((len(human.TAUS) + 1, 30))
+    losses[:-1] += 0.1
+    found = human.fit(losses, np.arange(30) // 3)
+    assert (found["tau"], found["low"], found["high"]) == (None, None, None)
+    assert found["gain"] == {"value": 0.0, "low": 0.0, "high": 0.0}
+
+
+def test_the_picture_and_the_tables(tmp_path: Path) -> None:
+    result = json.loads((Path(human.__file__).parent / "results" / "human.json").read_text())
+    human.draw(result, tmp_path / "human.png")
+    assert (tmp_path / "human.png").stat().st_size > 10_000
+    assert {len(row) for row in human.curve_rows(result)} == {len(human.HEADINGS)}
+    assert {len(row) for row in human.player_rows(result)} == {len(human.PLAYER_HEADINGS)}
+    assert human.curve_rows(result)[-1][0] == "∞"
