@@ -42,6 +42,7 @@ TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
 LEAST_STROKES: Final = 200
 """A player with fewer strokes in the split gets no TAU."""
 _TOLERANCE: Final = 1e-7
+_TICKS: Final = (2, 2.5, 3, 4, 5, 7, 10, 15, 20, 30)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,6 +178,9 @@ def draw(result: dict[str, Any], path: Path) -> None:
         text = "bc" if point["tau"] is None else f"{point['tau']:g}"
         axes.annotate(text, (along, up), xytext=(5, -9), textcoords="offset points", fontsize=8)
     axes.set_xscale("log")
+    ticks = [tick for tick in _TICKS if min(x) <= tick <= max(x)]
+    axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
     axes.set_xlabel("cross-entropy of real strokes, nats a stroke: less is more alike")
     axes.set_ylabel("rallies won against bc, %")
     axes.set_title("human:TAU, points labelled by TAU", fontsize=11)

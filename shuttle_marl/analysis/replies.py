@@ -13,6 +13,7 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution
 from shuttle_marl.game.court import AREAS, N_AREAS, area_centre
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
 
 Floats = npt.NDArray[np.float64]
@@ -28,11 +29,14 @@ class Aim:
     Attributes:
         value: ``[9]`` value of the best reply aimed at each area, NaN where none is legal.
         stroke: ``[9]`` catalogue index of that reply, -1 where none is legal.
+        strokes: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where there is none, and
+            in a game of no model.
         state_value: value of the best reply of all.
     """
 
     value: Floats
     stroke: npt.NDArray[np.intp]
+    strokes: Floats
     state_value: float
 
 
@@ -64,12 +68,14 @@ def _aim(game: Game, following: Floats, states: npt.NDArray[np.intp]) -> Aim:
     strokes = game.legal_strokes(int(states[0]))
     mean = np.mean([game.stroke_values(following, game.pairs_of(s)) for s in states.tolist()], axis=0)
     by_area = np.full(N_AREAS, np.nan)
-    chosen = np.full(N_AREAS, -1, dtype=np.intp)
-    for stroke, worth in zip(strokes, mean, strict=True):
+    chosen, behind = np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
+    real = real_strokes(game)
+    support = np.full(len(strokes), np.nan) if real is None else real[game.base_pair_edge[game.pairs_of(int(states[0]))]]
+    for stroke, worth, count in zip(strokes, mean, support, strict=True):
         area = game.catalogue.area[stroke]
         if not worth <= by_area[area]:
-            by_area[area], chosen[area] = worth, stroke
-    return Aim(value=by_area, stroke=chosen, state_value=float(mean.max()))
+            by_area[area], chosen[area], behind[area] = worth, stroke, count
+    return Aim(value=by_area, stroke=chosen, strokes=behind, state_value=float(mean.max()))
 
 
 def stroke_index(game: Game, name: str) -> int:
@@ -145,4 +151,6 @@ def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None
     stroke = aim.stroke[area]
     shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
     text = f"{_percent(value)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
+    if np.isfinite(aim.strokes[area]):
+        text += f"\nn = {aim.strokes[area]:.0f}"
     axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=pictures.INK, weight="bold" if best else None, zorder=5)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
+from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import crossplay, evaluate
 from shuttle_marl.game.rally import Game
@@ -57,7 +58,14 @@ def over(games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]])
     Args:
         games: two refits or more.
         figures: of one game, by name.
+
+    Raises:
+        ExactError: there are fewer than two games.
     """
+    if len(games) < 2:
+        raise ExactError(
+            f"{len(games)} refit(s) of the game: an interval needs two or more; ask for figures at home only (--no-away)"
+        )
     with ThreadPoolExecutor(min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}

@@ -8,7 +8,7 @@ from exact_games import with_probabilities
 from scipy import stats
 
 from shuttle_marl.commands import exact as commands
-from shuttle_marl.exact import best_response, evaluate, solve
+from shuttle_marl.exact import ExactError, best_response, evaluate, solve
 from shuttle_marl.exact.away import moved, over, spread
 from shuttle_marl.exact.fixed_point import newton
 from shuttle_marl.game import default_game
@@ -89,6 +89,8 @@ def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str
 def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
     seen = over([*refits, *refits], lambda game: {"first": float(game is refits[0])})
     assert seen["first"].value == 0.5
+    with pytest.raises(ExactError, match="an interval needs two or more"):
+        over(refits[:1], lambda game: {})
 
 
 @pytest.mark.parametrize("slope", [-0.9, 0.9, -5.0, 0.999999])

@@ -13,6 +13,7 @@ from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
@@ -163,7 +164,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
     solution, incoming = solve(GAME), GAME.catalogue.index(SMASH)
     edges = GAME.edge_incoming == incoming
     own = int(GAME.edge_own[edges][0])
-    state = 2 * int(edges.argmax())
+    state, real = 2 * int(edges.argmax()), real_strokes(GAME)
     below, above = aims(solution, incoming, own)
     assert below.state_value == pytest.approx(solution.value[0][state], abs=1e-8)
     assert above.state_value == pytest.approx(solution.value[0][state + 1], abs=1e-8)
@@ -172,6 +173,10 @@ def test_aims_are_the_best_replies_by_area() -> None:
         for area in range(9):
             here = legal[GAME.catalogue.area[legal] == area]
             assert (aim.stroke[area] in here) == bool(len(here))
+            assert np.isfinite(aim.strokes[area]) == bool(len(here))
+            if len(here):
+                answers = (GAME.edge_own == incoming) & (GAME.edge_incoming == aim.stroke[area])
+                assert set(real[answers]) == {aim.strokes[area]}, "n counts the real strokes behind the reply"
     serve = int(GAME.legal_strokes(0)[0])
     assert len(aims(solution, serve)) == 2
 
