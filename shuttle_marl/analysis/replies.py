@@ -29,8 +29,8 @@ class Aim:
     Attributes:
         value: ``[9]`` value of the best reply aimed at each area, NaN where none is legal.
         stroke: ``[9]`` catalogue index of that reply, -1 where none is legal.
-        strokes: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where there is none, and
-            in a game of no model.
+        strokes: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where there is none,
+            and in a game of no model.
         state_value: value of the best reply of all.
     """
 
