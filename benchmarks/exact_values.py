@@ -1,4 +1,4 @@
-"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, visits, and a cross-play of 30 policies.
+"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, human and robust play, a cross-play of 30.
 
     python -m benchmarks.exact_values [--repeat N] [--json]
 
@@ -22,10 +22,11 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import this_machine
-from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, visits
+from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 
@@ -83,7 +84,11 @@ def measure(repeat: int) -> list[dict[str, Any]]:
         "best response": lambda: best_response(bc),
         "visits": lambda: visits(bc, other),
         "regret": lambda: policy_regret(bc, solution=solution),
+        "human play, tau 0.05": lambda: solve_soft(bc, tau=0.05),
     }
+    several = [game, *refits_of(game)]
+    if len(several) > 1:
+        calls[f"robust play over {len(several)} games"] = lambda: solve_robust(several)
     times = {what: median_seconds(call, repeat) for what, call in calls.items()}
     policies = thirty_policies(game)
     times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)

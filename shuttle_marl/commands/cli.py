@@ -49,6 +49,7 @@ _FIGURES: Final = {
     "match_win_vs_bc": "matches won against bc",
     "rally_win": "rallies won",
     "match_win": "matches won",
+    "match_share": "matches won against all others",
     "server_win": "rallies won by the server",
     "exploitability": "exploitability",
 }

@@ -255,7 +255,7 @@ def crossplay(
     import numpy as np  # noqa: PLC0415
 
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
-    from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
+    from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
@@ -270,7 +270,9 @@ def crossplay(
     for _ in pairs:
         pass
     others = refits_of(tables) if away else ()
-    spreads = over(others, functools.partial(of_all_pairs, entrants)) if others else None
+    home, spreads = of_all_pairs(odds), None
+    if others:  # one after the other: a cross-play takes all cores
+        spreads = over(others, lambda refit: of_all_pairs(play_all([moved(each, refit) for each in entrants])), at_once=1)
     if json_output:
         figures = {
             "policies": list(policies),
@@ -280,24 +282,26 @@ def crossplay(
             "match_win": odds.match().tolist(),
             "error_bound": odds.error_bound,
             "seconds": seconds,
-            "away": None if spreads is None else {name: figure.as_json() for name, figure in spreads.items()},
+            **_home_and_away({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
         }
         _say(json_format.dumps(figures))
         return
     console = cli.console()
     console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(cli.matrix("Rallies won by the row against the column", policies, odds.rally))
-    if spreads is not None:
-        console.print(cli.matrix("Rallies won away, mean of the refits", policies, np.asarray(spreads["rally_win"].value)))
-    elif away:
-        console.print(_NO_REFITS)
+    shares = np.asarray(home["match_share"])
+    _print_away(
+        [(name, {"match_share": shares[i]}, None if spreads is None else {"match_share": spreads["match_share"].at(i)})
+         for i, name in enumerate(policies)],
+        others, asked=away,
+    )  # fmt: skip
     console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
 
 
 _NO_REFITS: Final = "The model has no refits on resampled matches, so there are no figures away from home."
 
 
-def _home_and_away(home: Mapping[str, float], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+def _home_and_away(home: Mapping[str, Any], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
 
 

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution, best_response
-from shuttle_marl.exact.profile import crossplay, evaluate
+from shuttle_marl.exact.profile import Crossplay, evaluate
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 
@@ -38,6 +38,10 @@ class Spread:
     low: Values
     high: Values
 
+    def at(self, entry: int) -> "Spread":
+        """One entry of a spread of arrays."""
+        return Spread(**{name: float(np.asarray(getattr(self, name))[entry]) for name in ("value", "low", "high")})
+
     def as_json(self) -> dict[str, float | list[float]]:
         """The three numbers, or lists of them."""
         return {name: np.asarray(getattr(self, name)).tolist() for name in ("value", "low", "high")}
@@ -52,12 +56,15 @@ def spread(values: Sequence[Values]) -> Spread:
     return Spread(value=mean, low=mean - width, high=mean + width)
 
 
-def over(games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]]) -> dict[str, Spread]:
-    """The spread of each figure over games, which are computed on all cores.
+def over(
+    games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]], *, at_once: int | None = None
+) -> dict[str, Spread]:
+    """The spread of each figure over games.
 
     Args:
         games: two refits or more.
         figures: of one game, by name.
+        at_once: how many games are computed side by side; None: one on each core.
 
     Raises:
         ExactError: there are fewer than two games.
@@ -66,7 +73,7 @@ def over(games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]])
         raise ExactError(
             f"{len(games)} refit(s) of the game: an interval needs two or more; ask for figures at home only (--no-away)"
         )
-    with ThreadPoolExecutor(min(len(games), os.cpu_count() or 1)) as threads:
+    with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
 
@@ -82,10 +89,11 @@ def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> 
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 
-def of_all_pairs(policies: Sequence[TabulatedPolicy], refit: Game) -> dict[str, Values]:
-    """``[N, N]`` ``rally_win`` and ``match_win`` of N policies against each other in a refit."""
-    odds = crossplay([moved(policy, refit) for policy in policies])
-    return {"rally_win": odds.rally, "match_win": odds.match()}
+def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
+    """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share`` won against all the others."""
+    match = odds.match()
+    others = max(1, len(match) - 1)
+    return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
 
 
 def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:

@@ -26,7 +26,7 @@ from typing import Final
 from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import default_game, refits_of
+from shuttle_marl.game.shipped import PROFILES, refits_of, variants
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import agents, bc
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
@@ -328,7 +328,7 @@ def _load_minimax(kind: str | None, game: Game) -> Policy:
 
 
 def _minimax_names() -> tuple[str, ...]:
-    return ("minimax", "minimax:robust") if refits_of(default_game()) else ("minimax",)
+    return ("minimax", "minimax:robust") if any(name not in PROFILES for name in variants()) else ("minimax",)
 
 
 def _load_human(argument: str | None, game: Game) -> Policy:

@@ -72,10 +72,12 @@ def test_commands_print_home_and_away(capsys: pytest.CaptureFixture[str], refits
     answer = json.loads(run(capsys, "best-response", "safe", "--json"))
     assert answer["home"] == {"rally_win": answer["rally_win"], "match_win": answer["match_win"]}
     assert answer["away"]["rally_win"]["low"] < answer["away"]["rally_win"]["value"]
-    odds = json.loads(run(capsys, "crossplay", "safe", "random", "--away", "--json"))["away"]
-    assert np.array(odds["rally_win"]["value"]).shape == (2, 2)
+    odds = json.loads(run(capsys, "crossplay", "safe", "random", "--away", "--json"))
+    assert odds["home"]["match_win"] == odds["match_win"]
+    assert np.array(odds["away"]["rally_win"]["value"]).shape == (2, 2)
+    assert odds["away"]["match_share"]["value"] == pytest.approx([odds["away"]["match_win"]["value"][i][1 - i] for i in (0, 1)])
     assert "2 refits of the game on resampled matches" in run(capsys, "evaluate", "random")
-    assert "Rallies won away" in run(capsys, "crossplay", "safe", "random", "--away")
+    assert "matches won against all others" in run(capsys, "crossplay", "safe", "random", "--away")
 
 
 def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,12 +46,16 @@ def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "refits_of", lambda game: ())
     with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
         resolve("minimax:robust", GAME)
-    assert "minimax:robust" not in registry.names()
     monkeypatch.setattr(registry, "refits_of", lambda game: tuple(refits))
-    assert "minimax:robust" in registry.names()
     registry.robust_policy.cache_clear()
     assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits]).policy.cumulative)
     registry.robust_policy.cache_clear()
+
+
+def test_robust_play_is_listed_where_there_are_refits(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variants, listed in (([], False), (["men", "women"], False), (["men", "women", "1", "2"], True)):
+        monkeypatch.setattr(registry, "variants", lambda variants=variants: variants)
+        assert ("minimax:robust" in registry.names()) == listed
 
 
 def test_the_name_within_a_best_response_is_a_whole_name() -> None:
