@@ -70,9 +70,7 @@ def over(
         ExactError: there are fewer than two games.
     """
     if len(games) < 2:
-        raise ExactError(
-            f"{len(games)} refit(s) of the game: an interval needs two or more; ask for figures at home only (--no-away)"
-        )
+        raise ExactError(f"an interval needs two or more refits of the game, there is {len(games)}; --no-away leaves it out")
     with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
