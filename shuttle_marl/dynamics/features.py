@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.data.schema import Outcome
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.dynamics.landings import met_points
+from shuttle_marl.game.court import N_AREAS, area_of
 from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 
@@ -50,7 +51,8 @@ class Rows:
     """N strokes in context.
 
     Attributes:
-        codes: for each of :data:`SLOTS`, ``[N]`` its code; ``area`` is -1 where the intended target is not known.
+        codes: for each of :data:`SLOTS`, ``[N]`` its code; ``area`` is the one in which a receiver met the
+            shuttle or would have met it, -1 where no landing was recorded.
         outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
         next_contact: ``[N]`` height from which the next stroke was struck, -1 where there is none.
         match: ``[N]`` index into ``matches``.
@@ -115,12 +117,16 @@ class Rows:
 
 
 def rows_from_strokes(strokes: pa.Table) -> Rows:
-    """Strokes of a cleaned table in context, in its order (schema: :mod:`shuttle_marl.data.schema`)."""
+    """Strokes of a cleaned table in context, in its order (schema: :mod:`shuttle_marl.data.schema`).
+
+    The areas are those in which a receiver met the shuttle or would have met it (:mod:`shuttle_marl.dynamics.landings`), so
+    those of annotated winners and out strokes depend on the other strokes of the table.
+    """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
         for name in ("game", "rally", "stroke", "shot", "height", "technique", "outcome", "reason")
     }
-    area = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
+    area = _target_areas(strokes)
     encoded = strokes["match"].combine_chunks().dictionary_encode()
     match = encoded.indices.to_numpy().astype(np.int32)
     key = np.stack([match, column["game"], column["rally"]])
@@ -157,6 +163,25 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
         opponent_attacks=opponent_attacks,
         net_run=net_run,
     )
+
+
+def _target_areas(strokes: pa.Table) -> Codes:
+    """``[N]`` area of each stroke that means the same for every outcome; -1 where no landing was recorded."""
+    recorded = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
+    outcome, reason, shot, height = (strokes[name].to_numpy() for name in ("outcome", "reason", "shot", "height"))
+    x = {name: strokes[f"{name}_x"].to_numpy().astype(np.float64) for name in ("landing", "contact", "striker")}
+    y = {name: strokes[f"{name}_y"].to_numpy().astype(np.float64) for name in x}
+    winner = outcome == Outcome.WINNER
+    out = (outcome == Outcome.FAULT) & (reason == REASONS.index("out"))
+    annotated = strokes["source"].to_numpy(zero_copy_only=False) != "simulated"
+    # The other faults fell short, wherever they were aimed.
+    told = annotated & (winner | out | (outcome == Outcome.RETURNED))
+    landing = np.where(told[:, None], np.stack([x["landing"], y["landing"]], axis=1), np.nan)
+    begun = ~np.isnan(x["contact"])
+    start = np.stack([np.where(begun, at["contact"], at["striker"]) for at in (x, y)], axis=1)
+    met = met_points(landing, start, shot, height, winner & annotated, out & annotated)
+    moved = (winner | out) & ~np.isnan(met[:, 1])
+    return np.where(moved, area_of(*met.T), recorded).astype(np.int16)
 
 
 def _counts(key: npt.NDArray[np.integer], number: Codes, shot: npt.NDArray[np.integer]) -> tuple[Codes, Codes, Codes]:

@@ -10,10 +10,12 @@ return    the same                                 whether the opponent returns 
 contact   the same                                 whether the opponent reaches it above the net
 ========  =======================================  ==================================================
 
-**Targets of faults are latent.** The file says where a fault came down, not where it was meant to go. An out stroke was
-meant for the area next to where it landed; of a stroke that did not cross the net nothing is known, so its likelihood is
-the sum over the nine areas of (probability of this target) x (probability of falling short at this target), and target and
-success networks are fitted in turn (expectation maximisation).
+**Targets of faults are latent.** The file says where a fault came down, not where it was meant to go. Of a stroke that did
+not cross the net nothing is known, so its likelihood is the sum over the nine areas of (probability of this target) x
+(probability of falling short at this target), and target and success networks are fitted in turn (expectation maximisation).
+
+**Targets of winners and out strokes** are moved along the flight to where a receiver would have met the shuttle
+(:mod:`shuttle_marl.dynamics.landings`), so that the area does not tell the outcome.
 
 **The return model is half convex.** Beside its network stands a logistic regression on products of attributes, with a ridge.
 Adaptive optimisers move rare products as fast as common ones and so overfit them; a ridge shrinks them in proportion to
