@@ -123,6 +123,6 @@ def test_the_lower_bound_is_that_of_the_tables() -> None:
     game = default_game()
     least = lower_bound_of(game, 1)
     assert least.read_bytes == 24
-    assert least.shown_bytes == 2 * game.n_strokes + 12
+    assert least.shown_bytes == 2 * game.n_strokes + 6 * 4
     least.play()
     least.show()

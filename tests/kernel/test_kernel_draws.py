@@ -96,7 +96,7 @@ def test_a_choice_is_the_first_entry_above_the_draw(seed: int, rallies: int, sha
     tables = [random_policy(game, seed, sharpness), random_policy(game, seed + 1, sharpness)]
     players = pack(tables, game)
     for _ in range(10):
-        state = data.draw(st.sampled_from([s for s in range(game.n_states) if s != 1]))
+        state = data.draw(st.sampled_from(np.flatnonzero(game.playable).tolist()))
         start, end = game.pair_start[state], game.pair_start[state + 1]
         for number, table in enumerate(tables):
             edges = [int(c) + d for c in table.cumulative[start:end] for d in (-1, 0)]

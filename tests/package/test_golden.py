@@ -17,16 +17,16 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
 
-GAME_HASH = "00df9c0eff54"
+GAME_HASH = "df38861dbcf7"
 VALUE_AT_SERVE = -0.0256635
 TOURNAMENT = "2c6f706d769efe69"
 WINS = {"minimax": 19, "ppo": 16, "safe@greedy": 13, "attacking": 8, "bc": 2, "random": 2}
 SMALL = {"rows": 64, "steps": 8, "strokes": 1536, "width": 16, "threads": 1}
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
-    "ppo": (PPOConfig(**SMALL, minibatch=128), "d3c869d739cf15eb"),
-    "a2c": (A2CConfig(**SMALL), "d834567a610ea048"),
-    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "6fa07e2b3211a90c"),
-    "self-play": (PPOConfig(**SMALL, minibatch=128, opponent=("self",)), "030af7dc09de855b"),
+    "ppo": (PPOConfig(**SMALL, minibatch=128), "be0868ceaa30129e"),
+    "a2c": (A2CConfig(**SMALL), "2f56ebd59d7c4f00"),
+    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "79e7a125f479fdd8"),
+    "self-play": (PPOConfig(**SMALL, minibatch=128, opponent=("self",)), "aa67144e78126118"),
 }
 """Settings of a run, and the digest of its strokes."""
 
