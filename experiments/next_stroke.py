@@ -1,30 +1,45 @@
-"""The paper's first table: how well the next stroke is predicted (top-1 to top-4), per player and over all.
+"""The paper's first table: how well the next stroke is predicted (top-1 to top-4), over all and by player.
 
-    python -m experiments.next_stroke --data DATA [--split validation] [--json]
+    python -m experiments.next_stroke --data DATA [--split validation] [--out FILE] [--json]
+
+Three predict it. The **imitator** knows what can be seen at the moment of the hit: positions, tempo, the four strokes before,
+the players. It is fitted here, on the train matches. The game's players know its state only: the **average** clone (``bc``) and
+each player's **own clone** (``bc:<player>``). Both read two strokes and the contact height.
+
+The rows: all strokes, as in the paper; strokes of the rally alone, because serves are easily told; and these without the contact
+height, which tells much of the shot type. Without it the clones are averaged over the heights that the game expects.
 
 ShuttleEnv (arXiv 2603.17324) reports two players of its own private data; ours are other matches of other players, so the
 figures stand side by side, not against each other. The shot type is scored on all strokes, the area on those that were no
-fault (a fault does not say where it was aimed). The contact height is part of the state, so it is known.
+fault (a fault does not say where it was aimed).
 """
 
+import dataclasses
 import json as json_format
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
 from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.upstream import Split
-from shuttle_marl.dynamics.evaluate import next_stroke_scores
-from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.data.upstream import Split, matches_of
+from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.make import rows_of
+from shuttle_marl.dynamics.imitator import Imitator
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
+from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.runs import describe, write_json
 
 PAPER: Final = {
     "Lin Dan": {"shot_type": [0.473, 0.664, 0.785, 0.880], "area": [0.580, 0.763, 0.854, 0.898]},
@@ -35,46 +50,165 @@ LEAST_ROWS: Final = 200
 """A player with fewer strokes in the split gets no row."""
 LEAST_PLAYERS: Final = 4
 """At least the players with most strokes get one."""
+HEADINGS: Final = ("strokes scored", "predicted by", "number", "shot type", "area", "area, shot type known")
+COLUMNS: Final = ("shot_type", "area", "area_given_type")
+
+Floats = npt.NDArray[np.float64]
+Prediction = tuple[Floats, Floats, Floats]
+"""``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played."""
 
 
-def next_stroke(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
-    """Print the table.
+def next_stroke(
+    data: Path, split: Split = "validation", model: str = "default", seed: int = 0, out: Path | None = None, json: bool = False
+) -> None:
+    """Fit the imitator on the train matches and print the table; about two minutes on two cores.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
         split: matches to score on.
         model: a shipped model or a model folder.
-        json: print JSON instead.
+        seed: of the fit of the imitator.
+        out: JSON file to write the result to, with its origin.
+        json: print JSON instead of the table.
     """
-    rows = rows_of(rows_from_strokes(load_strokes(data)), split)
-    models = FittedModels.load(model_folder(model))
-    names, counts = np.unique(rows.striker, return_counts=True)
-    ranked = [str(names[i]) for i in np.lexsort((names, -counts))]
-    listed = [name for i, name in enumerate(ranked) if i < LEAST_PLAYERS or (rows.striker == name).sum() >= LEAST_ROWS]
-    result: dict[str, Any] = {
-        "all": next_stroke_scores(models, rows),
-        "all, average player's model": next_stroke_scores(models, rows, own=False),
+    strokes = load_strokes(data)
+    scored, train = _of_split(strokes, split), _of_split(strokes, "train")
+    report = Console(stderr=True, highlight=False)
+    began = time.monotonic()
+    imitator = Imitator.fit(train, seed=seed, report=lambda line: report.print(f"{line} …", style="dim"))
+    fit = {
+        "strokes": train.num_rows,
+        "matches": len(train["match"].unique()),
+        "seconds": round(time.monotonic() - began),
+        "seed": seed,
+        "config": dataclasses.asdict(imitator.config),
     }
-    for name in listed:
-        scores = next_stroke_scores(models, rows.take(rows.striker == name))
-        result[name] = {**scores, "own_model": name in models.choices.players}
+    result = {"split": split, "fit": fit, **table(imitator, FittedModels.load(model_folder(model)), scored), "paper": PAPER}
+    if out is not None:
+        write_json(out, {**describe(("numpy", "torch")), **result})
     if json:
-        sys.stdout.write(json_format.dumps({"split": split, "rows": result, "paper": PAPER}) + "\n")
+        sys.stdout.write(json_format.dumps(result) + "\n")
         return
-    table = Table(title=f"Next stroke, {split} matches: top-1 to top-4")
-    for column in ("player", "strokes", "shot type", "area", "area, shot type known"):
-        table.add_column(column, justify="left" if column == "player" else "right")
-    for name, scores in result.items():
-        label = f"{name} *" if scores.get("own_model") is False else name
-        cells = (" ".join(f"{x:.3f}" for x in scores[key]) for key in ("shot_type", "area", "area_given_type"))
-        table.add_row(label, f"{scores['rows']:,}", *cells)
-    table.add_section()
-    for name, paper in PAPER.items():
-        cells = (" ".join(f"{x:.3f}" for x in paper[key]) for key in ("shot_type", "area"))
-        table.add_row(f"paper: {name}", "private", *cells, "")
+    _print(result)
+
+
+def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[str, Any]:
+    """Scores of the imitator and of the game's clones.
+
+    Args:
+        imitator: fitted on other matches.
+        models: of the game.
+        strokes: to score on, whole rallies.
+
+    Returns:
+        ``rows``: by strokes scored, then by predictor, scores as of
+        :func:`shuttle_marl.dynamics.evaluate.prediction_scores`; ``players``: by player, then by predictor, on all their
+        strokes, with ``own_model``.
+    """
+    rows = rows_from_strokes(strokes)
+    seen: dict[str, Prediction] = {
+        "imitator": _of_joint(imitator.predict(strokes), rows),
+        "own clone": next_stroke_probabilities(models, rows),
+        "average clone": next_stroke_probabilities(models, rows, own=False),
+    }
+    hidden: dict[str, Prediction] = {
+        "imitator": _of_joint(imitator.predict(strokes, height_known=False), rows),
+        "own clone": without_height(models, rows),
+        "average clone": without_height(models, rows, own=False),
+    }
+    everything, rally = np.ones(len(rows), dtype=bool), rows.stroke > 1
+    listed: dict[str, Any] = {}
+    for name in _most_strokes(rows):
+        mine = rows.striker == name
+        scores = {by: _scores(seen[by], rows, mine) for by in ("imitator", "own clone")}
+        listed[name] = {"own_model": name in models.choices.players, **scores}
+    return {
+        "rows": {
+            name: {by: _scores(prediction, rows, which) for by, prediction in predictions.items()}
+            for name, predictions, which in (
+                ("all strokes", seen, everything),
+                ("rally strokes", seen, rally),
+                ("rally strokes, contact height not known", hidden, rally),
+            )
+        },
+        "players": listed,
+    }
+
+
+def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Prediction:
+    """Choices of the game's players without their contact height, averaged over those that the game expects.
+
+    Args:
+        models: of the game.
+        rows: whole rallies, in playing order.
+        own: use the striker's own model where there is one.
+    """
+    above = np.full(len(rows), (rows.codes["contact"][rows.stroke > 1] == 1).mean())
+    # Serves are struck below the net. The stroke before is in the row before, unless it was dropped.
+    above[rows.stroke == 1] = 0.0
+    known = np.flatnonzero(rows.codes["incoming_shot"] < N_SHOTS)
+    known = known[rows.codes["area"][known - 1] >= 0]
+    above[known] = models.above(rows.take(known - 1).codes)
+    shot, area, given = (np.zeros((len(rows), n)) for n in (N_SHOTS, 9, 9))
+    for contact, share in ((0, 1 - above), (1, above)):
+        codes = {**rows.codes, "contact": np.full(len(rows), contact, dtype=np.int16)}
+        types, areas, of_type = next_stroke_probabilities(models, dataclasses.replace(rows, codes=codes), own=own)
+        shot += share[:, None] * types
+        area += share[:, None] * areas
+        given += (share * types[np.arange(len(rows)), rows.codes["shot"]])[:, None] * of_type
+    return shot, area, given / given.sum(axis=1, keepdims=True)
+
+
+def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Cells of the table by row, columns as in :data:`HEADINGS`."""
+    lines = [(name, by, scores) for name, group in result["rows"].items() for by, scores in group.items()]
+    for name, group in result["players"].items():
+        clone = "own clone" if group["own_model"] else "average clone"
+        lines += [(name, "imitator", group["imitator"]), (name, clone, group["own clone"])]
+    return [
+        (name, by, f"{scores['rows']:,}", *(_figures(scores[column]) for column in COLUMNS)) for name, by, scores in lines
+    ] + [
+        (f"the paper's {name}", "the paper", "private", _figures(paper["shot_type"]), _figures(paper["area"]), "")
+        for name, paper in result["paper"].items()
+    ]
+
+
+def _figures(top: Sequence[float]) -> str:
+    return " ".join(f"{share:.3f}"[1:] for share in top)
+
+
+def _of_split(strokes: pa.Table, split: Split) -> pa.Table:
+    chosen = strokes.filter(pc.is_in(strokes["match"], pa.array(matches_of(split), pa.string())))
+    if not chosen.num_rows:
+        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return chosen
+
+
+def _of_joint(joint: Floats, rows: Rows) -> Prediction:
+    given = joint[np.arange(len(rows)), rows.codes["shot"]]
+    return joint.sum(axis=2), joint.sum(axis=1), given / given.sum(axis=1, keepdims=True)
+
+
+def _scores(prediction: Prediction, rows: Rows, which: npt.NDArray[np.bool_]) -> dict[str, Any]:
+    shot, area, given = (part[which] for part in prediction)
+    return prediction_scores(shot, area, given, rows.take(which))
+
+
+def _most_strokes(rows: Rows) -> list[str]:
+    """Players with most strokes, most first."""
+    names, counts = np.unique(rows.striker, return_counts=True)
+    ranked = np.lexsort((names, -counts))
+    return [str(names[i]) for place, i in enumerate(ranked) if place < LEAST_PLAYERS or counts[i] >= LEAST_ROWS]
+
+
+def _print(result: dict[str, Any]) -> None:
+    shown = Table(title=f"Next stroke, {result['split']} matches: top-1 to top-4")
+    for heading in HEADINGS:
+        shown.add_column(heading, justify="left" if heading in HEADINGS[:2] else "right")
+    for cells in table_rows(result):
+        shown.add_row(*cells)
     console = Console(highlight=False)
-    console.print(table)
-    console.print("* no model of their own (too few train strokes): the average player's.")
+    console.print(shown)
     console.print("The paper's rows are of its own private matches; the data differ, so the rows cannot be ranked.")
 
 

@@ -188,12 +188,22 @@ def top_k(probabilities: Floats, label: npt.NDArray[np.integer], most: int = 4) 
 
 
 def next_stroke_scores(models: FittedModels, rows: Rows, *, own: bool = True) -> dict[str, Any]:
+    """Scores of :func:`next_stroke_probabilities`, as :func:`prediction_scores` gives them."""
+    return prediction_scores(*next_stroke_probabilities(models, rows, own=own), rows)
+
+
+def prediction_scores(shot: Floats, area: Floats, given: Floats, rows: Rows) -> dict[str, Any]:
     """Top-1 to top-4 of shot type, area, and area given the shot type; cross-entropies in nats.
 
     The area is scored on strokes that were no fault, because a fault does not say where it was aimed. ``cross_entropy`` is
     that of shot type and area together, on the same strokes; ``shot_type_cross_entropy`` that of the shot type on all.
+
+    Args:
+        shot: ``[N, 13]`` probability of each shot type.
+        area: ``[N, 9]`` probability of each area.
+        given: ``[N, 9]`` probability of each area given the shot type that was played.
+        rows: the N strokes.
     """
-    shot, area, given = next_stroke_probabilities(models, rows, own=own)
     good = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
     of_shot = shot[np.arange(len(rows)), rows.codes["shot"]]
     of_area = given[np.flatnonzero(good), rows.codes["area"][good]]

@@ -3,15 +3,18 @@
 The players of the game (``bc``) know the state of the game only. The imitator reads positions, tempo, four strokes and the
 players as well (:mod:`shuttle_marl.dynamics.moments`), so it predicts people better and cannot play the game. An ensemble of
 residual networks gives the shot type, and the area given the shot type. During the fit the contact height and each player are
-hidden now and then, so one model answers with and without them, and knows an average player for those it never saw.
+hidden now and then, so one model answers with and without them, and knows an average player for those it never saw. Every
+second network reads each number as the step of a quantile scale as well: it finds thresholds, as trees do, where the others
+are smooth, and the two err differently.
 
     imitator = Imitator.fit(load_strokes("train.parquet"))
     probability = imitator.predict(load_strokes("new.parquet"))  # [N, 13, 9]
 """
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,6 +43,8 @@ _LIMIT: Final = 4.0
 """Standardised numbers are cut off here: single points in the files are far off."""
 _CHUNK: Final = 4096
 _HEIGHT: Final = list(CODES).index("height")
+_STRIKER: Final = len(CODES)
+"""Column of the striker; that of the receiver follows, and then those of the steps."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,6 +60,7 @@ class ImitatorConfig:
         width: hidden units of a layer.
         layers: number of hidden layers.
         dropout: share of hidden units left out.
+        steps: of the quantile scales that every second network reads.
         hide_height: share of strokes whose contact height is hidden during the fit.
         hide_player: share of strokes whose striker is hidden during the fit, and share of those whose receiver is.
     """
@@ -67,12 +73,23 @@ class ImitatorConfig:
     width: int = 256
     layers: int = 3
     dropout: float = 0.35
+    steps: int = 8
     hide_height: float = 0.5
     hide_player: float = 0.1
 
 
 def _silent(line: str) -> None:
     del line
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class _Network(nn.Module):
@@ -104,6 +121,7 @@ class Imitator:
         config: of the fit.
         players: identifiers of the players that it knows; everyone else is the average player.
         mean, scale: ``[F]`` of the numbers of a moment.
+        cuts: ``[F, steps - 1]`` rising, between the steps of the quantile scale of each number.
         members: the networks.
     """
 
@@ -111,6 +129,7 @@ class Imitator:
     players: tuple[str, ...]
     mean: npt.NDArray[np.float32]
     scale: npt.NDArray[np.float32]
+    cuts: npt.NDArray[np.float32]
     members: nn.ModuleList
 
     @classmethod
@@ -139,27 +158,24 @@ class Imitator:
             raise ShuttleError("no stroke to learn from; is the data complete?")
         config = config or ImitatorConfig()
         moments = moments_of(strokes)
-        seen = np.isfinite(moments.numbers)
-        count = np.maximum(seen.sum(axis=0), 1)
-        mean = np.where(seen, moments.numbers, 0).sum(axis=0) / count
-        spread = np.sqrt((np.where(seen, moments.numbers - mean, 0) ** 2).sum(axis=0) / count)
+        mean, scale, cuts = _scales(moments.numbers, config.steps)
         imitator = cls(
             config=config,
             players=tuple(sorted({*moments.striker.tolist(), *moments.receiver.tolist()})),
-            mean=mean.astype(np.float32),
-            scale=np.maximum(spread, 1e-6).astype(np.float32),
+            mean=mean,
+            scale=scale,
+            cuts=cuts,
             members=nn.ModuleList(),
         )
         numbers, columns = imitator._inputs(moments)
         shot = torch.from_numpy(strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64))
         area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
         area = torch.from_numpy(np.where(strokes["outcome"].to_numpy() == Outcome.FAULT, -1, area))
-        torch.set_num_threads(THREADS)
-        with torch.random.fork_rng(devices=()):
+        with _threads(THREADS), torch.random.fork_rng(devices=()):
             for member in range(config.members):
                 report(f"imitator, network {member + 1} of {config.members}")
                 torch.manual_seed(1000 * seed + member)
-                imitator.members.append(_fitted(imitator, numbers, columns, shot, area))
+                imitator.members.append(_fitted(imitator, member, numbers, columns, shot, area))
         return imitator
 
     def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> Floats:
@@ -182,8 +198,8 @@ class Imitator:
         with torch.no_grad():
             for start in range(0, len(moments), _CHUNK):
                 part = slice(start, start + _CHUNK)
-                for member in self.members:
-                    shot, area = member(numbers[part], columns[part])
+                for k, member in enumerate(self.members):
+                    shot, area = member(numbers[part], _read(columns[part], k))
                     joint = functional.softmax(shot.double(), dim=1)[:, :, None] * functional.softmax(area.double(), dim=2)
                     out[part] += joint.numpy() / len(self.members)
         return out
@@ -195,7 +211,11 @@ class Imitator:
             FileWriteError: the file cannot be written.
         """
         tensors = {name: weight.contiguous() for name, weight in self.members.state_dict().items()}
-        tensors |= {"mean": torch.from_numpy(self.mean), "scale": torch.from_numpy(self.scale)}
+        tensors |= {
+            "mean": torch.from_numpy(self.mean),
+            "scale": torch.from_numpy(self.scale),
+            "cuts": torch.from_numpy(self.cuts),
+        }
         described = {"config": dataclasses.asdict(self.config), "players": self.players}
         # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
         replace_file(path, save(tensors, metadata={"imitator": json.dumps(described, sort_keys=True)}))
@@ -213,39 +233,65 @@ class Imitator:
             config = ImitatorConfig(**described["config"])
             players = tuple(map(str, described["players"]))
             f = arrays["mean"].shape
+            shapes = {"mean": f, "scale": f, "cuts": (*f, config.steps - 1)}
             # Without memory of its own: what a file describes may be of any size, its weights are as large as the file.
             with torch.device("meta"):
-                members = nn.ModuleList(_Network(f[0], _columns(len(players)), config) for _ in range(config.members))
+                members = nn.ModuleList(_network(f[0], len(players), config, k) for k in range(config.members))
             state = {name: torch.from_numpy(checked(weight, np.float32, weight.shape)) for name, weight in arrays.items()}
-            mean, scale = (state.pop(name).numpy() for name in ("mean", "scale"))
+            scales = {name: checked(state.pop(name).numpy(), np.float32, shape) for name, shape in shapes.items()}
             members.load_state_dict(state, assign=True)
             members.requires_grad_(False).eval()
-            return cls(config=config, players=players, mean=mean, scale=checked(scale, np.float32, f), members=members)
+            return cls(config=config, players=players, members=members, **scales)
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError) as error:
             raise ModelError(f"{path}: no readable imitator ({error}); fit it again") from error
 
     def _inputs(self, moments: Moments) -> tuple[Tensor, Tensor]:
-        """``[N, F]`` standardised numbers, 0 where not known; ``[N, 20]`` columns of the codes, striker and receiver last."""
+        """``[N, F]`` standardised numbers, 0 where not known; ``[N, 20 + F]`` columns of codes, players, and steps."""
         numbers = np.clip((moments.numbers - self.mean) / self.scale, -_LIMIT, _LIMIT)
         position = {player: i for i, player in enumerate(self.players, start=1)}
         who = [[position.get(name, 0) for name in names.tolist()] for names in (moments.striker, moments.receiver)]
-        codes = np.concatenate([moments.codes.astype(np.int64), np.array(who, dtype=np.int64).reshape(2, -1).T], axis=1)
-        return torch.from_numpy(np.nan_to_num(numbers)), torch.from_numpy(codes + _starts(len(self.players)))
+        steps = np.stack(
+            [np.searchsorted(cuts, values) for cuts, values in zip(self.cuts, moments.numbers.T, strict=True)], axis=1
+        )
+        steps[np.isnan(moments.numbers)] = self.config.steps
+        codes = np.concatenate([moments.codes, np.array(who, dtype=np.int64).reshape(2, -1).T, steps], axis=1)
+        return torch.from_numpy(np.nan_to_num(numbers)), torch.from_numpy(codes + self._starts)
+
+    @property
+    def _starts(self) -> npt.NDArray[np.int64]:
+        """``[20 + F]`` first column of each code; of striker and receiver it is that of the average player."""
+        sizes = [*CODES.values(), *2 * [len(self.players) + 1], *len(self.mean) * [self.config.steps + 1]]
+        return np.cumsum([0, *sizes[:-1]])
 
 
-def _starts(players: int) -> npt.NDArray[np.int64]:
-    """``[20]`` first column of each code; of striker and receiver it is that of the average player."""
-    return np.cumsum([0, *CODES.values(), players + 1])
+def _scales(numbers: npt.NDArray[np.float32], steps: int) -> tuple[npt.NDArray[np.float32], ...]:
+    """Mean ``[F]``, standard deviation ``[F]`` and quantiles ``[F, steps - 1]`` of numbers ``[N, F]``, of which some are NaN."""
+    shares = np.linspace(0, 1, steps + 1)[1:-1]
+    known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
+    known = [column if len(column) else np.zeros(1) for column in known]
+    return (
+        np.array([column.mean() for column in known], dtype=np.float32),
+        np.array([max(column.std(), 1e-6) for column in known], dtype=np.float32),
+        np.array([np.quantile(column, shares) for column in known], dtype=np.float32),
+    )
 
 
-def _columns(players: int) -> int:
-    return sum(CODES.values()) + 2 * (players + 1)
+def _network(numbers: int, players: int, config: ImitatorConfig, member: int) -> _Network:
+    """An untrained member."""
+    columns = sum(CODES.values()) + 2 * (players + 1)
+    return _Network(numbers, columns + (numbers * (config.steps + 1) if member % 2 else 0), config)
 
 
-def _fitted(imitator: Imitator, numbers: Tensor, columns: Tensor, shot: Tensor, area: Tensor) -> _Network:
+def _read(columns: Tensor, member: int) -> Tensor:
+    """Columns that a member reads: every second one the steps as well."""
+    return columns if member % 2 else columns[:, : _STRIKER + 2]
+
+
+def _fitted(imitator: Imitator, member: int, numbers: Tensor, columns: Tensor, shot: Tensor, area: Tensor) -> _Network:
     """One member: fitted to shot types and to the areas that are known (not -1)."""
-    config, starts = imitator.config, _starts(len(imitator.players))
-    network = _Network(numbers.shape[1], _columns(len(imitator.players)), config)
+    config, starts = imitator.config, imitator._starts
+    network = _network(numbers.shape[1], len(imitator.players), config, member)
+    columns = _read(columns, member)
     weights = list(network.parameters())
     groups: list[dict[str, Any]] = [
         {"params": [w for w in weights if w.ndim > 1], "weight_decay": config.decay},
@@ -259,18 +305,21 @@ def _fitted(imitator: Imitator, numbers: Tensor, columns: Tensor, shot: Tensor, 
     )
     hidden = (
         (_HEIGHT, int(starts[_HEIGHT]) + UNSEEN_HEIGHT, config.hide_height),
-        (-2, int(starts[-2]), config.hide_player),
-        (-1, int(starts[-1]), config.hide_player),
+        (_STRIKER, int(starts[_STRIKER]), config.hide_player),
+        (_STRIKER + 1, int(starts[_STRIKER + 1]), config.hide_player),
     )
     for _ in range(config.epochs):
-        for rows in torch.randperm(len(shot))[: steps * size].split(size):
+        for rows in torch.randperm(len(shot))[: steps * size].view(steps, size):
             seen = columns[rows]
             for column, code, share in hidden:
                 seen[torch.rand(size) < share, column] = code
             types, areas = network(numbers[rows], seen)
             of_type = areas[torch.arange(size), shot[rows]]
+            over_types = torch.logsumexp(functional.log_softmax(types, 1)[:, :, None] + functional.log_softmax(areas, 2), 1)
             loss = functional.cross_entropy(types, shot[rows])
             loss = loss + functional.cross_entropy(of_type, area[rows], ignore_index=-1, reduction="sum") / size
+            # What is asked of the area without the shot type is fitted as well; it follows from the two, but not as sharply.
+            loss = loss + 0.5 * functional.nll_loss(over_types, area[rows], ignore_index=-1, reduction="sum") / size
             optimiser.zero_grad()
             torch.autograd.backward(loss)
             optimiser.step()

@@ -1,0 +1,184 @@
+"""The imitator: what it reads, what it must not read, files, and what it learns from little."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from experiments import next_stroke
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import STROKES, Outcome
+from shuttle_marl.dynamics import imitator as imitator_module
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError
+from shuttle_marl.dynamics.imitator import Imitator, ImitatorConfig
+from shuttle_marl.dynamics.moments import CODES, moments_of
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import model_folder
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+SMALL = ImitatorConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2)
+AFTER = (
+    "shot", "technique", "area", "label_area", "landing_x", "landing_y", "in_court", "outcome", "reason", "points",
+    "points_opponent",
+)  # fmt: skip
+"""Columns of a stroke that say what was played or what came of it."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Small products are slower on two threads, on a busy machine much slower."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imitator_module, "THREADS", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def strokes() -> pa.Table:
+    return load_strokes(SAMPLE).slice(0, 1000)
+
+
+@pytest.fixture(scope="module")
+def imitator(strokes: pa.Table) -> Imitator:
+    return Imitator.fit(strokes, config=SMALL)
+
+
+def changed_after(strokes: pa.Table, row: int) -> pa.Table:
+    """The table, everything after the hit of a row changed: what was played, what came of it, and all later rows."""
+    rng = np.random.default_rng(row)
+    later = np.arange(strokes.num_rows) > row
+    columns = {}
+    for field in STROKES:
+        values = strokes[field.name]
+        if field.name in ("match", "source", "discipline", "player", "opponent"):
+            columns[field.name] = values
+            continue
+        shuffled = values.take(pa.array(rng.permutation(strokes.num_rows)))
+        change = later | (np.arange(strokes.num_rows) == row) if field.name in AFTER else later
+        columns[field.name] = pa.compute.if_else(pa.array(change), shuffled, values).cast(field.type)
+    return pa.table(columns, schema=STROKES)
+
+
+@pytest.mark.parametrize("row", [0, 1, 5, 700, 998])
+def test_nothing_after_the_hit_changes_a_prediction(strokes: pa.Table, imitator: Imitator, row: int) -> None:
+    changed = changed_after(strokes, row)
+    for name in ("shot", "landing_x", "outcome", "frame"):
+        assert changed[name].slice(row).to_pylist() != strokes[name].slice(row).to_pylist()
+    for height_known in (True, False):
+        before = imitator.predict(strokes, height_known=height_known)[: row + 1]
+        np.testing.assert_allclose(imitator.predict(changed, height_known=height_known)[: row + 1], before, atol=1e-12)
+    # The same for what no network of this fit happens to use.
+    np.testing.assert_array_equal(moments_of(changed).codes[: row + 1], moments_of(strokes).codes[: row + 1])
+    np.testing.assert_array_equal(moments_of(changed).numbers[: row + 1], moments_of(strokes).numbers[: row + 1])
+
+
+def test_what_came_before_changes_a_prediction(strokes: pa.Table, imitator: Imitator) -> None:
+    row = strokes["stroke"].to_pylist().index(6)
+    before = imitator.predict(strokes)[row]
+    for lag in (1, 2, 3, 4):
+        shots = np.array(strokes["shot"]).copy()
+        shots[row - lag] = (shots[row - lag] + 5) % 13
+        other = strokes.set_column(strokes.schema.get_field_index("shot"), STROKES.field("shot"), pa.array(shots))
+        assert np.abs(imitator.predict(other)[row] - before).max() > 1e-6, f"the stroke {lag} before is read"
+
+
+def test_places_are_in_the_frame_of_the_striker(strokes: pa.Table) -> None:
+    moments = moments_of(strokes)
+    row = strokes["stroke"].to_pylist().index(4)
+    now, incoming, own = (strokes.slice(row - lag, 1).to_pylist()[0] for lag in (0, 1, 2))
+    numbers = moments.numbers[row]
+    assert numbers[:2] == pytest.approx([now["striker_x"], now["striker_y"]])
+    assert numbers[2:4] == pytest.approx([-incoming["receiver_x"], -incoming["receiver_y"]])
+    assert numbers[4:6] == pytest.approx([own["striker_x"], own["striker_y"]])
+    assert numbers[10:12] == pytest.approx([now["receiver_x"], now["receiver_y"]])
+    assert numbers[30] == pytest.approx((now["frame"] - incoming["frame"]) / 30)
+    assert moments.codes[row, list(CODES).index("shot_1")] == incoming["shot"]
+    assert moments.codes[row, list(CODES).index("area_2")] == own["area"]
+
+
+def test_strokes_before_a_gap_are_known_those_in_it_are_not(strokes: pa.Table) -> None:
+    row = strokes["stroke"].to_pylist().index(5)
+    first = row - 4
+    rally = pa.concat_tables([strokes.slice(first, 2), strokes.slice(row - 1, 2)])  # strokes 1, 2, 4, 5
+    code = dict(zip(CODES, moments_of(rally).codes[-1], strict=True))
+    assert [code[f"shot_{lag}"] for lag in (1, 2, 3, 4)] == [
+        strokes["shot"][row - 1].as_py(), CODES["shot_2"] - 1, strokes["shot"][row - 3].as_py(), strokes["shot"][first].as_py()
+    ]  # fmt: skip
+    serve = dict(zip(CODES, moments_of(rally).codes[0], strict=True))
+    assert serve["shot_1"] == CODES["shot_1"] - 2, "none at the serve"
+
+
+def test_probabilities_sum_to_one_and_serves_are_serves(strokes: pa.Table, imitator: Imitator) -> None:
+    probability = imitator.predict(strokes)
+    assert probability.shape == (strokes.num_rows, 13, 9)
+    assert probability.min() >= 0
+    np.testing.assert_allclose(probability.sum(axis=(1, 2)), 1)
+    served = np.array(strokes["stroke"]) == 1
+    assert probability[served, :2].sum(axis=(1, 2)).mean() > 0.9
+    assert probability[~served, :2].sum(axis=(1, 2)).mean() < 0.1
+
+
+def test_unknown_players_are_the_average_player(strokes: pa.Table, imitator: Imitator) -> None:
+    named, other = imitator.players[:2]
+    average = imitator.predict(strokes, striker="nobody-we-know")
+    assert np.array_equal(average, imitator.predict(strokes, striker="another-stranger"))
+    assert not np.array_equal(imitator.predict(strokes, striker=named), imitator.predict(strokes, striker=other))
+
+
+def test_the_same_seed_gives_the_same_file_and_a_file_the_same_predictions(strokes: pa.Table, tmp_path: Path) -> None:
+    part = strokes.slice(0, 600)
+    files = []
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        fitted = Imitator.fit(part, config=SMALL, seed=seed)
+        fitted.save(tmp_path / name)
+        files.append((tmp_path / name).read_bytes())
+    assert files[0] == files[1] != files[2]
+    loaded = Imitator.load(tmp_path / "c")
+    assert np.array_equal(loaded.predict(part), fitted.predict(part))
+    assert loaded.players == fitted.players
+
+
+@pytest.mark.parametrize("content", [None, b"", b"junk", b"\x02\0\0\0\0\0\0\0{}"])
+def test_what_is_no_imitator_is_named(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "imitator.safetensors"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match="no readable imitator"):
+        Imitator.load(path)
+
+
+def test_no_strokes_no_fit(strokes: pa.Table) -> None:
+    with pytest.raises(ShuttleError, match="no stroke to learn from"):
+        Imitator.fit(strokes.slice(0, 0))
+    assert Imitator.fit(strokes.slice(0, 400), config=SMALL).predict(strokes.slice(0, 0)).shape == (0, 13, 9)
+
+
+def test_areas_of_faults_are_not_learned(strokes: pa.Table) -> None:
+    part = strokes.slice(0, 600)
+    fault = np.array(part["outcome"]) == Outcome.FAULT
+    assert fault.any()
+    areas = np.where(fault, (np.array(part["area"].fill_null(0)) + 4) % 9, np.array(part["area"].fill_null(0)))
+    # A fault ends its rally, so no other stroke sees its area.
+    moved = part.set_column(part.schema.get_field_index("area"), STROKES.field("area"), pa.array(areas, pa.int8()))
+    fits = [Imitator.fit(table, config=SMALL).predict(part) for table in (part, moved)]
+    assert np.array_equal(*fits)
+
+
+def test_table_of_the_next_stroke(strokes: pa.Table, imitator: Imitator) -> None:
+    part = strokes.slice(0, 300)
+    result = json.loads(json.dumps(next_stroke.table(imitator, FittedModels.load(model_folder()), part)))
+    assert list(result["rows"]) == ["all strokes", "rally strokes", "rally strokes, contact height not known"]
+    for group in result["rows"].values():
+        assert list(group) == ["imitator", "own clone", "average clone"]
+        for scores in group.values():
+            for key in next_stroke.COLUMNS:
+                assert len(scores[key]) == 4
+                assert (np.diff(scores[key]) >= 0).all()
+    alone, hidden = (result["rows"][name]["average clone"] for name in list(result["rows"])[1:])
+    assert result["rows"]["all strokes"]["imitator"]["rows"] == len(part) > alone["rows"] == hidden["rows"]
+    assert hidden["shot_type_cross_entropy"] > alone["shot_type_cross_entropy"], "the height tells something"
+    lines = next_stroke.table_rows({**result, "paper": next_stroke.PAPER})
+    assert len(lines) == 9 + 2 * len(result["players"]) + 2
+    assert {len(line) for line in lines} == {len(next_stroke.HEADINGS)}
