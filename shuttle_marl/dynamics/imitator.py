@@ -15,6 +15,7 @@ import contextlib
 import dataclasses
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,8 +38,8 @@ from shuttle_marl.tensor_files import checked, parsed, read_tensors
 
 Floats = npt.NDArray[np.float64]
 
-THREADS: Final = 2
-"""Threads of the fit; fixed, because sums in another order give other weights."""
+WORKERS: Final = 2
+"""Networks that are fitted at the same time, each in one thread: sums in another order would give other weights."""
 _LIMIT: Final = 4.0
 """Standardised numbers are cut off here: single points in the files are far off."""
 _CHUNK: Final = 4096
@@ -65,14 +66,14 @@ class ImitatorConfig:
         hide_player: share of strokes whose striker is hidden during the fit, and share of those whose receiver is.
     """
 
-    members: int = 5
-    epochs: int = 10
+    members: int = 4
+    epochs: int = 8
     batch: int = 1024
-    learning_rate: float = 3e-3
-    decay: float = 0.05
+    learning_rate: float = 0.012
+    decay: float = 0.5
     width: int = 256
     layers: int = 3
-    dropout: float = 0.35
+    dropout: float = 0.3
     steps: int = 8
     hide_height: float = 0.5
     hide_player: float = 0.1
@@ -83,9 +84,9 @@ def _silent(line: str) -> None:
 
 
 @contextlib.contextmanager
-def _threads(count: int) -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     before = torch.get_num_threads()
-    torch.set_num_threads(count)
+    torch.set_num_threads(1)
     try:
         yield
     finally:
@@ -102,13 +103,20 @@ class _Network(nn.Module):
         nn.init.normal_(self.codes.weight, std=0.03)
         self.inner = nn.ModuleList(nn.Linear(config.width, config.width) for _ in range(config.layers - 1))
         self.norms = nn.ModuleList(nn.LayerNorm(config.width) for _ in range(config.layers))
-        self.drop = nn.Dropout(config.dropout)
         self.last = nn.Linear(config.width, N_SHOTS * (1 + N_AREAS))
 
-    def forward(self, numbers: Tensor, columns: Tensor) -> tuple[Tensor, Tensor]:
-        hidden = self.drop(self.norms[0](functional.silu(self.numbers(numbers) + self.codes(columns))))
+    def forward(
+        self, numbers: Tensor, columns: Tensor, dropout: float = 0.0, generator: torch.Generator | None = None
+    ) -> tuple[Tensor, Tensor]:
+        def drop(hidden: Tensor) -> Tensor:
+            if dropout == 0:
+                return hidden
+            kept = (torch.rand(hidden.shape, generator=generator) >= dropout).to(hidden.dtype)
+            return hidden * (kept / (1 - dropout))
+
+        hidden = drop(self.norms[0](functional.silu(self.numbers(numbers) + self.codes(columns))))
         for inner, norm in zip(self.inner, list(self.norms)[1:], strict=True):
-            hidden = self.drop(norm(hidden + functional.silu(inner(hidden))))
+            hidden = drop(norm(hidden + functional.silu(inner(hidden))))
         logits = self.last(hidden)
         return logits[:, :N_SHOTS], logits[:, N_SHOTS:].view(-1, N_SHOTS, N_AREAS)
 
@@ -171,11 +179,17 @@ class Imitator:
         shot = torch.from_numpy(strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64))
         area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
         area = torch.from_numpy(np.where(strokes["outcome"].to_numpy() == Outcome.FAULT, -1, area))
-        with _threads(THREADS), torch.random.fork_rng(devices=()):
-            for member in range(config.members):
-                report(f"imitator, network {member + 1} of {config.members}")
-                torch.manual_seed(1000 * seed + member)
-                imitator.members.append(_fitted(imitator, member, numbers, columns, shot, area))
+        with torch.random.fork_rng(devices=()):
+            torch.manual_seed(seed)
+            imitator.members.extend(_network(len(mean), len(imitator.players), config, k) for k in range(config.members))
+
+        def train(member: int) -> None:
+            report(f"imitator, network {member + 1} of {config.members}")
+            _train(imitator, member, 1000 * seed + member, numbers, columns, shot, area)
+
+        with _one_thread(), ThreadPoolExecutor(WORKERS) as pool:
+            list(pool.map(train, range(config.members)))
+        imitator.members.requires_grad_(False).eval()
         return imitator
 
     def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> Floats:
@@ -287,17 +301,19 @@ def _read(columns: Tensor, member: int) -> Tensor:
     return columns if member % 2 else columns[:, : _STRIKER + 2]
 
 
-def _fitted(imitator: Imitator, member: int, numbers: Tensor, columns: Tensor, shot: Tensor, area: Tensor) -> _Network:
-    """One member: fitted to shot types and to the areas that are known (not -1)."""
+def _train(
+    imitator: Imitator, member: int, seed: int, numbers: Tensor, columns: Tensor, shot: Tensor, area: Tensor
+) -> None:  # fmt: skip
+    """Fit one member to shot types and to the areas that are known (not -1)."""
     config, starts = imitator.config, imitator._starts
-    network = _network(numbers.shape[1], len(imitator.players), config, member)
-    columns = _read(columns, member)
+    network, columns = imitator.members[member], _read(columns, member)
+    generator = torch.Generator().manual_seed(seed)
     weights = list(network.parameters())
     groups: list[dict[str, Any]] = [
         {"params": [w for w in weights if w.ndim > 1], "weight_decay": config.decay},
         {"params": [w for w in weights if w.ndim == 1], "weight_decay": 0.0},
     ]
-    optimiser = torch.optim.AdamW(groups, lr=config.learning_rate)
+    optimiser = torch.optim.AdamW(groups, lr=config.learning_rate, fused=True)
     size = min(config.batch, len(shot))
     steps = len(shot) // size
     schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -309,11 +325,11 @@ def _fitted(imitator: Imitator, member: int, numbers: Tensor, columns: Tensor, s
         (_STRIKER + 1, int(starts[_STRIKER + 1]), config.hide_player),
     )
     for _ in range(config.epochs):
-        for rows in torch.randperm(len(shot))[: steps * size].view(steps, size):
+        for rows in torch.randperm(len(shot), generator=generator)[: steps * size].view(steps, size):
             seen = columns[rows]
             for column, code, share in hidden:
-                seen[torch.rand(size) < share, column] = code
-            types, areas = network(numbers[rows], seen)
+                seen[torch.rand(size, generator=generator) < share, column] = code
+            types, areas = network(numbers[rows], seen, config.dropout, generator)
             of_type = areas[torch.arange(size), shot[rows]]
             over_types = torch.logsumexp(functional.log_softmax(types, 1)[:, :, None] + functional.log_softmax(areas, 2), 1)
             loss = functional.cross_entropy(types, shot[rows])
@@ -324,4 +340,3 @@ def _fitted(imitator: Imitator, member: int, numbers: Tensor, columns: Tensor, s
             torch.autograd.backward(loss)
             optimiser.step()
             schedule.step()
-    return network.requires_grad_(False).eval()
