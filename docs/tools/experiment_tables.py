@@ -1,11 +1,11 @@
-"""Tables of experiments: win rates, the matrix over opponents, styles, time to win, and the value of strokes."""
+"""Tables of experiments: the next stroke, win rates, the matrix over opponents, styles, time to win, and the value of strokes."""
 
 from typing import Any
 
 from benchmarks.machine import machine
 from docs.tools.markdown import markdown, saved
 from experiments import human as human_play
-from experiments import styles, win_rates
+from experiments import next_stroke, styles, win_rates
 
 
 def _made_by(result: dict[str, Any]) -> str:
@@ -42,6 +42,15 @@ def style_figures() -> str:
     )
     but = f" Not: {'; '.join(same)}." if same else ""
     return f"{table}\n\n{told} in one of the first five columns are significant (adjusted p < 0.05).{but} {_made_by(result)}."
+
+
+def next_strokes() -> str:
+    """Next strokes predicted right, by the imitator and by the game's clones, beside the paper's figures."""
+    result = saved("experiments", "next_stroke")
+    table = markdown(next_stroke.HEADINGS, next_stroke.table_rows(result), left=next_stroke.HEADINGS[:2])
+    fit = result["fit"]
+    fitted = f"fitted on {fit['strokes']:,} strokes of {fit['matches']} train matches in {fit['seconds']} s"
+    return f"{table}\n\nThe {result['split']} matches; the imitator {fitted}. {_made_by(result)}."
 
 
 def time_to_win() -> str:

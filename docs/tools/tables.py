@@ -38,6 +38,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
     "human_players": experiment_tables.human_players,
+    "next_stroke": experiment_tables.next_strokes,
     "recording": benchmark_tables.recording,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,

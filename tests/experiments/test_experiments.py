@@ -53,12 +53,16 @@ def test_play_is_realistic(capsys: pytest.CaptureFixture[str]) -> None:
 def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert next_stroke.main(["--data", str(MATCHES), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert len(result["rows"]) >= 6
-    for scores in result["rows"].values():
-        for key in ("shot_type", "area", "area_given_type"):
+    every = result["rows"]["all strokes"]
+    assert every["imitator"]["shot_type"][0] >= 0.52
+    assert every["imitator"]["area"][0] >= 0.36
+    for group in result["rows"].values():
+        assert group["imitator"]["cross_entropy"] < group["own clone"]["cross_entropy"]
+        assert group["own clone"]["cross_entropy"] < group["average clone"]["cross_entropy"]
+    for scores in [*every.values(), *(player["imitator"] for player in result["players"].values())]:
+        for key in next_stroke.COLUMNS:
             assert len(scores[key]) == 4
             assert (np.diff(scores[key]) >= 0).all()
-    assert result["rows"]["all"]["cross_entropy"] < result["rows"]["all, average player's model"]["cross_entropy"]
 
 
 @needs_matches
