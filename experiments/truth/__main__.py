@@ -21,6 +21,7 @@ from shuttle_marl.data import Split, load_strokes, matches_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.shipped import PROFILES
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.recording.simulate import simulate
 
@@ -34,6 +35,7 @@ def truth(
     split: Split | None = None,
     cross: int | None = None,
     game: str = "default",
+    profiles: bool = False,
     halvings: int = 2,
     seed: int = 0,
     fits: Path = Path("runs/truth"),
@@ -47,6 +49,7 @@ def truth(
         cross: instead of one split, fit this many games, each without one part of the training and validation matches, and
             compare every match with the game that did not see it.
         game: with --split, the shipped model or model folder that is compared.
+        profiles: compare every match with the game of its own discipline instead of with that of both.
         halvings: halvings of the training matches for the transfer; two games are fitted for each. 0 leaves the transfer out.
         seed: of the fits, halvings and simulated matches.
         fits: folder where games that were fitted are kept and found again.
@@ -60,9 +63,13 @@ def truth(
     strokes = strokes_of(load_strokes(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     if cross is not None:
-        parts = _cross_parts(_of_splits(strokes, "train", "validation"), cross, fitter, seed)
+        parts = _cross_parts(_of_splits(strokes, "train", "validation"), cross, fitter, seed, profiles)
     else:
-        parts = [(shipped_world(game), _of_splits(strokes, split or "validation"))]
+        judged = _of_splits(strokes, split or "validation")
+        parts = [
+            (shipped_world(game if discipline is None else f"{game}:{PROFILES[discipline]}"), part)
+            for discipline, part in _by_discipline(judged, profiles)
+        ]
     result = {"split": split, "cross": cross, **compare(parts, seed=seed)}
     if halvings:
         result["transfer"] = transfer(_of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
@@ -85,9 +92,21 @@ def _of_splits(strokes: Strokes, *splits: Split) -> Strokes:
     return strokes.take(np.logical_or.reduce(which))
 
 
-def _cross_parts(strokes: Strokes, count: int, fitter: Fitter, seed: int) -> list[tuple[World, Strokes]]:
+def _by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
+    """The strokes of each discipline, or of all matches as they are."""
+    if not profiles:
+        return [(None, strokes)]
+    found = strokes.rows.codes["discipline"]
+    return [(int(discipline), strokes.take(found == discipline)) for discipline in np.unique(found)]
+
+
+def _cross_parts(strokes: Strokes, count: int, fitter: Fitter, seed: int, profiles: bool) -> list[tuple[World, Strokes]]:
     fold = folds_of(strokes, count, seed)
-    return [(fitter.fit(strokes.take(fold != k).matches), strokes.take(fold == k)) for k in range(count)]
+    return [
+        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
+        for k in range(count)
+        for discipline, part in _by_discipline(strokes.take(fold == k), profiles)
+    ]
 
 
 def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Games fitted on some of the matches, with their average players and what stands behind their strokes."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 from collections.abc import Callable, Sequence
@@ -12,18 +13,9 @@ import torch
 from safetensors.numpy import load_file, save
 
 from experiments.truth.matches import Floats, Strokes
-from shuttle_marl.dynamics.compiled import (
-    catalogue_of,
-    compile_game,
-    empty_game,
-    pair_log_choices,
-    pair_probabilities,
-    replies_of,
-    support_of,
-)
-from shuttle_marl.dynamics.fit import fit, intended_targets
+from shuttle_marl.dynamics.compiled import compile_game, pair_log_choices, pair_probabilities
+from shuttle_marl.dynamics.fit import Fit, fit, layout_of
 from shuttle_marl.dynamics.make import load_support
-from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game, model_folder
@@ -78,35 +70,33 @@ class Fitter:
             digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
         self._version = digest.hexdigest()
 
-    def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None) -> World:
+    def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None, *, discipline: int | None = None) -> World:
         """Fit the models on some matches, and compile their game.
 
         Args:
             matches: names of those that are fitted to.
             layout: names of the matches whose strokes decide the catalogue and which stroke may answer which; None: the same.
                 Worlds that share a layout can exchange policies.
+            discipline: index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES` of the one whose game it is; None: the
+                average of both.
         """
         names, arranged = sorted(matches), sorted(layout or matches)
-        key = hashlib.sha256(json.dumps([self._version, names, arranged]).encode()).hexdigest()[:16]
+        key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline]).encode()).hexdigest()[:16]
         game_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "tables"))
         if not tables_file.is_file():
-            game, tables = self._fitted(names, arranged)
+            fitted = self._fitted(tuple(names), tuple(arranged))
+            models = fitted.models if discipline is None else fitted.models.of_discipline(discipline)
+            game = compile_game(fitted.game, pair_probabilities(models, fitted.game, fitted.support))
             game.save(game_file)
-            replace_file(tables_file, save(tables))
+            log_choice = pair_log_choices(models, game).astype(np.float64)
+            replace_file(tables_file, save({"log_choice": log_choice, "behind": fitted.support.strokes}))
         game, tables = Game.load(game_file), load_file(tables_file)
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
         return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"])
 
-    def _fitted(self, names: Sequence[str], arranged: Sequence[str]) -> tuple[Game, dict[str, Floats]]:
-        inside = self._strokes.in_matches(names)
-        train, others = self._strokes.rows.take(inside), self._strokes.rows.take(~inside)
-        # The other matches only choose how far single players are pooled, which the average game does not read.
-        fitted = fit(train, others if len(others) else train, seed=self._seed, report=self._report)
-        layout = self._strokes.rows.in_matches(arranged)
-        catalogue = catalogue_of(layout)
-        empty = empty_game(catalogue, replies_of(layout, catalogue))
-        known = train.take(known_outcome(train))
-        networks = fitted.models.networks
-        support = support_of(known, intended_targets(networks["target"], networks["success"], known), empty)
-        game = compile_game(empty, pair_probabilities(fitted.models, empty, support))
-        return game, {"log_choice": pair_log_choices(fitted.models, game).astype(np.float64), "behind": support.strokes}
+    # The games of both disciplines come from one fit, one after the other.
+    @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
+    def _fitted(self, names: tuple[str, ...], arranged: tuple[str, ...]) -> Fit:
+        rows = self._strokes.rows
+        layout = layout_of(rows.in_matches(arranged))
+        return fit(rows.in_matches(names), None, seed=self._seed, layout=layout, report=self._report)

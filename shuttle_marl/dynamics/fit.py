@@ -57,7 +57,7 @@ class Fit:
         models: the models.
         game: the layout of the game; thresholds not filled in.
         support: what the data carries, for every edge of the game.
-        chosen: what was chosen on the validation matches, and how it scored.
+        chosen: calibration and offsets, and what was chosen on the validation matches and how it scored.
     """
 
     models: FittedModels
@@ -66,19 +66,29 @@ class Fit:
     chosen: dict[str, Any]
 
 
-def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig | None = None, report: Report) -> Fit:
+def fit(
+    train: Rows,
+    validation: Rows | None,
+    *,
+    seed: int = 0,
+    config: TrainingConfig | None = None,
+    layout: Game | None = None,
+    report: Report,
+) -> Fit:
     """Fit on train; the strength of pooling is chosen on validation.
 
     Args:
-        train, validation: strokes in context.
+        train: strokes in context.
+        validation: strokes in context of other matches; None: the average player alone is fitted, which needs none.
         seed: of all random numbers.
         config: of the networks.
+        layout: a game whose layout the fit shares; its probabilities are not read. None: that of the strokes of train.
         report: called with a line before each stage.
 
     Raises:
         ShuttleError: a split without strokes.
     """
-    if not len(train) or not len(validation):
+    if not len(train) or (validation is not None and not len(validation)):
         raise ShuttleError("the fit needs strokes of train and of validation matches; is the data complete?")
     config = config or TrainingConfig()
     torch.use_deterministic_algorithms(True)
@@ -126,25 +136,33 @@ def fit(train: Rows, validation: Rows, *, seed: int = 0, config: TrainingConfig 
         receiver={},
         choices=pooling.PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
     )
-    report("players")
-    marginal = situations.mixed(calibration[0, 0] * blind_fault + calibration[0, 1], situations.weights(known))
-    blind = {
-        "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
-        "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
+    chosen: dict[str, Any] = {
+        "calibration": calibration.tolist(),
+        "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
-    profiles, chosen = _player_shifts(average, blind, validation)
-    choices, chosen["choices"] = _player_choices(networks, train, validation, config)
-    models = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
+    models = average
+    if validation is not None:
+        report("players")
+        marginal = situations.mixed(calibration[0, 0] * blind_fault + calibration[0, 1], situations.weights(known))
+        blind = {
+            "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
+            "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
+        }
+        profiles, pooled = _player_shifts(average, blind, validation)
+        choices, pooled["choices"] = _player_choices(networks, train, validation, config)
+        models = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
+        chosen = {**pooled, **chosen}
 
     report("catalogue, legality, support")
-    catalogue = catalogue_of(train)
-    game = empty_game(catalogue, replies_of(train, catalogue))
-    final = intended_targets(target, success, known)
-    support = support_of(known, final, game)
-    offsets = {"effort": situations.effort.tolist(), "duel": situations.duel}
-    return Fit(
-        models=models, game=game, support=support, chosen={**chosen, "calibration": calibration.tolist(), "situations": offsets}
-    )
+    game = layout or layout_of(train)
+    support = support_of(known, intended_targets(target, success, known), game)
+    return Fit(models=models, game=game, support=support, chosen=chosen)
+
+
+def layout_of(rows: Rows) -> Game:
+    """The layout of the game that strokes give: their catalogue and which may answer which; probabilities are not filled in."""
+    catalogue = catalogue_of(rows)
+    return empty_game(catalogue, replies_of(rows, catalogue))
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
