@@ -13,7 +13,7 @@ import torch
 from safetensors.numpy import load_file, save
 
 from experiments.truth.matches import Floats, Strokes
-from shuttle_marl.dynamics.compiled import compile_game, pair_log_choices, pair_probabilities
+from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.files import replace_file
@@ -85,10 +85,11 @@ class Fitter:
         game_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "tables"))
         if not tables_file.is_file():
             fitted = self._fitted(tuple(names), tuple(arranged))
-            models = fitted.models if discipline is None else fitted.models.of_discipline(discipline)
-            game = compile_game(fitted.game, pair_probabilities(models, fitted.game, fitted.support))
+            if discipline is not None:
+                fitted = fitted.profile(discipline)
+            game, _ = fitted.compiled()
             game.save(game_file)
-            log_choice = pair_log_choices(models, game).astype(np.float64)
+            log_choice = pair_log_choices(fitted.models, game).astype(np.float64)
             replace_file(tables_file, save({"log_choice": log_choice, "behind": fitted.support.strokes}))
         game, tables = Game.load(game_file), load_file(tables_file)
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)

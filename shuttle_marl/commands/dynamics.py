@@ -4,37 +4,40 @@ import json as json_format
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, console, run
 from shuttle_marl.data.upstream import Split
-from shuttle_marl.errors import printable
-from shuttle_marl.game.shipped import model_folder, read_model_card
+from shuttle_marl.errors import ShuttleError, printable
+from shuttle_marl.game.shipped import REFITS, model_folder, read_model_card
 
 
 def _report(line: str) -> None:
     console(stderr=True).print(f"{line} …", style="dim")
 
 
-def fit(data: Path, out: Path, seed: int = 0) -> None:
-    """Fit the models on the train matches and compile the game; minutes on two cores.
+def fit(data: Path, out: Path, seed: int = 0, refits: int = REFITS) -> None:
+    """Fit the models on the train matches and compile the game; a few minutes, and a few more for each refit.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
         out: model folder to write.
         seed: of all random numbers; the same seed gives the same weights.
+        refits: number of refits on resampled matches, which show how sure a figure is; they are the variants OUT:1, OUT:2, …
     """
     from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
 
-    card = make_model(data, out, seed=seed, report=_report)
-    health = card["health"]
+    card = make_model(data, out, seed=seed, refits=refits, report=_report)
+    warnings = card["health"]["warnings"]
     console().print(
         f"{printable(str(out))}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
-        f"game {card['game_hash'][:16]}, {'healthy' if health['healthy'] else 'NOT healthy, see the card'}"
+        f"game {card['game_hash'][:16]}, variants {', '.join(card['variants'])}"
     )
+    for warning in warnings:
+        console().print(printable(f"warning: {warning}"))
 
 
 def evaluate(
@@ -76,6 +79,7 @@ def card(
     model: str = "default",
     json: bool = False,
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    truth: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
     """Print the card of a model.
 
@@ -83,13 +87,31 @@ def card(
         model: a shipped model or a model folder.
         json: as JSON instead of Markdown.
         plot: draw the reliability diagrams into this PNG file as well.
+        truth: first keep in the card what `python -m experiments.truth --json` printed into this file.
     """
-    from shuttle_marl.dynamics.card import as_markdown, plot_reliability  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
+    if truth is not None:
+        add_truth(model_folder(model), _measured(truth))
     content = read_model_card(model_folder(model))
     sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
     if plot is not None:
         plot_reliability(content, plot)
+
+
+def _measured(path: Path) -> dict[str, Any]:
+    """A JSON object from a file.
+
+    Raises:
+        ShuttleError: there is none.
+    """
+    try:
+        found = json_format.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ShuttleError(f"{path}: no readable JSON ({error})") from error
+    if not isinstance(found, dict):
+        raise ShuttleError(f"{path}: expected a JSON object")
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:

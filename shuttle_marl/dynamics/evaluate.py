@@ -4,7 +4,8 @@ The baseline of the scores is gradient-boosted trees on the same rows and the sa
 
 A model of badminton that predicts well can still be a bad game: one exploitable corner of the tables, and perfect play is
 a stall or a single killing stroke. So every fit is solved: perfect play, the best response to the behaviour-cloned player, and
-how both play, exactly, are part of its model card.
+how both play, exactly, are part of its model card, with warnings where a figure leaves its limits. No fit is chosen by them:
+what should win in the game would then say what the game is.
 """
 
 from collections.abc import Callable
@@ -282,32 +283,64 @@ def play_statistics(policy: StatePolicy) -> dict[str, Any]:
     }
 
 
-def health(bc: StatePolicy) -> dict[str, Any]:
-    """The figures that say whether the solved game is healthy.
+LIMITS: Final[dict[str, tuple[float, float]]] = {
+    "largest_shot_share": (0.0, 0.45),
+    "shot_types_above_2_percent": (6, N_SHOTS),
+    "minimax_mean_rally": (5.0, 20.0),
+    "largest_continuation": (0.0, 0.997),
+    "minimax_thin": (0.0, 0.25),
+    "best_response_thin": (0.0, 0.25),
+}
+"""Least and greatest of the figures of :func:`health` that leave no warning."""
+THIN: Final = 5.0
+"""A stroke with fewer real ones than this in its innermost cell of data is thinly supported."""
+
+
+def health(bc: StatePolicy, strokes: Floats) -> dict[str, Any]:
+    """The figures that say whether the solved game looks like badminton, and which of them leave their limits.
 
     Args:
         bc: the behaviour-cloned average player, on the tables that are checked.
+        strokes: ``[E]`` real strokes in the innermost cell of each edge.
+
+    Returns:
+        The figures; ``thin``: the share of the strokes of BC, of the best response to it and of minimax that are thinly
+        supported; ``warnings``: one line for each figure outside of :data:`LIMITS`.
     """
-    solution = solve(bc.game)
+    solution, response = solve(bc.game), best_response(bc)
     perfect = play_statistics(solution.policy[0])
     shots = list(perfect["shot_mix"].values())
+    profiles = {"bc": (bc, bc), "best_response": (response.policy, bc), "minimax": solution.policy}
+    thin = strokes[bc.game.base_pair_edge] < THIN
+    shares = {}
+    for name, (policy, opponent) in profiles.items():
+        played = visits(policy, opponent).base_pairs(0).sum(axis=0)
+        shares[name] = float(played[thin].sum() / played.sum())
     figures = {
         "minimax": perfect,
         "value_at_serve": solution.value_at_serve,
         "largest_shot_share": max(shots),
         "shot_types_above_2_percent": sum(share > 0.02 for share in shots),
         "largest_continuation": largest_continuation(bc.game),
-        "best_response_to_bc_wins": best_response(bc).value.odds().rally,
+        "best_response_to_bc_wins": response.value.odds().rally,
         "bc": play_statistics(bc),
+        "thin": shares,
     }
-    figures["healthy"] = bool(
-        figures["largest_shot_share"] <= 0.45
-        and figures["shot_types_above_2_percent"] >= 6
-        and 5 <= perfect["mean_rally"] <= 20
-        and figures["largest_continuation"] <= 0.997
-        and figures["best_response_to_bc_wins"] >= 0.70
-    )
-    return figures
+    return {**figures, "warnings": _warnings(figures)}
+
+
+def _warnings(figures: dict[str, Any]) -> list[str]:
+    limited = {
+        **figures,
+        "minimax_mean_rally": figures["minimax"]["mean_rally"],
+        "minimax_thin": figures["thin"]["minimax"],
+        "best_response_thin": figures["thin"]["best_response"],
+    }
+    return [
+        f"{name.replace('_', ' ')}: {limited[name]:.4g}, expected {low:g} to {high:g}"
+        for name, (low, high) in LIMITS.items()
+        if not low <= limited[name] <= high
+    ]
 
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:

@@ -11,7 +11,16 @@ from scipy.optimize import minimize
 
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
-from shuttle_marl.dynamics.compiled import Support, catalogue_of, empty_game, replies_of, support_of
+from shuttle_marl.dynamics.compiled import (
+    PairProbabilities,
+    Support,
+    catalogue_of,
+    compile_game,
+    empty_game,
+    pair_probabilities,
+    replies_of,
+    support_of,
+)
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import (
@@ -57,13 +66,25 @@ class Fit:
         models: the models.
         game: the layout of the game; thresholds not filled in.
         support: what the data carries, for every edge of the game.
+        profiles: the same of each discipline's strokes alone.
         chosen: calibration and offsets, and what was chosen on the validation matches and how it scored.
     """
 
     models: FittedModels
     game: Game
     support: Support
+    profiles: tuple[Support, ...]
     chosen: dict[str, Any]
+
+    def profile(self, discipline: int) -> "Fit":
+        """The same models as those of one discipline (index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`)."""
+        models = self.models.of_discipline(discipline)
+        return dataclasses.replace(self, models=models, support=self.profiles[discipline])
+
+    def compiled(self) -> tuple[Game, PairProbabilities]:
+        """The game of the models, and the probabilities that it was rounded from."""
+        probabilities = pair_probabilities(self.models, self.game, self.support)
+        return compile_game(self.game, probabilities), probabilities
 
 
 def fit(
@@ -155,8 +176,11 @@ def fit(
 
     report("catalogue, legality, support")
     game = layout or layout_of(train)
-    support = support_of(known, intended_targets(target, success, known), game)
-    return Fit(models=models, game=game, support=support, chosen=chosen)
+    intended = intended_targets(target, success, known)
+    support = support_of(known, intended, game)
+    alone = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
+    of_disciplines = tuple(support_of(known.take(which), intended[which], game) if which.any() else support for which in alone)
+    return Fit(models=models, game=game, support=support, profiles=of_disciplines, chosen=chosen)
 
 
 def layout_of(rows: Rows) -> Game:

@@ -1,7 +1,7 @@
 """From a stroke table to a model folder, and back to its scores."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,12 +27,15 @@ from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
+from shuttle_marl.dynamics.network import TrainingConfig
+from shuttle_marl.dynamics.players import PlayerChoices
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import BC, GAME, SUPPORT, read_model, read_model_card
+from shuttle_marl.game.shipped import BC, GAME, PROFILES, REFITS, SUPPORT, VARIANTS, read_model, read_model_card
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.variants import packed
 from shuttle_marl.tensor_files import checked
 
 _RULE: Final = (
@@ -56,13 +59,23 @@ def rows_of(rows: Rows, split: Split) -> Rows:
     return chosen
 
 
-def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
+def make_model(
+    data: Path,
+    out: Path,
+    *,
+    seed: int,
+    refits: int = REFITS,
+    config: TrainingConfig | None = None,
+    report: Callable[[str], None],
+) -> dict[str, Any]:
     """Fit, compile, check and write a model folder.
 
     Args:
         data: folder of the download, or a Parquet file.
         out: folder to write.
         seed: of all random numbers.
+        refits: number of fits on resampled matches, whose games become variants.
+        config: of the networks.
         report: called with a line before each stage.
 
     Returns:
@@ -72,24 +85,21 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
     strokes = load_strokes(data)
     rows = rows_from_strokes(strokes)
     train, validation = rows_of(rows, "train"), rows_of(rows, "validation")
-    fitted = fit(train, validation, seed=seed, report=report)
+    fitted = fit(train, validation, seed=seed, config=config, report=report)
     report("compiling the game")
-    probabilities = pair_probabilities(fitted.models, fitted.game, fitted.support)
-    game = compile_game(fitted.game, probabilities)
+    game, probabilities = fitted.compiled()
     log_choice = pair_log_choices(fitted.models, game)
+    report("compiling the games of men's and women's singles")
+    profiles = {name: fitted.profile(discipline) for discipline, name in enumerate(PROFILES)}
+    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
+    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
     report("solving the game")
     weight = np.tile(np.exp(log_choice.astype(np.float64)), game.n_blocks)
-    solved = health(PairPolicy(game=game, probability=game.normalized(weight)))
+    solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
     fitted.models.save(out)
     save_support(out, fitted.support)
     game.save(out / GAME)
-    choices = fitted.models.choices
-    clones: dict[str, npt.NDArray[Any]] = {
-        "log_choice": log_choice,
-        "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
-        "area": choices.area,
-    }
-    replace_file(out / BC, save(clones, metadata={"players": json.dumps(choices.players)}))
+    save_clones(out, fitted.models.choices, log_choice, of_profiles)
     scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
@@ -107,9 +117,11 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
             "strokes": game.n_strokes,
             "states": game.n_states,
             "legal_pairs": game.n_pairs,
+            "efforts": game.levels,
             "clipped": float(probabilities.clipped.mean()),
+            "share": dict(zip(PROFILES, fitted.models.share.tolist(), strict=True)),
         },
-        "players": list(choices.players),
+        "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "validation": scores,
         "health": solved,
@@ -117,8 +129,60 @@ def make_model(data: Path, out: Path, *, seed: int, report: Callable[[str], None
         "extremes": extremes(game, fitted.support),
         "citations": ["arXiv:2306.04948 (ShuttleSet)", "arXiv:2306.15664 (ShuttleSet22)"],
     }
-    write_card(out, card)
+    save_variants(out, game, variants, card)
+    for number in range(1, refits + 1):
+        told = _behind(f"refit {number} of {refits}: ", report)
+        refit = fit(resampled(train, [seed, number]), None, seed=seed + 1000 * number, config=config, layout=game, report=told)
+        told("compiling")
+        variants[str(number)] = refit.compiled()[0]
+        # After each one, so that what is there is whole if the command is interrupted.
+        save_variants(out, game, variants, card)
     return read_model_card(out)
+
+
+def _behind(words: str, report: Callable[[str], None]) -> Callable[[str], None]:
+    return lambda line: report(words + line)
+
+
+def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
+    """As many matches of each discipline as there are, drawn with replacement: a resample of the bootstrap.
+
+    A match that was drawn twice keeps its one number, so networks that leave it out leave out both copies.
+    """
+    rng = np.random.default_rng(seed)
+    matches, first = np.unique(rows.match, return_index=True)
+    discipline = rows.codes["discipline"][first]
+    drawn = [rng.choice(matches[discipline == kind], (discipline == kind).sum()) for kind in np.unique(discipline)]
+    return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(drawn))]))
+
+
+def save_clones(
+    folder: Path,
+    choices: PlayerChoices,
+    log_choice: npt.NDArray[np.float32],
+    profiles: Mapping[str, npt.NDArray[np.float32]],
+) -> None:
+    """Write the behaviour-cloned players of a model.
+
+    Args:
+        folder: of the model.
+        choices: shifts of single players.
+        log_choice: ``[base pairs]`` of the average player.
+        profiles: the same of the average player of each discipline.
+    """
+    clones: dict[str, npt.NDArray[Any]] = {
+        "log_choice": log_choice,
+        **{f"log_choice.{name}": values.astype(np.float16) for name, values in profiles.items()},
+        "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
+        "area": choices.area,
+    }
+    replace_file(folder / BC, save(clones, metadata={"players": json.dumps(choices.players)}))
+
+
+def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
+    """Write the variants of a model, and its card with them."""
+    replace_file(folder / VARIANTS, packed(game, variants))
+    write_card(folder, {**card, "variants": list(variants)})
 
 
 def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:

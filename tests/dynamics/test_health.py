@@ -9,6 +9,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from shuttle_marl.dynamics.evaluate import health, play_statistics
+from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import FAULT, ROOT, Game, strike
@@ -48,15 +49,30 @@ def flat(figures: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 def test_the_figures_of_the_model_card_are_those_of_the_solvers() -> None:
     """Plain value iteration made them, when the model was fitted; the probabilities of BC are not rounded there."""
     game = default_game()
-    log_choice = load_file(model_folder() / BC)["log_choice"].astype(np.float64)
-    chosen = np.exp(log_choice) / np.bincount(game.pair_state, np.exp(log_choice), game.n_states)[game.pair_state]
+    weight = np.tile(np.exp(load_file(model_folder() / BC)["log_choice"].astype(np.float64)), game.n_blocks)
     card = json.loads((model_folder() / "card.json").read_text(encoding="utf-8"))
-    found, expected = dict(flat(health(PairPolicy(game=game, probability=chosen)))), dict(flat(card["health"]))
-    assert found == pytest.approx(expected, abs=2e-9)
-    assert {key for key, value in found.items() if value != expected[key]} <= {
-        k for k, v in found.items() if isinstance(v, float)
-    }
-    assert found["healthy"] is True
+    strokes = load_support(model_folder()).strokes
+    found = dict(flat(health(PairPolicy(game=game, probability=game.normalized(weight)), strokes)))
+    expected = dict(flat(card["health"]))
+    numbers = {key for key, value in found.items() if isinstance(value, float)}
+    assert {key: found[key] for key in numbers} == pytest.approx({key: expected[key] for key in numbers}, abs=2e-9)
+    assert {key: found[key] for key in found.keys() - numbers} == {key: expected[key] for key in expected.keys() - numbers}
+
+
+def test_a_figure_outside_of_its_limits_is_a_warning() -> None:
+    """Hardly a stroke of the small game is real, and it has three shot types for the rally."""
+    game = small()
+    policy = PairPolicy(game=game, probability=game.normalized(np.ones(game.n_pairs)))
+    thin = health(policy, np.zeros(len(game.edge_own)))
+    assert thin["thin"] == {"bc": 1.0, "best_response": 1.0, "minimax": 1.0}
+    assert [warning.partition(":")[0] for warning in thin["warnings"] if "thin" in warning] == [
+        "minimax thin",
+        "best response thin",
+    ]
+    supported = health(policy, np.full(len(game.edge_own), 5.0))
+    assert supported["thin"] == {"bc": 0.0, "best_response": 0.0, "minimax": 0.0}
+    assert "shot types above 2 percent: 3, expected 6 to 13" in supported["warnings"]
+    assert not any("wins" in warning for warning in supported["warnings"]), "what wins is no matter of health"
 
 
 def test_minimax_of_a_game_solved_by_hand() -> None:
