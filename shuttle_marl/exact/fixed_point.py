@@ -172,20 +172,24 @@ def solve_linear(
     norm: Callable[[Floats], float],
     bound: Callable[[float, Floats], float],
     tolerance: float,
+    guess: Floats | None = None,
 ) -> tuple[Floats, float, float]:
     """Solve x = T x = constant + linear(x) for an affine contraction T.
 
     Args:
-        constant: ``[S]``, also the first guess.
+        constant: ``[S]``.
         linear: the linear part.
         norm: of a residual, in which T contracts.
         bound: error bound of T x from the norm of T x - x, and from T x.
         tolerance: largest error bound that is good enough.
+        guess: ``[S]`` nearly the solution; None: it is looked for.
 
     Returns:
         ``[S]`` z = T x, the norm of z - x, and the error bound of z.
     """
-    x = accelerated(linear, constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
+    x = guess
+    if x is None:
+        x = accelerated(linear, constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
     while True:
         z = constant + linear(x)
         residual = norm(z - x)

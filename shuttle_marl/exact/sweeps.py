@@ -229,6 +229,20 @@ def mean_following(game: Game, weights: Sequence[Floats], following: Floats) -> 
     return out
 
 
+def block_mean(game: Game, weight: Floats, plain: Floats, after_attack: Floats) -> Floats:
+    """``[base states]`` what follows the states of one block on average.
+
+    Args:
+        game: the layout.
+        weight: ``[2 base pairs]`` of the block, as for :func:`mean_following`.
+        plain, after_attack: ``[base states]`` values of the block that follows a stroke that is no attack, and an attack.
+    """
+    out, room = np.empty(game.n_base_states), np.empty(2 * len(game.reply_edge))
+    _arrange(plain, after_attack, game.reply_edge, game.edge_attack, room)
+    _mean(weight, game.base_pair_start, game.first_reply, room, out)
+    return out
+
+
 def propagate(game: Game, weights: Sequence[Floats], visits: Floats) -> Floats:
     """``[S]`` how often each state follows ``[S]`` visits: the transpose of :func:`mean_following`."""
     out, room = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
