@@ -139,12 +139,13 @@ def scorecards(cards: Sequence["Scorecard"]) -> Table:
     """The figures of policies, one a row."""
     table = Table(title="Against bc, its best response, and perfect play", title_justify="left", header_style="bold")
     table.add_column("policy", no_wrap=True)
-    for heading in ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally"):
+    for heading in ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"):
         table.add_column(heading, justify="right")
     for card in cards:
         rally, match = (_with_interval(*pair) for pair in _win_probabilities(card))
         figures = (card.normalised_score, card.exploitability, card.regret_per_rally)
-        table.add_row(_name(card.policy), rally, match, *map(_number, figures), f"{card.rally_length_vs_bc:.2f}")
+        thin = "-" if card.thin_vs_bc is None else percent(card.thin_vs_bc)
+        table.add_row(_name(card.policy), rally, match, *map(_number, figures), f"{card.rally_length_vs_bc:.2f}", thin)
     return table
 
 

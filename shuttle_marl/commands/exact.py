@@ -153,7 +153,8 @@ def evaluate(
     best = scorer.reference_response.value.odds()
     console.print(
         f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
-        "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play."
+        "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play. "
+        "thin: share of its strokes that the data hardly know, with fewer than five real ones behind them."
     )
     _print_away([(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away)
     exact = [card.error_bound for card in cards if card.error_bound is not None]

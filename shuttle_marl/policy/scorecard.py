@@ -35,6 +35,8 @@ HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
 """Figures of a scorecard that are computed away from home too."""
 FEW_STROKES: Final = 5
 """A stroke with fewer real ones behind it is not known from the data."""
+_AWAY: Final = 1e-6
+"""Error bound of values away from home, far below what refits differ by."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[int, Matches, PlayedMatches], None]
 """``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
@@ -71,7 +73,7 @@ class Scorecard:
         thin_vs_bc: share of the policy's strokes there with fewer than :data:`FEW_STROKES` real ones behind them
             (:func:`shuttle_marl.game.shipped.real_strokes`); None where the model does not say.
         away: the figures :data:`HEADLINES` in the refits of the game, the policy and ``bc`` as they are tabulated at home, the
-            best response knowing the refit; None where there are no refits.
+            best response knowing the refit; None where there are no refits. Their values are within 1e-6.
         error_bound: every exact figure but the probability of a match is within this of the true one.
         match_error_bound: the probability of a match is within this.
         matches: matches played out; None for exact figures.
@@ -211,8 +213,9 @@ class Scorer:
     def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
         """The figures :data:`HEADLINES` of a policy in a refit."""
         there = moved(policy, refit)
-        odds = evaluate(there, moved(self.reference, refit), tolerance=self.tolerance).odds()
-        gain = best_response(there, tolerance=self.tolerance).value.odds().value
+        tolerance = max(self.tolerance, _AWAY)
+        odds = evaluate(there, moved(self.reference, refit), tolerance=tolerance).odds()
+        gain = best_response(there, tolerance=tolerance).value.odds().value
         return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
