@@ -12,6 +12,7 @@ The target of a fault is not known, so of faults the shot type and technique cou
 """
 
 import dataclasses
+import functools
 import json as json_format
 import math
 import sys
@@ -31,6 +32,7 @@ from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import PairPolicy, solve_soft
+from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game import load_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of
@@ -90,15 +92,25 @@ def answers(game: Game, strokes: Strokes) -> Answers:
     return Answers(strokes=strokes, row=row[alike], pair=pair[alike]).of(found)
 
 
-def curve(game: Game, real: Answers, scorer: Scorer, console: Console) -> list[dict[str, Any]]:
+def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
     """Strength and likeness of ``human:TAU`` for every TAU, None for infinity: ``bc``."""
     prior = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    scorer, refits = Scorer(game), refits_of(game)
     found = []
     for tau in track([*TAUS, math.inf], "strength and likeness", console=console, transient=True):
         policy = prior if tau == math.inf else solve_soft(prior, tau=tau, tolerance=_TOLERANCE).policy[0]
-        card = scorer.score_table(from_pair_probabilities(game, policy.pair_probabilities()), f"human:{tau}").as_json()
+        table = from_pair_probabilities(game, policy.pair_probabilities())
+        home = scorer.score_table(table, f"human:{tau}").home
+        away = over(refits, functools.partial(of_pair, table, scorer.reference)) if refits else None
         likeness = ratio_by_match(real.losses(policy.probability), np.ones(len(real.strokes)), real.strokes.rows.match)
-        found.append({"tau": _finite(tau), "cross_entropy": likeness, "home": card["home"], "away": card["away"]})
+        found.append(
+            {
+                "tau": _finite(tau),
+                "cross_entropy": likeness,
+                "home": home,
+                "away": away and {"rally_win_vs_bc": away["rally_win"].as_json()},
+            }
+        )
     return found
 
 
@@ -238,7 +250,7 @@ def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
         "matches": len(strokes.matches),
         "strokes": len(strokes),
         "known": len(real.strokes),
-        "curve": curve(game, real, Scorer(game, refits=refits_of(game)), console),
+        "curve": curve(game, real, console),
         "players": fitted_players(game, real, console),
     }
 
