@@ -1,6 +1,7 @@
 """The measures of truth, on simulated matches whose truth is known."""
 
 import json
+import types
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,16 +9,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from experiments.truth.__main__ import compare, main
+from experiments.truth import worlds
+from experiments.truth.__main__ import _by_discipline, compare, main
 from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.likeness import divergence, rally_length, two_sample_auc
 from experiments.truth.matches import Strokes, folds_of, ratio_by_match, states_of, strokes_of
 from experiments.truth.transfer import transfer
-from experiments.truth.worlds import World, shipped_world
+from experiments.truth.worlds import Fitter, World, shipped_world
+from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording.simulate import simulate
 
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 ATTACKS = (SHOTS.index("smash"), SHOTS.index("half-smash"))
 
 
@@ -173,3 +179,45 @@ def test_the_command_asks_for_matches(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "either --split NAME or --cross NUMBER" in capsys.readouterr().err
     assert main(["--data", str(tmp_path), "--cross", "1"]) == 1
     assert "expected 2 or more" in capsys.readouterr().err
+
+
+def test_matches_are_split_by_discipline_for_their_profiles(strokes: Strokes) -> None:
+    both = strokes_of(load_strokes(SAMPLE))
+    assert [part for part, _ in _by_discipline(both, profiles=False)] == [None]
+    parts = _by_discipline(both, profiles=True)
+    assert [discipline for discipline, _ in parts] == [0, 1]
+    assert sum(len(part) for _, part in parts) == len(both)
+    for discipline, part in parts:
+        assert (part.rows.codes["discipline"] == discipline).all()
+        assert (part.number[part.last] >= part.number).all()
+
+
+def test_the_games_of_both_disciplines_come_from_one_fit(
+    world: World, strokes: Strokes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    class Fitted:
+        """A fit whose profiles are of the same game, with other average players."""
+
+        def __init__(self, models: float) -> None:
+            self.models, self.support = models, types.SimpleNamespace(strokes=np.full(3, models))
+
+        def profile(self, discipline: int) -> "Fitted":
+            return Fitted(2.0 + discipline)
+
+        def compiled(self) -> tuple[Game, None]:
+            return world.game, None
+
+    def fit(rows: Rows, validation: None, *, seed: int, layout: object, report: object) -> Fitted:
+        asked.append(len(rows))
+        return Fitted(1.0)
+
+    monkeypatch.setattr(worlds, "fit", fit)
+    monkeypatch.setattr(worlds, "layout_of", lambda rows: None)
+    monkeypatch.setattr(worlds, "pair_log_choices", lambda models, game: np.full(game.n_base_pairs, models))
+    fitter = Fitter(strokes, tmp_path, seed=0, report=lambda line: None)
+    found = [fitter.fit(strokes.matches[:3], discipline=discipline) for discipline in (None, 0, 1, None)]
+    assert [float(one.behind[0]) for one in found] == [1.0, 2.0, 3.0, 1.0]
+    assert len(asked) == 1
+    assert all(one.game.hash == world.game.hash for one in found)
