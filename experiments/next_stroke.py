@@ -2,8 +2,9 @@
 
     python -m experiments.next_stroke --data DATA [--split validation] [--out FILE] [--json]
 
-Three predict it. The **imitator** knows what can be seen at the moment of the hit: positions, tempo, the four strokes before,
-the players. It is fitted here, on the train matches. The game's players know its state only: the **average** clone (``bc``) and
+Four predict it. The **imitator** knows what can be seen at the moment of the hit: positions, tempo, the four strokes before,
+the players. It is fitted here, on the train matches. **Imitator, match watched** is the same, corrected by the strokes of the
+match that were struck before: matches differ in their annotators and in the players' day. The game's players know its state only: the **average** clone (``bc``) and
 each player's **own clone** (``bc:<player>``). Both read two strokes and the contact height.
 
 The rows: all strokes, as in the paper; strokes of the rally alone, because serves are easily told; and these without the contact
@@ -32,6 +33,7 @@ from rich.table import Table
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
+from shuttle_marl.dynamics.adapting import adapted
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
@@ -98,7 +100,7 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[s
     Args:
         imitator: fitted on other matches.
         models: of the game.
-        strokes: to score on, whole rallies.
+        strokes: to score on, whole matches in playing order.
 
     Returns:
         ``rows``: by strokes scored, then by predictor, scores as of
@@ -106,13 +108,16 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[s
         strokes, with ``own_model``.
     """
     rows = rows_from_strokes(strokes)
+    with_height, unaided = imitator.predict(strokes), imitator.predict(strokes, height_known=False)
     seen: dict[str, Prediction] = {
-        "imitator": _of_joint(imitator.predict(strokes), rows),
+        "imitator, match watched": _of_joint(adapted(with_height, strokes), rows),
+        "imitator": _of_joint(with_height, rows),
         "own clone": next_stroke_probabilities(models, rows),
         "average clone": next_stroke_probabilities(models, rows, own=False),
     }
     hidden: dict[str, Prediction] = {
-        "imitator": _of_joint(imitator.predict(strokes, height_known=False), rows),
+        "imitator, match watched": _of_joint(adapted(unaided, strokes, height_known=False), rows),
+        "imitator": _of_joint(unaided, rows),
         "own clone": without_height(models, rows),
         "average clone": without_height(models, rows, own=False),
     }

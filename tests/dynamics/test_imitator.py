@@ -10,11 +10,13 @@ import pytest
 from experiments import next_stroke
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES, Outcome
+from shuttle_marl.dynamics.adapting import adapted
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.imitator import Imitator, ImitatorConfig
 from shuttle_marl.dynamics.moments import CODES, moments_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
+from shuttle_marl.game.stroke import SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SMALL = ImitatorConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2)
@@ -62,6 +64,32 @@ def test_nothing_after_the_hit_changes_a_prediction(strokes: pa.Table, imitator:
     # The same for what no network of this fit happens to use.
     np.testing.assert_array_equal(moments_of(changed).codes[: row + 1], moments_of(strokes).codes[: row + 1])
     np.testing.assert_array_equal(moments_of(changed).numbers[: row + 1], moments_of(strokes).numbers[: row + 1])
+
+
+@pytest.mark.parametrize("row", [0, 5, 900])
+def test_nothing_after_the_hit_changes_a_corrected_prediction(strokes: pa.Table, imitator: Imitator, row: int) -> None:
+    changed = changed_after(strokes, row)
+    before, after = (adapted(imitator.predict(table), table)[: row + 1] for table in (strokes, changed))
+    np.testing.assert_allclose(after, before, atol=1e-12)
+
+
+def test_a_match_corrects_what_it_contradicts(strokes: pa.Table) -> None:
+    """Half of the pushes of a match are called drives in it: what was predicted as a push is soon thought to be either."""
+    match = strokes.filter(pa.compute.equal(strokes["match"], strokes["match"][0]))
+    shot, area = np.array(match["shot"]), np.array(match["area"])
+    told = np.full((len(match), 13, 9), 1e-6)
+    told[np.arange(len(match)), shot, area] = 1
+    told /= told.sum(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(adapted(told, match), told, atol=1e-3, err_msg="what comes true is left alone")
+    push, drive = SHOTS.index("push"), SHOTS.index("drive")
+    told[:, drive] += 0.05 * told[:, push]
+    told /= told.sum(axis=(1, 2), keepdims=True)
+    renamed = np.where((shot == push) & (np.cumsum(shot == push) % 2 == 0), drive, shot)
+    called = match.set_column(match.schema.get_field_index("shot"), STROKES.field("shot"), pa.array(renamed, pa.int8()))
+    corrected = adapted(told, called).sum(axis=2)
+    np.testing.assert_allclose(corrected.sum(axis=1), 1)
+    late = np.flatnonzero(shot == push)[-5:]
+    assert told.sum(axis=2)[late, drive].max() < 0.05 < 0.1 < corrected[late, drive].min()
 
 
 def test_what_came_before_changes_a_prediction(strokes: pa.Table, imitator: Imitator) -> None:
@@ -161,7 +189,7 @@ def test_table_of_the_next_stroke(strokes: pa.Table, imitator: Imitator) -> None
     result = json.loads(json.dumps(next_stroke.table(imitator, FittedModels.load(model_folder()), part)))
     assert list(result["rows"]) == ["all strokes", "rally strokes", "rally strokes, contact height not known"]
     for group in result["rows"].values():
-        assert list(group) == ["imitator", "own clone", "average clone"]
+        assert list(group) == ["imitator, match watched", "imitator", "own clone", "average clone"]
         for scores in group.values():
             for key in next_stroke.COLUMNS:
                 assert len(scores[key]) == 4
@@ -170,5 +198,5 @@ def test_table_of_the_next_stroke(strokes: pa.Table, imitator: Imitator) -> None
     assert result["rows"]["all strokes"]["imitator"]["rows"] == len(part) > alone["rows"] == hidden["rows"]
     assert hidden["shot_type_cross_entropy"] > alone["shot_type_cross_entropy"], "the height tells something"
     lines = next_stroke.table_rows({**result, "paper": next_stroke.PAPER})
-    assert len(lines) == 9 + 2 * len(result["players"]) + 2
+    assert len(lines) == 12 + 2 * len(result["players"]) + 2
     assert {len(line) for line in lines} == {len(next_stroke.HEADINGS)}

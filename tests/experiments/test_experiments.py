@@ -57,6 +57,7 @@ def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert every["imitator"]["shot_type"][0] >= 0.52
     assert every["imitator"]["area"][0] >= 0.36
     for group in result["rows"].values():
+        assert group["imitator, match watched"]["cross_entropy"] < group["imitator"]["cross_entropy"]
         assert group["imitator"]["cross_entropy"] < group["own clone"]["cross_entropy"]
         assert group["own clone"]["cross_entropy"] < group["average clone"]["cross_entropy"]
     for scores in [*every.values(), *(player["imitator"] for player in result["players"].values())]:
