@@ -4,8 +4,9 @@
 
 Four predict it. The **imitator** knows what can be seen at the moment of the hit: positions, tempo, the four strokes before,
 the players. It is fitted here, on the train matches. **Imitator, match watched** is the same, corrected by the strokes of the
-match that were struck before: matches differ in their annotators and in the players' day. The game's players know its state only: the **average** clone (``bc``) and
-each player's **own clone** (``bc:<player>``). Both read two strokes and the contact height.
+match that were struck before: matches differ in their annotators, and in the players' day. The game's players know its state
+only: the **average clone** (``bc``) and each player's **own clone** (``bc:<player>``). Both read two strokes and the contact
+height.
 
 The rows: all strokes, as in the paper; strokes of the rally alone, because serves are easily told; and these without the contact
 height, which tells much of the shot type. Without it the clones are averaged over the heights that the game expects.
@@ -164,10 +165,10 @@ def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Pre
     return shot, area, given / given.sum(axis=1, keepdims=True)
 
 
-def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the table by row, columns as in :data:`HEADINGS`."""
+def table_rows(result: dict[str, Any], players: int | None = None) -> list[tuple[str, ...]]:
+    """Cells of the table by row, columns as in :data:`HEADINGS`; of so many players, by default of all."""
     lines = [(name, by, scores) for name, group in result["rows"].items() for by, scores in group.items()]
-    for name, group in result["players"].items():
+    for name, group in list(result["players"].items())[:players]:
         clone = "own clone" if group["own_model"] else "average clone"
         lines += [(name, "imitator", group["imitator"]), (name, clone, group["own clone"])]
     return [

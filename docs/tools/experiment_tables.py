@@ -47,7 +47,9 @@ def style_figures() -> str:
 def next_strokes() -> str:
     """Next strokes predicted right, by the imitator and by the game's clones, beside the paper's figures."""
     result = saved("experiments", "next_stroke")
-    table = markdown(next_stroke.HEADINGS, next_stroke.table_rows(result), left=next_stroke.HEADINGS[:2])
+    table = markdown(
+        next_stroke.HEADINGS, next_stroke.table_rows(result, next_stroke.LEAST_PLAYERS), left=next_stroke.HEADINGS[:2]
+    )
     fit = result["fit"]
     fitted = f"fitted on {fit['strokes']:,} strokes of {fit['matches']} train matches in {fit['seconds']} s"
     return f"{table}\n\nThe {result['split']} matches; the imitator {fitted}. {_made_by(result)}."
