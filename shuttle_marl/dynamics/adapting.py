@@ -46,8 +46,8 @@ def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True
         height = np.zeros_like(height)
     shot = strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64)
     area = strokes["area"].fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
-    # A fault does not say where it was aimed.
-    area = np.where(strokes["outcome"].to_numpy(zero_copy_only=False) == Outcome.FAULT, -1, area)
+    # A fault does not say where it was aimed, and a winner came down where no one met it.
+    area = np.where(strokes["outcome"].to_numpy(zero_copy_only=False) == Outcome.RETURNED, area, -1)
     of_type = np.maximum(probability.sum(axis=2), 1e-12)
     types = _corrected(
         of_type[:, None],

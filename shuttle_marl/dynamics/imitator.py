@@ -28,6 +28,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.fitted import ModelError
 from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, Moments, moments_of
 from shuttle_marl.errors import ShuttleError
@@ -66,7 +67,7 @@ class ImitatorConfig:
         hide_player: share of strokes whose striker is hidden during the fit, and share of those whose receiver is.
     """
 
-    members: int = 4
+    members: int = 6
     epochs: int = 8
     batch: int = 1024
     learning_rate: float = 0.012
@@ -151,7 +152,8 @@ class Imitator:
     ) -> "Imitator":
         """Fit an imitator; about a minute on two cores for 50,000 strokes.
 
-        The area of a fault does not say where it was aimed, so faults teach the shot type alone.
+        The area of a fault does not say where it was aimed, so faults teach the shot type alone. That of a winner is the one in
+        which a receiver would have met it (:mod:`shuttle_marl.dynamics.landings`).
 
         Args:
             strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`.
@@ -176,9 +178,9 @@ class Imitator:
             members=nn.ModuleList(),
         )
         numbers, columns = imitator._inputs(moments)
-        shot = torch.from_numpy(strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64))
-        area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
-        area = torch.from_numpy(np.where(strokes["outcome"].to_numpy() == Outcome.FAULT, -1, area))
+        rows = rows_from_strokes(strokes)
+        shot = torch.from_numpy(rows.codes["shot"].astype(np.int64))
+        area = torch.from_numpy(np.where(rows.outcome == Outcome.FAULT, -1, rows.codes["area"]).astype(np.int64))
         with torch.random.fork_rng(devices=()):
             torch.manual_seed(seed)
             imitator.members.extend(_network(len(mean), len(imitator.players), config, k) for k in range(config.members))
