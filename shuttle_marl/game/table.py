@@ -170,8 +170,9 @@ class TabulatedPolicy:
         return table
 
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
-        """Write the table as safetensors, with the hash of the game, beside and moved into place."""
-        replace_file(path, save({"cumulative": self.cumulative}, metadata={"game": self.game.hash, **(metadata or {})}))
+        """Write the table as safetensors, with its hash and that of the game, beside and moved into place."""
+        header = {"game": self.game.hash, "hash": self.hash, **(metadata or {})}
+        replace_file(path, save({"cumulative": self.cumulative}, metadata=header))
 
     @classmethod
     def load(cls, path: Path, game: Game) -> "TabulatedPolicy":
@@ -197,7 +198,10 @@ class TabulatedPolicy:
         falls[last[:-1]] = False
         if falls.any():
             raise PolicyError(f"{path}: a cumulative probability falls; the file is damaged, save the policy again")
-        return cls(game=game, cumulative=cumulative)
+        table = cls(game=game, cumulative=cumulative)
+        if header.get("hash") != table.hash:
+            raise PolicyError(f"{path}: the table does not fit its hash; the file is damaged, save the policy again")
+        return table
 
 
 def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolicy:
@@ -210,23 +214,28 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
         return policy
     if reads_score(policy):
         raise PolicyError(f"policy {name!r} reads the score, so it has no table over states; evaluate it by sampling")
-    playable = np.flatnonzero(game.playable).astype(np.int32)
-    p = np.zeros(game.n_pairs)
-    for chunk in np.array_split(playable, max(1, len(playable) // _CHUNK)):
-        rows = checked_probabilities(policy, States(game=game, state=chunk), name)
-        row, pairs = game.pairs(chunk)
-        p[pairs] = rows[row, game.base_pair_stroke[pairs % game.n_base_pairs]]
-    return from_pair_probabilities(game, p)
+    base = np.flatnonzero(game.playable[: game.n_base_states]).astype(np.int32)
+    cumulative = np.empty(game.n_pairs, np.uint16)
+    p = np.zeros(game.n_base_pairs)
+    for block in range(game.n_blocks):
+        for chunk in np.array_split(base, max(1, len(base) // _CHUNK)):
+            rows = checked_probabilities(policy, States(game=game, state=chunk + block * game.n_base_states), name)
+            row, pairs = game.pairs(chunk)
+            p[pairs] = rows[row, game.base_pair_stroke[pairs]]
+        cumulative[game.block_pairs(block)] = _cumulative(game, p)
+    return TabulatedPolicy(game=game, cumulative=cumulative)
 
 
 def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
     """Compile ``[P]`` probabilities (each state sums to 1) to a table; rounds the cumulative probability to 1/65535."""
-    cumulative = np.empty(game.n_pairs, np.uint16)
     # One block after the other: a policy that does not look at the efforts has the same table in all of them.
-    for block in range(game.n_blocks):
-        part = game.block_pairs(block)
-        total = np.r_[0.0, np.cumsum(p[part], dtype=np.float64)]
-        probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
-        probability /= probability[game.base_pair_start[game.base_pair_state + 1] - 1]
-        cumulative[part] = np.rint(probability * CHOICE_ONE)
-    return TabulatedPolicy(game=game, cumulative=cumulative)
+    blocks = [_cumulative(game, p[game.block_pairs(block)]) for block in range(game.n_blocks)]
+    return TabulatedPolicy(game=game, cumulative=np.concatenate(blocks))
+
+
+def _cumulative(game: Game, p: npt.NDArray[np.floating]) -> UInts:
+    """``[base pairs]`` cumulative probabilities of one block of states, in units of 1/65535."""
+    total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
+    probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
+    probability /= probability[game.base_pair_start[game.base_pair_state + 1] - 1]
+    return np.asarray(np.rint(probability * CHOICE_ONE).astype(np.uint16))

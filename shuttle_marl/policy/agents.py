@@ -1,46 +1,58 @@
-"""Trained agents as folders: the network, its table on every state, and a model card. Played from the table, without torch.
+"""Trained agents as folders: the network and a card. Played from the network's table on every state, without PyTorch.
 
-``table.safetensors`` is the policy on one game (its hash is inside), ``network.safetensors`` the weights behind it, and
-``card.json`` says how it was trained, how good it is, and the hashes of all three files.
+``network.safetensors`` holds the weights, and ``card.json`` says on which game the agent was trained, how, how good it is, and
+the hash of the weights. A table is tens of megabytes, so it is made from the network where an agent is first played, and kept in
+the user's cache folder; :mod:`shuttle_marl.policy.network` makes it the same on every machine.
 """
 
+import contextlib
+import functools
 import hashlib
+import logging
+import os
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
+import platformdirs
+
+from shuttle_marl.files import FileReadError, FileWriteError, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import folder_of, model_folder
 from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.policy.network import PolicyNetwork
+from shuttle_marl.tensor_files import read_tensors
 
-TABLE: Final = "table.safetensors"
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
 """First parts of the names of shipped agents."""
 AGENTS: Final = "agents"
 """Folder of the agents in the folder of a model."""
+_EVALUATION: Final = "1"
+"""Version of the way from a network to its table; tables of other versions in the cache are not read."""
+_KEPT: Final = 32
+"""Tables in the cache; those that were not played for the longest time make room for others."""
+_LOG: Final = logging.getLogger(__name__)
 
 
-def save_agent(folder: Path, table: TabulatedPolicy, network: bytes, card: dict[str, Any]) -> None:
-    """Write an agent's folder; the model card last, so that a folder with one is whole.
+def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
+    """Write an agent's folder; the card last, so that a folder with one is whole.
 
     Args:
         folder: made if it is not there.
-        table: the agent on every state.
+        game: that the agent was trained on.
         network: content of ``network.safetensors``.
-        card: fields of the model card; the hashes are added.
+        card: its fields; the hashes are added.
     """
-    table.save(folder / TABLE)
     replace_file(folder / NETWORK, network)
-    hashes = {name: _hash(folder / name) for name in (TABLE, NETWORK)}
-    content = {"game": table.game.hash, "catalogue": table.game.catalogue.version, "sha256": hashes, **card}
+    hashes = {NETWORK: hashlib.sha256(network).hexdigest()}
+    content = {"game": game.hash, "catalogue": game.catalogue.version, "sha256": hashes, **card}
     replace_file(folder / CARD, seal(content))
 
 
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
-    """Read an agent's policy.
+    """An agent's policy on every state: from the cache, or made from its network and kept there.
 
     Raises:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
@@ -52,15 +64,49 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
             f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {game.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
-    hashes = card.get("sha256")
-    for name in (TABLE, NETWORK):  # never a name that the card gives
-        if not isinstance(hashes, dict) or hashes.get(name) != _hash(folder / name):
-            raise PolicyError(f"{folder / name}: does not fit its hash in {CARD}; the file is damaged or was replaced")
-    return TabulatedPolicy.load(folder / TABLE, game)
+    hashes, path = card.get("sha256"), folder / NETWORK  # never a name that the card gives
+    digest = hashes.get(NETWORK) if isinstance(hashes, dict) else None
+    if not isinstance(digest, str):
+        raise PolicyError(f"{path}: {CARD} does not hold its hash; the agent is damaged")
+    try:
+        weights = read_tensors(path, digest).arrays
+    except (OSError, ValueError) as error:
+        raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error
+    kept = _cache_folder() / f"{hashlib.sha256(f'{_EVALUATION} {game.hash} {digest}'.encode()).hexdigest()[:32]}.safetensors"
+    with contextlib.suppress(PolicyError):  # not there, or damaged: made again
+        table = TabulatedPolicy.load(kept, game)
+        with contextlib.suppress(OSError):
+            os.utime(kept)
+        return table
+    table = PolicyNetwork.of_tensors(weights, game).table(game)
+    _keep(table, kept)
+    return table
+
+
+def _cache_folder() -> Path:
+    return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "agents"
+
+
+def _keep(table: TabulatedPolicy, path: Path) -> None:
+    """Keep a table in the cache, if it can be written."""
+    try:
+        table.save(path)
+    except FileWriteError as error:
+        _say_once(f"{error}. Tables of trained agents are made again in every process, which takes seconds")
+        return
+    with contextlib.suppress(OSError):
+        tables = sorted(path.parent.glob("*.safetensors"), key=lambda found: found.stat().st_mtime, reverse=True)
+        for old in tables[_KEPT:]:
+            old.unlink()
+
+
+@functools.cache
+def _say_once(message: str) -> None:
+    _LOG.warning(message)
 
 
 def read_card(folder: Path) -> dict[str, Any]:
-    """The model card of an agent.
+    """The card of an agent.
 
     Raises:
         PolicyError: it is missing or damaged.
@@ -70,14 +116,6 @@ def read_card(folder: Path) -> dict[str, Any]:
     except FileReadError as error:
         reason = f"{CARD}: {error}"
         raise PolicyError(f"{folder}: no trained agent ({reason}); `python -m shuttle_marl.training` writes one") from error
-
-
-def _hash(path: Path) -> str:
-    try:
-        with open_file(path) as file:
-            return hashlib.sha256(file.read()).hexdigest()
-    except (OSError, ValueError) as error:
-        raise PolicyError(f"{path}: cannot be read ({problem(error)}); the agent is not whole") from error
 
 
 def shipped_folder(name: str, model: Path) -> Path:

@@ -17,17 +17,14 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import LONGEST_DUEL, Game
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.learner import DivergedError
 
 IMPOSSIBLE: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
-
-
-_AT_ONCE: Final = 8192
-"""States that a network is asked for at once."""
 
 
 class LegalStrokes(Categorical):
@@ -84,17 +81,9 @@ class StateEncoder(nn.Module):
 
     def __init__(self, game: Game, width: int, hidden: int) -> None:
         super().__init__()
-        catalogue = game.catalogue
-        parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
-        sizes = [int(part.max()) + 1 for part in parts]
-        offsets = np.cumsum([0, *sizes])
-        n = game.n_strokes
-        # Rows of the embedding that describe a stroke: its four attributes and itself. "None yet" is a row of its own.
-        columns = [part.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=False)]
-        rows = np.stack([*columns, offsets[-1] + np.arange(n)], axis=1)
-        none = np.full((1, rows.shape[1]), offsets[-1] + n)
-        self.register_buffer("attributes", torch.from_numpy(np.concatenate([rows, none])), persistent=False)
-        total = int(offsets[-1]) + n + 1
+        rows = attribute_rows(game.catalogue)
+        self.register_buffer("attributes", torch.from_numpy(rows), persistent=False)
+        total = int(rows.max()) + 1
         self.own = nn.Embedding(total, width)
         self.incoming = nn.Embedding(total, width)
         self.contact = nn.Embedding(2, width)
@@ -167,26 +156,21 @@ def logit_network(actor: ProbabilisticActor) -> nn.Module:
     return network
 
 
-@torch.no_grad()
+def weights_of(actor: ProbabilisticActor) -> dict[str, npt.NDArray[np.float32]]:
+    """The weights of an actor by name, as an agent's folder holds them."""
+    return {name: tensor.detach().cpu().numpy().copy() for name, tensor in logit_network(actor).state_dict().items()}
+
+
 def tabulated(actor: ProbabilisticActor, game: Game) -> TabulatedPolicy:
-    """An actor on every state.
+    """An actor on every state, as it is played from its folder.
 
     Raises:
-        DivergedError: a logit is no finite number.
+        DivergedError: the network gives numbers that are not finite.
     """
-    network = logit_network(actor)
-    device = next(network.parameters()).device
-    p = np.empty(game.n_pairs)
-    for first in range(0, game.n_states, _AT_ONCE):
-        states = np.arange(first, min(first + _AT_ONCE, game.n_states))
-        logits = network(torch.from_numpy(game.observation(states)).to(device)).cpu().double()
-        if not bool(torch.isfinite(logits).all()):
-            raise DivergedError("the network gives logits that are no finite numbers")
-        mask = torch.from_numpy(game.mask(states))
-        rows = functional.softmax(torch.where(mask, logits, IMPOSSIBLE), dim=-1).numpy()
-        row, pairs = game.pairs(states)
-        p[pairs] = rows[row, game.base_pair_stroke[pairs % game.n_base_pairs]]
-    return from_pair_probabilities(game, p)
+    try:
+        return PolicyNetwork.of_tensors(weights_of(actor), game).table(game)
+    except PolicyError as error:
+        raise DivergedError(str(error)) from error
 
 
 def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDArray[np.float64], *, steps: int = 600) -> float:

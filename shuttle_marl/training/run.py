@@ -15,7 +15,7 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
-from safetensors.torch import save
+from safetensors.numpy import save
 from tensordict import TensorDictBase
 from torch.utils.tensorboard import SummaryWriter
 
@@ -39,7 +39,7 @@ from shuttle_marl.training.learner import (
     last_checkpoint,
     save_checkpoint,
 )
-from shuttle_marl.training.networks import imitate, logit_network, tabulated
+from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import make_ppo
 from shuttle_marl.training.sac import make_sac
 
@@ -329,7 +329,6 @@ class _Run:
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         policy = tabulated(self.learner.actor, self.game)
         evaluation = self.evaluation or self.evaluator.evaluate(policy)
-        network = {name: tensor.clone() for name, tensor in logit_network(self.learner.actor).state_dict().items()}
         card = {
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),
@@ -339,7 +338,7 @@ class _Run:
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": about["packages"],
         }
-        save_agent(self.folder / AGENT, policy, save(network), card)
+        save_agent(self.folder / AGENT, self.game, save(weights_of(self.learner.actor)), card)
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
         return TrainingRun(folder=self.folder, iterations=self.iteration, evaluation=evaluation, policy=policy)
 

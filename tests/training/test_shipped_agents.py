@@ -1,20 +1,32 @@
-"""The trained agents that come with the package: played from tables, as good as their cards say."""
+"""The trained agents that come with the package: played from tables made of their networks, as good as their cards say."""
 
+import dataclasses
+import logging
+import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
+from safetensors.numpy import load, save
 
+from shuttle_marl import tensor_files
 from shuttle_marl.files import seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import default_pool
-from shuttle_marl.policy import agents, registry
-from shuttle_marl.policy.agents import CARD, NETWORK, TABLE, load_agent, read_card, shipped_folder
+from shuttle_marl.policy import agents, network, registry
+from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
+from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training import Evaluator
+from shuttle_marl.training.networks import logit_network, make_actor, weights_of
+from tests.exact.exact_games import random_game, tiring_game
 
 GAME = default_game()
 SHIPPED = ("a2c", "ppo", "ppo:attacking", "ppo:cautious", "ppo:defensive", "ppo:self-play", "sac")
@@ -43,6 +55,137 @@ def test_self_play_is_hard_to_exploit() -> None:
     assert exploitability["ppo:self-play"] < exploitability["bc"] / 3
 
 
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache folder."""
+    monkeypatch.setattr(agents, "_cache_folder", lambda: tmp_path / "cache")
+    agents._say_once.cache_clear()
+    yield tmp_path / "cache"
+    agents._say_once.cache_clear()
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Tables that are made from a network."""
+    made: list[str] = []
+    table = PolicyNetwork.table
+    monkeypatch.setattr(PolicyNetwork, "table", lambda self, game: made.append(game.hash) or table(self, game))
+    return made
+
+
+@pytest.mark.parametrize("hidden", [0, 1, 3])
+@pytest.mark.parametrize("game", [random_game(5, 8), tiring_game()], ids=["random", "tiring"])
+def test_the_table_is_the_network_of_torch(game: Game, hidden: int) -> None:
+    torch.manual_seed(0)
+    actor = make_actor(game, width=24, hidden=hidden)
+    module = logit_network(actor)
+    with torch.no_grad():
+        for weights in module.parameters():
+            weights.normal_(std=0.4)  # those of duels and efforts too
+    table = PolicyNetwork.of_tensors(weights_of(actor), game).table(game)
+    states = np.flatnonzero(game.playable)
+    with torch.no_grad():
+        logits = module(torch.from_numpy(game.observation(states))).double()
+    p = torch.softmax(logits.masked_fill(~torch.from_numpy(game.mask(states)), -torch.inf), -1).numpy()
+    row, pairs = game.pairs(states)
+    strokes = game.pair_stroke[pairs]
+    assert np.abs(np.cumsum(p, axis=1)[row, strokes] * 65535 - table.cumulative[pairs]).max() < 1.01
+    efforts = table.cumulative.reshape(game.n_blocks, -1)
+    assert (efforts != efforts[0]).any()
+
+
+def test_the_table_does_not_depend_on_the_order_of_sums() -> None:
+    """The same network with the numbers of its layers in another order: sums of float64 would differ in their last bits."""
+    game, rng = tiring_game(), np.random.default_rng(0)
+    torch.manual_seed(1)
+    tensors = weights_of(make_actor(game, width=64, hidden=1))
+    order = rng.permutation(64)
+    other = {name: array[..., order] if array.shape[-1] == 64 else array for name, array in tensors.items()}
+    x = rng.normal(size=(50, 64))
+    weight = rng.normal(size=(30, 64))
+    assert (x[:, order] @ weight[:, order].T != x @ weight.T).any()
+    assert (network._product(x[:, order], weight[:, order]) == network._product(x, weight)).all()
+    np.testing.assert_allclose(network._product(x, weight), x @ weight.T, atol=1e-5)
+    # Biases of a hidden layer belong to its rows, which stay where they are.
+    other["0.layers.1.bias"] = tensors["0.layers.1.bias"]
+    other["0.layers.1.weight"], other["1.weight"] = tensors["0.layers.1.weight"][:, order], tensors["1.weight"]
+    one, two = (PolicyNetwork.of_tensors(found, game).table(game) for found in (tensors, other))
+    assert one.hash == two.hash
+
+
+def test_the_exponential_is_that_of_numpy() -> None:
+    x = -np.geomspace(1e-12, 800, 10_000)
+    np.testing.assert_allclose(network._exp(np.append(x, 0.0)), np.exp(np.maximum(np.append(x, 0.0), -700)), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda t: t.pop("0.duel.weight"),
+        lambda t: t.update({"0.effort.weight": t["0.effort.weight"][:-1]}),
+        lambda t: t.update({"1.weight": t["1.weight"].astype(np.float64)}),
+        lambda t: t["0.own.weight"].__setitem__((0, 0), np.nan),
+        lambda t: t.update({"0.layers.x.weight": t["1.bias"]}),
+        lambda t: t.update({"2.weight": t["1.bias"]}),
+        lambda t: t.update({"0.own.weight": np.zeros((), np.float32)}),
+        lambda t: [t.update({name: np.full_like(t[name], 1e38)}) for name in tuple(t)] * 9,
+    ],
+)
+def test_weights_that_are_no_network_of_the_game_are_refused(tmp_path: Path, cache: Path, change) -> None:
+    game = tiring_game()
+    tensors = weights_of(make_actor(game, width=8, hidden=9))
+    change(tensors)
+    save_agent(tmp_path / "agent", game, save(tensors), {})
+    with pytest.raises(PolicyError, match=r"no network of a policy for this game|no finite numbers"):
+        load_agent(tmp_path / "agent", game)
+    assert not cache.exists()
+
+
+def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted: list[str]) -> None:
+    folder = shipped_folder("ppo", model_folder())
+    first = load_agent(folder, GAME)
+    (kept,) = cache.iterdir()
+    whole = kept.read_bytes()
+    assert load_agent(folder, GAME).hash == first.hash
+    assert len(counted) == 1
+    changed = load(whole)["cumulative"].copy()
+    changed[1] += 1
+    wrong = dataclasses.replace(first, cumulative=changed)
+    for number, damaged in enumerate((whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b"", None)):
+        if damaged is None:
+            wrong.save(kept, {"hash": first.hash})
+        else:
+            kept.write_bytes(damaged)
+        for _ in range(2):
+            assert load_agent(folder, GAME).hash == first.hash
+            assert len(counted) == 2 + number
+    load_agent(shipped_folder("a2c", model_folder()), GAME)
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_the_cache_keeps_what_was_played_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agents, "_KEPT", 2)
+    names = ("ppo", "a2c", "sac", "ppo")
+    for number, name in enumerate(names):
+        load_agent(shipped_folder(name, model_folder()), GAME)
+        for path in cache.iterdir():
+            if path.stat().st_mtime > 1000:
+                os.utime(path, (number, number))
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_without_a_cache_agents_play_and_it_is_said_once(
+    cache: Path, counted: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    cache.write_text("no folder")
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            load_agent(shipped_folder("ppo", model_folder()), GAME)
+    assert len(counted) == 2
+    assert len(caplog.records) == 1
+    assert "made again in every process" in caplog.text
+
+
 def test_playing_needs_no_torch() -> None:
     code = (
         "import sys; from shuttle_marl.game import default_game; from shuttle_marl.policy.registry import resolve\n"
@@ -58,16 +201,12 @@ def test_an_agent_that_is_not_there_is_refused_with_those_that_are(name: str) ->
         registry.resolve(name, GAME)
 
 
-@pytest.mark.parametrize("damage", ["table", "card", "nested", "list", "changed card", "game", "network", "gone"])
+@pytest.mark.parametrize("damage", ["card", "nested", "list", "changed card", "game", "network", "gone"])
 def test_a_damaged_agent_is_refused(damage: str, tmp_path: Path) -> None:
     folder = tmp_path / "agent"
     shutil.copytree(shipped_folder("ppo", model_folder()), folder)
     assert (folder / NETWORK).is_file()
-    if damage == "table":
-        content = bytearray((folder / TABLE).read_bytes())
-        content[-1000] ^= 1
-        (folder / TABLE).write_bytes(bytes(content))
-    elif damage == "card":
+    if damage == "card":
         (folder / CARD).write_text("{")
     elif damage == "nested":
         (folder / CARD).write_text("[" * 200_000)
@@ -85,7 +224,7 @@ def test_a_damaged_agent_is_refused(damage: str, tmp_path: Path) -> None:
         load_agent(folder, GAME)
 
 
-def test_a_card_names_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A card from someone else opens nothing outside its folder."""
     folder = tmp_path / "agent"
     shutil.copytree(shipped_folder("ppo", model_folder()), folder)
@@ -94,11 +233,11 @@ def test_a_card_names_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     secret.write_bytes(b"")
     (folder / CARD).write_bytes(seal({**card, "sha256": {**card["sha256"], "../secret": "0" * 64, str(secret): "0" * 64}}))
     opened = []
-    open_file = agents.open_file
-    monkeypatch.setattr(agents, "open_file", lambda path: opened.append(path) or open_file(path))
+    open_file = tensor_files.open_file
+    monkeypatch.setattr(tensor_files, "open_file", lambda path: opened.append(path) or open_file(path))
     load_agent(folder, GAME)
-    assert {path.parent for path in opened} == {folder}
-    for hashes in ([], "x", None, {TABLE: 1}):
+    assert {path.parent for path in opened} == {folder, cache}
+    for hashes in ([], "x", None, {NETWORK: 1}):
         (folder / CARD).write_bytes(seal({**card, "sha256": hashes}))
-        with pytest.raises(PolicyError, match="does not fit its hash"):
+        with pytest.raises(PolicyError, match="does not hold its hash"):
             load_agent(folder, GAME)

@@ -169,9 +169,9 @@ def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:
     other = dataclasses.replace(GAME, threshold=GAME.threshold[::-1].copy())
     with pytest.raises(PolicyError, match="trained on game"):
         resolve(f"agent:{done.folder / 'agent'}", other)
-    table = done.folder / "agent" / "table.safetensors"
-    table.write_bytes(table.read_bytes()[:-7] + b"damaged")
-    with pytest.raises(PolicyError, match="does not fit its hash"):
+    network = done.folder / "agent" / "network.safetensors"
+    network.write_bytes(network.read_bytes()[:-7] + b"damaged")
+    with pytest.raises(PolicyError, match="checksum does not fit"):
         resolve(f"agent:{done.folder / 'agent'}", GAME)
     with pytest.raises(PolicyError, match="no trained agent"):
         resolve(f"agent:{tmp_path}", GAME)

@@ -1,0 +1,165 @@
+"""Policy networks, evaluated on every state without PyTorch and to the last bit alike on every machine.
+
+The sum in a matrix product depends on the order of its terms, and so on the machine. Here both factors are rounded to whole
+numbers of so few bits (22, and 24 for a layer of 128 numbers: as many as a float32 has) that every sum of products is a whole
+number below 2^53, which no order of terms changes. What is left is additions of two numbers, and an exponential made of those.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import LONGEST_DUEL, Game
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.tensor_files import checked
+
+Floats = npt.NDArray[np.float64]
+
+_WEIGHT_BITS: Final = 22
+_EXACT_BITS: Final = 53
+"""Whole numbers of so many bits are exact in float64."""
+_LEAST_EXPONENT: Final = -900
+"""Of a factor's largest number: below, its unit would be no number of float64."""
+_HIGHEST: Final = float(np.finfo(np.float32).max)
+_LOG2E: Final = 1.4426950408889634
+_LN2: Final = (0.693147180369123816490, 1.90821492927058770002e-10)
+"""ln 2 as a number of 33 bits, of which small multiples are exact, and the rest."""
+_TERMS: Final = 14
+_SMALLEST: Final = -700.0
+"""Logits so far below the highest one count as this: a probability of 10^-304."""
+
+
+def attribute_rows(catalogue: Catalogue) -> npt.NDArray[np.int64]:
+    """``[n + 1, 5]`` rows of an embedding that describe each stroke: its four attributes and itself; at the end "none yet".
+
+    "None yet" is a row of its own, five times; its number plus one is the length of the embedding.
+    """
+    parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
+    offsets = np.cumsum([0, *(int(part.max()) + 1 for part in parts)])
+    n = len(catalogue)
+    columns = [part.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=False)]
+    rows = np.stack([*columns, offsets[-1] + np.arange(n)], axis=1)
+    return np.concatenate([rows, np.full((1, rows.shape[1]), offsets[-1] + n)])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PolicyNetwork:
+    """Weights of a network from observations to logits, whose first layer is a sum of embeddings; width W.
+
+    Attributes:
+        own, incoming: ``[n + 1, W]`` vector of the own last stroke and of the incoming one.
+        contact, duel, effort, opponent_effort: ``[numbers, W]`` vectors of the other parts of an observation.
+        layers: weights ``[W', W]`` and biases ``[W']`` of the layers behind, each after a ReLU; the last one gives n logits.
+    """
+
+    own: Floats
+    incoming: Floats
+    contact: Floats
+    duel: Floats
+    effort: Floats
+    opponent_effort: Floats
+    layers: tuple[tuple[Floats, Floats], ...]
+
+    @classmethod
+    def of_tensors(cls, tensors: Mapping[str, npt.NDArray[Any]], game: Game) -> "PolicyNetwork":
+        """The network of the tensors by name that :mod:`shuttle_marl.training` saves.
+
+        Raises:
+            PolicyError: they are no such network for the game, or a number of theirs is not finite.
+        """
+        known = dict(tensors)
+        try:
+            width = known["0.own.weight"].shape[-1]
+
+            def take(name: str, *shape: int) -> Floats:
+                return checked(known.pop(name), np.float32, shape).astype(np.float64)
+
+            rows = attribute_rows(game.catalogue)
+            strokes = []
+            for name in ("own", "incoming"):
+                embedding = take(f"0.{name}.weight", int(rows.max()) + 1, width)
+                # Added one after the other: `sum` chooses the order of the terms by itself.
+                total = embedding[rows[:, 0]]
+                for column in rows.T[1:]:
+                    total = total + embedding[column]
+                strokes.append(total)
+            sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": game.levels, "opponent_effort": game.levels}
+            parts = {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
+            hidden = sorted({name.rpartition(".")[0] for name in known if name.startswith("0.layers.")}, key=_number)
+            layers = [(take(f"{name}.weight", width, width), take(f"{name}.bias", width)) for name in hidden]
+            layers.append((take("1.weight", game.n_strokes, width), take("1.bias", game.n_strokes)))
+            if known:
+                raise ValueError(f"{next(iter(known))} belongs to no layer")
+        except (KeyError, IndexError, ValueError) as error:
+            raise PolicyError(f"no network of a policy for this game ({error}); train the agent again") from error
+        return cls(own=strokes[0], incoming=strokes[1], layers=tuple(layers), **parts)
+
+    def table(self, game: Game) -> TabulatedPolicy:
+        """The policy on every state: the softmax of the logits of the legal strokes.
+
+        Raises:
+            PolicyError: a number in the network is beyond those of float32.
+        """
+        base = np.flatnonzero(game.playable[: game.n_base_states])
+        own, incoming, contact, duel = game.observation(base).T[:4]
+        efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, 1, -1)
+        kind = 2 * incoming + contact
+        cumulative = np.empty((game.n_blocks, game.n_base_pairs), np.uint16)
+        # States of one incoming stroke and contact have the same legal strokes: one product of matrices, of those logits alone.
+        for group in np.split(order := np.argsort(kind, kind="stable"), np.flatnonzero(np.diff(kind[order])) + 1):
+            first = int(base[group[0]])
+            legal = game.legal_strokes(first)
+            both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
+            x = (self.own[own[group]] + both + self.duel[duel[group]] + efforts).reshape(-1, len(both))
+            *hidden, (weight, bias) = self.layers
+            with np.errstate(over="ignore", invalid="ignore"):
+                for layer in (*hidden, (weight[legal], bias[legal])):
+                    x = _product(np.maximum(x, 0.0), layer[0]) + layer[1]
+                    # While it learned, the network was one of float32 numbers.
+                    if not (x.max() <= _HIGHEST and x.min() >= -_HIGHEST):
+                        raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
+            total = np.cumsum(_exp(x - x.max(axis=1, keepdims=True)), axis=1)
+            pairs = game.base_pair_start[base[group]][:, None] + np.arange(len(legal))
+            cumulative[:, pairs] = np.rint(total / total[:, -1:] * CHOICE_ONE).reshape(game.n_blocks, *pairs.shape)
+        return TabulatedPolicy(game=game, cumulative=cumulative.ravel())
+
+
+def _number(layer: str) -> int:
+    return int(layer.rpartition(".")[2])
+
+
+def _product(x: Floats, weight: Floats) -> Floats:
+    """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing."""
+    terms = max(1, weight.shape[1] - 1).bit_length()
+    (x, x_unit), (weight, unit) = _whole(x, _EXACT_BITS - _WEIGHT_BITS - terms), _whole(weight, _WEIGHT_BITS)
+    product: Floats = x @ weight.T
+    product *= x_unit * unit
+    return product
+
+
+def _whole(values: Floats, bits: int) -> tuple[Floats, float]:
+    """Values as whole numbers of at most some bits, and the power of two that they count."""
+    highest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+    unit = 2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits)
+    whole = values * (1 / unit)
+    return np.rint(whole, out=whole), unit
+
+
+def _exp(x: Floats) -> Floats:
+    """The exponential of numbers that are not positive, from operations whose results IEEE 754 prescribes."""
+    x = np.maximum(x, _SMALLEST)
+    power = np.rint(x * _LOG2E)
+    rest = x - power * _LN2[0] - power * _LN2[1]
+    total = np.ones_like(rest)
+    for n in range(_TERMS, 0, -1):
+        total *= rest
+        total /= n
+        total += 1.0
+    return np.asarray(np.ldexp(total, power.astype(np.int32)))
