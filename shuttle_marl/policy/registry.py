@@ -26,9 +26,8 @@ from typing import Final
 from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import PROFILES, refits_of, variants
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
-from shuttle_marl.policy import agents, bc
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.policy import agents, bc, solved
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 
@@ -38,8 +37,6 @@ Opponents = str | Policy | Sequence[str | Policy]
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
 """Group of the entry points by which installed packages add families."""
-TYPICAL_TAU: Final = 0.05
-"""Of the listed KL-regularised equilibrium: away from home it wins about as often as perfect play."""
 _DEEPEST: Final = 8
 """So many names may be inside each other, as in ``best-response:best-response:bc``; each costs a solved game."""
 
@@ -278,76 +275,6 @@ def _bc_names() -> list[str]:
     return ["bc", *(f"bc:{player}" for player in bc.players())] if bc.installed() else []
 
 
-@functools.lru_cache(maxsize=4)
-def minimax_policy(game: Game) -> TabulatedPolicy:
-    """The minimax policy of a game, solved once."""
-    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba, only when it is asked for
-
-    return solve(game).policy[0]
-
-
-@functools.lru_cache(maxsize=4)
-def robust_policy(game: Game) -> TabulatedPolicy:
-    """The policy with the best worst case over a game and its refits, solved once.
-
-    Raises:
-        PolicyError: the game has no refits.
-    """
-    from shuttle_marl.exact.robust import solve_robust  # noqa: PLC0415  numba, only when it is asked for
-
-    others = refits_of(game)
-    if not others:
-        raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
-    return solve_robust([game, *others]).policy
-
-
-@functools.lru_cache(maxsize=4)
-def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
-    """The KL-regularised equilibrium, solved once: see :mod:`shuttle_marl.exact.soft`.
-
-    Args:
-        tau: cost of a nat away from how people play.
-        player: whose clone is the prior, the opponent's being the average player; None: both average.
-        game: the tables.
-
-    Raises:
-        PolicyError: no such player, or the game is of no known model.
-    """
-    from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba, only when it is asked for
-    from shuttle_marl.exact.soft import solve_soft  # noqa: PLC0415
-
-    average = PairPolicy(game=game, probability=bc.probabilities(None, game))
-    own = average if player is None else PairPolicy(game=game, probability=bc.probabilities(player, game))
-    return from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability)
-
-
-def _load_minimax(kind: str | None, game: Game) -> Policy:
-    if kind not in (None, "robust"):
-        raise PolicyError(f"policy minimax:{kind}: expected minimax or minimax:robust")
-    return minimax_policy(game) if kind is None else robust_policy(game)
-
-
-def _minimax_names() -> tuple[str, ...]:
-    return ("minimax", "minimax:robust") if any(name not in PROFILES for name in variants()) else ("minimax",)
-
-
-def _load_human(argument: str | None, game: Game) -> Policy:
-    tau, _, player = (argument or "").partition(":")
-    try:
-        cost = float(tau)
-    except ValueError:
-        cost = 0.0
-    if not 0 < cost < float("inf"):
-        raise PolicyError(
-            f"policy human:{argument or ''}: expected human:TAU or human:TAU:PLAYER with a number TAU above 0, such as human:0.05"
-        )
-    return human_policy(cost, player or None, game)
-
-
-def _human_names() -> tuple[str, ...]:
-    return (f"human:{TYPICAL_TAU}",) if bc.installed() else ()
-
-
 def _load_best_response(name: str | None, game: Game) -> Policy:
     from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba, only when it is asked for
 
@@ -364,8 +291,8 @@ register("bc", _load_bc, _bc_names, from_data=True)
 for _key, _rules in STYLES.items():
     _plain(_key, functools.partial(_scripted, _rules))
 _plain("random", lambda _: UniformPolicy())
-register("minimax", _load_minimax, _minimax_names, from_data=True)
-register("human", _load_human, _human_names, from_data=True)
+register("minimax", solved.load_minimax, solved.minimax_names, from_data=True)
+register("human", solved.load_human, solved.human_names, from_data=True)
 register("best-response", _load_best_response, _best_response_names, of_policies=True, from_data=True)
 for _key in agents.ALGORITHMS:
     register(_key, functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key), from_data=True)

@@ -12,7 +12,7 @@ from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
-from shuttle_marl.policy import bc, registry
+from shuttle_marl.policy import bc, registry, solved
 from shuttle_marl.policy.registry import Family, resolve
 
 GAME = default_game()
@@ -43,18 +43,18 @@ def test_human_play_has_names() -> None:
 
 def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     refits = [with_probabilities(GAME, seed) for seed in (1, 2)]
-    monkeypatch.setattr(registry, "refits_of", lambda game: ())
+    monkeypatch.setattr(solved, "refits_of", lambda game: ())
     with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
         resolve("minimax:robust", GAME)
-    monkeypatch.setattr(registry, "refits_of", lambda game: tuple(refits))
-    registry.robust_policy.cache_clear()
+    monkeypatch.setattr(solved, "refits_of", lambda game: tuple(refits))
+    solved.robust_policy.cache_clear()
     assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits]).policy.cumulative)
-    registry.robust_policy.cache_clear()
+    solved.robust_policy.cache_clear()
 
 
 def test_robust_play_is_listed_where_there_are_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     for variants, listed in (([], False), (["men", "women"], False), (["men", "women", "1", "2"], True)):
-        monkeypatch.setattr(registry, "variants", lambda variants=variants: variants)
+        monkeypatch.setattr(solved, "variants", lambda variants=variants: variants)
         assert ("minimax:robust" in registry.names()) == listed
 
 

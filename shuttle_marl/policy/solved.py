@@ -1,0 +1,95 @@
+"""Policies that the exact solvers compute by name: perfect, robust and human play. Numba is imported when one is asked for."""
+
+import functools
+from typing import Final
+
+from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import PROFILES, refits_of, variants
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.policy import bc
+
+TYPICAL_TAU: Final = 0.05
+"""Of the listed KL-regularised equilibrium: away from home it wins about as often as perfect play."""
+
+
+@functools.lru_cache(maxsize=4)
+def minimax_policy(game: Game) -> TabulatedPolicy:
+    """The minimax policy of a game, solved once."""
+    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba, only when it is asked for
+
+    return solve(game).policy[0]
+
+
+@functools.lru_cache(maxsize=4)
+def robust_policy(game: Game) -> TabulatedPolicy:
+    """The policy with the best worst case over a game and its refits, solved once.
+
+    Raises:
+        PolicyError: the game has no refits.
+    """
+    from shuttle_marl.exact.robust import solve_robust  # noqa: PLC0415  numba, only when it is asked for
+
+    others = refits_of(game)
+    if not others:
+        raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
+    return solve_robust([game, *others]).policy
+
+
+@functools.lru_cache(maxsize=4)
+def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
+    """The KL-regularised equilibrium, solved once: see :mod:`shuttle_marl.exact.soft`.
+
+    Args:
+        tau: cost of a nat away from how people play.
+        player: whose clone is the prior, the opponent's being the average player; None: both average.
+        game: the tables.
+
+    Raises:
+        PolicyError: no such player, or the game is of no known model.
+    """
+    from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.soft import solve_soft  # noqa: PLC0415
+
+    average = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    own = average if player is None else PairPolicy(game=game, probability=bc.probabilities(player, game))
+    return from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability)
+
+
+def load_minimax(kind: str | None, game: Game) -> Policy:
+    """``minimax`` (None) or ``minimax:robust``.
+
+    Raises:
+        PolicyError: of another kind, or robust play of a game without refits.
+    """
+    if kind not in (None, "robust"):
+        raise PolicyError(f"policy minimax:{kind}: expected minimax or minimax:robust")
+    return minimax_policy(game) if kind is None else robust_policy(game)
+
+
+def minimax_names() -> tuple[str, ...]:
+    """Names that can be listed: ``minimax:robust`` where the shipped model has refits."""
+    return ("minimax", "minimax:robust") if any(name not in PROFILES for name in variants()) else ("minimax",)
+
+
+def load_human(argument: str | None, game: Game) -> Policy:
+    """``human:TAU`` or ``human:TAU:PLAYER``, from what stands behind the first colon.
+
+    Raises:
+        PolicyError: TAU is no number above 0, or as :func:`human_policy`.
+    """
+    tau, _, player = (argument or "").partition(":")
+    try:
+        cost = float(tau)
+    except ValueError:
+        cost = 0.0
+    if not 0 < cost < float("inf"):
+        raise PolicyError(
+            f"policy human:{argument or ''}: expected human:TAU or human:TAU:PLAYER with a number TAU above 0, such as human:0.05"
+        )
+    return human_policy(cost, player or None, game)
+
+
+def human_names() -> tuple[str, ...]:
+    """The one name that is listed; TAU can be any number."""
+    return (f"human:{TYPICAL_TAU}",) if bc.installed() else ()
