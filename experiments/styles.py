@@ -101,6 +101,8 @@ class Styles:
 
     seeds: int = 3
     """Training runs of every style."""
+    share: float = 1.0
+    """Strokes of every training run, as a share of those of the full experiment."""
     quick: bool = False
     """Two seeds and little training: to see that all works, not to compare."""
     jobs: int = 2
@@ -113,15 +115,22 @@ class Styles:
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
+        if not 0 < self.share <= 1:
+            raise ShuttleError(f"--share {self.share}: expected a number above 0, at most 1")
         if self.seeds < 2 or self.jobs < 1:
             raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
 
     def training(self, folder: Path) -> dict[str, list[PPOConfig]]:
         """The training runs of every style."""
-        changes: dict[str, Any] = {"strokes": QUICK_STROKES} if self.quick else {}
         return {
             style: [
-                dataclasses.replace(config, opponent=(OPPONENT,), seed=seed, out=folder / f"{style}-{seed}", **changes)
+                dataclasses.replace(
+                    config,
+                    opponent=(OPPONENT,),
+                    seed=seed,
+                    out=folder / f"{style}-{seed}",
+                    strokes=QUICK_STROKES if self.quick else round(self.share * config.strokes),
+                )
                 for seed in range(self.seeds)
             ]
             for style, config in STYLES.items()
@@ -198,7 +207,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
     if config.quick:
         config = dataclasses.replace(config, seeds=2)
     console = Console(stderr=True, highlight=False)
-    fixed = {"seeds": config.seeds, "quick": config.quick}
+    fixed = {"seeds": config.seeds, "share": config.share, "quick": config.quick}
     with runs.open_run(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
         train_all(list(itertools.chain(*training.values())), config.jobs, console)

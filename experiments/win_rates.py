@@ -67,6 +67,8 @@ class WinRates:
     """Training runs of every agent."""
     matches: int = 1000
     """Matches that every trained agent plays against the opponent; an even number."""
+    share: float = 1.0
+    """Strokes of every training run, as a share of those of the full experiment."""
     quick: bool = False
     """Two seeds, 100 matches and a tenth of the training or less: to see that all works, not to compare."""
     jobs: int = os.cpu_count() or 1
@@ -82,6 +84,8 @@ class WinRates:
         unknown = [name for name in self.agents if name not in AGENTS]
         if unknown or not self.agents:
             raise ShuttleError(f"--agents {' '.join(unknown)}: expected some of {', '.join(map(repr, AGENTS))}")
+        if not 0 < self.share <= 1:
+            raise ShuttleError(f"--share {self.share}: expected a number above 0, at most 1")
         if self.seeds < 2 or self.jobs < 1:
             raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
 
@@ -96,6 +100,7 @@ class WinRates:
             "agents": list(self.agents),
             "seeds": self.seeds,
             "matches": self.matches,
+            "share": self.share,
             "quick": self.quick,
         }
 
@@ -105,8 +110,7 @@ class WinRates:
         for agent in self.agents:
             base = AGENTS[agent]
             changes: dict[str, Any] = {} if base.self_play else {"opponent": (self.opponent,)}
-            if self.quick:
-                changes["strokes"] = QUICK_STROKES[agent]
+            changes["strokes"] = QUICK_STROKES[agent] if self.quick else round(self.share * base.strokes)
             for seed in range(self.seeds):
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
                 configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, **changes)

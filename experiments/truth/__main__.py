@@ -24,6 +24,7 @@ from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.shipped import PROFILES
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.recording.simulate import simulate
+from shuttle_marl.runs import describe, write_json
 
 _SIMULATED: Final = 4
 """Simulated matches for every real one."""
@@ -39,6 +40,7 @@ def truth(
     halvings: int = 2,
     seed: int = 0,
     fits: Path = Path("runs/truth"),
+    out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Compare what a game promises with what happened in matches that took no part in fitting it.
@@ -53,6 +55,7 @@ def truth(
         halvings: halvings of the training matches for the transfer; two games are fitted for each. 0 leaves the transfer out.
         seed: of the fits, halvings and simulated matches.
         fits: folder where games that were fitted are kept and found again.
+        out: JSON file to write the result to, with its origin.
         json_output: print JSON.
     """
     if (split is None) == (cross is None):
@@ -73,6 +76,8 @@ def truth(
     result = {"split": split, "cross": cross, **compare(parts, seed=seed)}
     if halvings:
         result["transfer"] = transfer(_of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
+    if out is not None:
+        write_json(out, {**describe(("numpy", "torch")), **result})
     if json_output:
         sys.stdout.write(json_format.dumps(result) + "\n")
     else:
