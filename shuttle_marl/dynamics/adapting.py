@@ -1,4 +1,4 @@
-"""Predictions corrected by the match so far: players have their day, and annotators name strokes in their own way.
+"""Predictions corrected by the match so far: annotators name strokes in their own way, and players have their day.
 
 Within each cell of strokes of a match, what was seen so far is compared with what was predicted. The odds of a shot type that
 was seen n times where e were expected are multiplied by (n + k) / (e + k): the posterior mean of the ratio of the two rates

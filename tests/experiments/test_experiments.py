@@ -55,6 +55,7 @@ def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
     result = json.loads(capsys.readouterr().out)
     every = result["rows"]["all strokes"]
     assert every["imitator"]["shot_type"][0] >= 0.52
+    assert every["imitator, match watched"]["shot_type"][0] >= 0.54
     assert every["imitator"]["area"][0] >= 0.36
     for group in result["rows"].values():
         assert group["imitator, match watched"]["cross_entropy"] < group["imitator"]["cross_entropy"]
