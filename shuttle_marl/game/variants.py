@@ -30,28 +30,35 @@ _RARE: Final = 0.01
 _SLACK: Final = 1e-6
 
 
+Units = npt.NDArray[np.uint64]
+
+
 @functools.cache
-def _multipliers() -> npt.NDArray[np.int64]:
-    """``[128]`` odds of 0 to 127 steps, in units of 1/65536."""
+def _multipliers() -> tuple[Units, Units]:
+    """``[256]`` each, by a step as an unsigned byte: what the odds are multiplied and divided by, in units of 1/65536."""
     with decimal.localcontext(decimal.Context(prec=40)):
         odds = [(decimal.Decimal(STEP) * k).exp() * ONE for k in range(_MOST + 1)]
-        return np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.int64)
+        rising = np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.uint64)
+    steps = np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64)
+    up, down = np.maximum(steps, 0), np.minimum(np.maximum(-steps, 0), _MOST)
+    return rising[up], rising[down]
 
 
-def _shares(threshold: npt.NDArray[np.integer]) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], ...]:
+def _shares(threshold: npt.NDArray[np.integer]) -> tuple[tuple[Units, Units], ...]:
     """Part and whole of the three probabilities, in units of 1/65536: fault, winner of good, from below of returned."""
-    fault, winner, below = (column.astype(np.int64) for column in threshold.T)
-    return (fault, np.full_like(fault, ONE)), (winner - fault, ONE - fault), (below - winner, ONE - winner)
+    fault, winner, below = threshold.T.astype(np.uint64)
+    one = np.uint64(ONE)
+    return (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
 
 
-def _moved(part: npt.NDArray[np.int64], whole: npt.NDArray[np.int64], step: Steps, of: npt.NDArray[np.int64]) -> Any:
+def _moved(part: Units, whole: Units, step: Steps, of: Units) -> Units:
     """The share part / whole with its odds moved by steps, of another whole, to the nearest unit (halves up)."""
-    odds = _multipliers()[np.abs(step.astype(np.int64))]
-    up = step > 0
-    inside = part * np.where(up, odds, ONE)
-    total = inside + (whole - part) * np.where(up, ONE, odds)
-    # At most 2^16 * 2^28 * 2^17: whole numbers of 64 bits hold it.
-    return np.where(total > 0, (2 * inside * of + total) // np.maximum(2 * total, 1), 0)
+    up, down = (table[step.view(np.uint8)] for table in _multipliers())
+    inside = part * up
+    total = inside + (whole - part) * down
+    # At most 2^16 * 2^28 * 2^17, which 64 bits hold; a whole is never 0, because an outcome is left for it.
+    two = np.uint64(2)
+    return np.asarray((two * inside * of + total) // (two * total), dtype=np.uint64)
 
 
 def moved(game: Game, steps: Steps, fault_odds: npt.NDArray[np.int32] | None = None) -> Game:
@@ -63,10 +70,10 @@ def moved(game: Game, steps: Steps, fault_odds: npt.NDArray[np.int32] | None = N
         fault_odds: ``[L]`` odds of a fault by effort; default as before.
     """
     faults, winners, belows = _shares(game.threshold)
-    one = np.full(game.n_base_pairs, ONE, dtype=np.int64)
-    fault = np.minimum(_moved(*faults, steps[0], one), ONE - 1)
-    winner = np.minimum(fault + _moved(*winners, steps[1], one - fault), ONE - 1)
-    below = np.minimum(winner + _moved(*belows, steps[2], one - winner), ONE - 1)
+    one, most = np.uint64(ONE), np.uint64(ONE - 1)
+    fault = np.minimum(_moved(*faults, steps[0], np.full_like(faults[0], one)), most)
+    winner = np.minimum(fault + _moved(*winners, steps[1], one - fault), most)
+    below = np.minimum(winner + _moved(*belows, steps[2], one - winner), most)
     table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
     return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
 
@@ -83,9 +90,9 @@ def steps_between(game: Game, other: Game) -> Steps:
     return np.clip(np.rint(steps), -_MOST, _MOST).astype(np.int8)
 
 
-def _log_odds(part: npt.NDArray[np.int64], whole: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+def _log_odds(part: Units, whole: Units) -> npt.NDArray[np.float64]:
     # Half a unit on either side: a probability that was rounded to 0 or 1 is finite.
-    return np.asarray(np.log(part + 0.5) - np.log(whole - part + 0.5))
+    return np.asarray(np.log(part + 0.5) - np.log((whole - part) + 0.5))
 
 
 def _order(game: Game) -> npt.NDArray[np.intp]:
