@@ -16,6 +16,7 @@ from experiments.truth.matches import Floats, Strokes
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of
 from shuttle_marl.dynamics.make import load_support
+from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game, model_folder
@@ -100,4 +101,4 @@ class Fitter:
     def _fitted(self, names: tuple[str, ...], arranged: tuple[str, ...]) -> Fit:
         rows = self._strokes.rows
         layout = layout_of(rows.in_matches(arranged))
-        return fit(rows.in_matches(names), None, seed=self._seed, layout=layout, report=self._report)
+        return fit(rows.in_matches(names), None, seed=self._seed, config=QUICK, layout=layout, report=self._report)

@@ -21,7 +21,7 @@ from shuttle_marl.dynamics.features import STATE, Codes, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
 from shuttle_marl.dynamics.network import fold_of_match
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import best_response, solve
@@ -39,19 +39,6 @@ _CONTEXT: Final = (*STATE, "shot", "technique")
 _STROKE: Final = (*_CONTEXT, "area")
 _SITUATION: Final = ("effort", "duel")
 _FOLDS: Final = 5
-_PARAMETERS: Final[dict[str, Any]] = {
-    "objective": "binary",
-    "learning_rate": 0.05,
-    "min_data_in_leaf": 100,
-    "lambda_l2": 10,
-    "cat_smooth": 20,
-    "max_cat_to_onehot": 4,
-    "deterministic": True,
-    "force_row_wise": True,
-    "num_threads": 2,
-    "seed": 0,
-    "verbose": -10,
-}
 _LEAVES: Final = (8, 15)
 
 
@@ -239,10 +226,7 @@ def tree_predictions(
     Raises:
         ShuttleError: LightGBM is not installed.
     """
-    try:
-        import lightgbm as lgb  # noqa: PLC0415  an oracle of the evaluation, not needed to play
-    except ImportError as error:
-        raise ShuttleError("the comparison with trees needs LightGBM: pip install 'shuttle-marl[test]'") from error
+    lgb = lightgbm()
     x = np.stack([train[name] for name in names], axis=1).astype(np.int32)
     categorical = list(range(len(names)))
     fold = fold_of_match(match, _FOLDS)
@@ -251,7 +235,7 @@ def tree_predictions(
     for leaves in _LEAVES:
         data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
         history: Any = lgb.cv(
-            {**_PARAMETERS, "num_leaves": leaves},
+            {**PARAMETERS, "num_leaves": leaves},
             data,
             num_boost_round=1500,
             folds=folds,
@@ -262,7 +246,7 @@ def tree_predictions(
         best = candidate if best is None else min(best, candidate)
     assert best is not None
     data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
-    booster = lgb.train({**_PARAMETERS, "num_leaves": best[1]}, data, num_boost_round=best[2])
+    booster = lgb.train({**PARAMETERS, "num_leaves": best[1]}, data, num_boost_round=best[2])
     rows = np.stack([test[name] for name in names], axis=1).astype(np.int32)
     return np.asarray(booster.predict(rows), dtype=np.float64)
 

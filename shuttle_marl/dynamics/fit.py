@@ -26,6 +26,7 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import (
     GOOD,
     all_targets,
+    blended_logits,
     fault_class,
     fit_binary,
     fit_choice,
@@ -41,8 +42,9 @@ from shuttle_marl.dynamics.models import (
     was_good,
     was_met,
 )
-from shuttle_marl.dynamics.network import Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
+from shuttle_marl.dynamics.network import QUICK, Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
 from shuttle_marl.dynamics.situations import fit_situations
+from shuttle_marl.dynamics.trees import fit_trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
@@ -53,7 +55,7 @@ Report = Callable[[str], None]
 
 THREADS: Final = 1
 """Threads of the fit; fixed, because sums in another order give other weights. Its products are too small to gain from more."""
-_RIDGE_FOLDS: Final = 5
+_BLIND_FOLDS: Final = 5
 _PLAYER_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 
@@ -112,15 +114,17 @@ def fit(
     if not len(train) or (validation is not None and not len(validation)):
         raise ShuttleError("the fit needs strokes of train and of validation matches; is the data complete?")
     config = config or TrainingConfig()
+    # The first round of the expectation maximisation only has to point the way.
+    first_round = dataclasses.replace(QUICK, epochs=max(1, config.epochs // 2), batch=config.batch)
     torch.use_deterministic_algorithms(True)
     torch.set_num_threads(THREADS)
     known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
 
     report("intended targets")
     soft = _known_targets(train)
-    target = fit_target(train, soft, config, seed)
+    target = fit_target(train, soft, first_round, seed)
     report("success, summing over targets that are not known")
-    success = fit_success(known, _targets(target, known), config, seed + 1)
+    success = fit_success(known, _targets(target, known), first_round, seed + 1)
     report("intended targets of faults (expectation), then both again (maximisation)")
     soft = intended_targets(target, success, train)
     target = fit_target(train, soft, config, seed + 2)
@@ -137,8 +141,8 @@ def fit(
 
     report("calibration on matches that a network did not see")
     blind_fault, share = _blind_faults(success, target, known, config)
-    blind_return = _blind_returns(return_network, ridge, good, returned, config)
-    blind_above = log_odds(unseen(_probabilities(contact, met), met.match, config.folds))
+    blind_return = _blind_blend(return_network, good, returned, config, ridge)
+    blind_above = _blind_blend(contact, met, met_above, config)
     fault_line, situations = fit_situations(blind_fault, share, known)
     calibration = np.stack([
         fault_line,
@@ -150,6 +154,7 @@ def fit(
     average = FittedModels(
         networks=networks,
         ridge=ridge,
+        trees={"return": fit_trees(good.codes, returned), "contact": fit_trees(met.codes, met_above)},
         calibration=calibration,
         situations=situations,
         share=counts / counts.sum(),
@@ -224,15 +229,20 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     return log_odds(fault), share
 
 
-def _blind_returns(network: Ensemble, ridge: Floats, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig) -> Floats:
-    """``[N]`` logit of a return, from members and regressions that did not see the match."""
-    convex = np.empty(len(rows))
-    fold = fold_of_match(rows.match, _RIDGE_FOLDS)
-    for k in range(_RIDGE_FOLDS):
+def _blind_blend(
+    network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig, ridge: Floats | None = None
+) -> Floats:
+    """``[N]`` logit of a blend whose parts did not see the match: the network, trees, and a ridge regression if one is given."""
+    logits = log_odds(unseen(_probabilities(network, rows), rows.match, config.folds))
+    fold = fold_of_match(rows.match, _BLIND_FOLDS)
+    for k in range(_BLIND_FOLDS):
         inside = fold == k
-        weights = fit_ridge(rows.take(~inside).codes, label[~inside], start=ridge)
-        convex[inside] = ridge_logits(weights, rows.take(inside).codes)
-    return 0.5 * (log_odds(unseen(_probabilities(network, rows), rows.match, config.folds)) + convex)
+        seen, blind, happened = rows.take(~inside).codes, rows.take(inside).codes, label[~inside]
+        others = [fit_trees(seen, happened).logits(blind)]
+        if ridge is not None:
+            others.append(ridge_logits(fit_ridge(seen, happened, start=ridge), blind))
+        logits[inside] = blended_logits(logits[inside], others)
+    return logits
 
 
 def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:

@@ -12,10 +12,11 @@ import torch
 from safetensors.torch import save
 
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Codes, Rows
-from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, log_odds, ridge_logits, sigmoid, softmax
+from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, blended_logits, log_odds, ridge_logits, sigmoid, softmax
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
 from shuttle_marl.dynamics.players import PlayerChoices
 from shuttle_marl.dynamics.situations import Situations
+from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
@@ -36,7 +37,8 @@ class FittedModels:
 
     Attributes:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
-        ridge: coefficients of the ridge half of the return model.
+        ridge: coefficients of the ridge part of the return model.
+        trees: trees of the return and contact models, by name; a model may have none.
         calibration: for success (probability of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
         situations: what effort and long duels add to the log-odds of a fault.
         share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
@@ -46,6 +48,7 @@ class FittedModels:
 
     networks: dict[str, Ensemble]
     ridge: Floats
+    trees: dict[str, Trees]
     calibration: Floats
     situations: Situations
     share: Floats
@@ -77,17 +80,19 @@ class FittedModels:
 
     def returned(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
         """``[N]`` probability that the opponent returns a good stroke; arguments as for :meth:`fault`."""
-        network = self.networks["return"]
-        probability = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
-        convex = ridge_logits(self.ridge, codes)
-        blended = sigmoid(0.5 * (log_odds(probability) + convex))
-        return _calibrated(blended, self.calibration[1], pessimism, shift)
+        return _calibrated(self._blended("return", codes), self.calibration[1], pessimism, shift)
 
     def above(self, codes: dict[str, Codes]) -> Floats:
         """``[N]`` probability that a returned stroke is met above the net."""
-        network = self.networks["contact"]
-        probability = sigmoid(predict(network, encode(network.spec, codes))[..., 0])
-        return _calibrated(probability, self.calibration[2], 0.0, 0.0)
+        return _calibrated(self._blended("contact", codes), self.calibration[2], 0.0, 0.0)
+
+    def _blended(self, name: str, codes: dict[str, Codes]) -> Floats:
+        """``[K, N]`` probabilities of the members of a network, each blended with the other parts of the model."""
+        network = self.networks[name]
+        others = [ridge_logits(self.ridge, codes)] if name == "return" else []
+        if name in self.trees:
+            others.append(self.trees[name].logits(codes))
+        return sigmoid(blended_logits(predict(network, encode(network.spec, codes))[..., 0], others))
 
     def fault_without_target(self, rows: Rows, shift: Floats | float = 0.0) -> Floats:
         """``[N]`` probability of a fault given everything but the target: the mean over the targets."""
@@ -128,6 +133,8 @@ class FittedModels:
             "players.style": torch.from_numpy(self.choices.style),
             "players.area": torch.from_numpy(self.choices.area),
         }
+        for name, trees in self.trees.items():
+            tensors |= {f"trees.{name}.{key}": torch.from_numpy(array) for key, array in vars(trees).items()}
         described = {
             "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
             "striker": self.striker,
@@ -154,10 +161,7 @@ class FittedModels:
         try:
             header, arrays = read_model(folder, NETWORKS)
             described = parsed(header["model"])
-            networks = {
-                name: _network(fields, {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")})
-                for name, fields in described["specs"].items()
-            }
+            networks = {name: _network(fields, _part(name, arrays)) for name, fields in described["specs"].items()}
             if missing := set(SPECS) - set(networks):
                 raise ValueError(f"network {', '.join(sorted(missing))} is missing")
             players = tuple(map(str, described["players"]))
@@ -166,6 +170,7 @@ class FittedModels:
             return cls(
                 networks=networks,
                 ridge=checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)),
+                trees={name: Trees.checked(part) for name in networks if (part := _part(f"trees.{name}", arrays))},
                 calibration=checked(arrays["calibration"], np.float64, (3, 2)),
                 situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
@@ -179,6 +184,11 @@ class FittedModels:
             )
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
             raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
+
+
+def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of a part of the models, by their names in it."""
+    return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 
 def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> Ensemble:

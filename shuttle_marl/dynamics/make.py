@@ -27,7 +27,7 @@ from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.network import TrainingConfig
+from shuttle_marl.dynamics.network import QUICK, TrainingConfig
 from shuttle_marl.dynamics.players import PlayerChoices
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
@@ -75,7 +75,7 @@ def make_model(
         out: folder to write.
         seed: of all random numbers.
         refits: number of fits on resampled matches, whose games become variants.
-        config: of the networks.
+        config: of the networks; None: the default, and quick refits.
         report: called with a line before each stage.
 
     Returns:
@@ -132,7 +132,9 @@ def make_model(
     save_variants(out, game, variants, card)
     for number in range(1, refits + 1):
         told = _behind(f"refit {number} of {refits}: ", report)
-        refit = fit(resampled(train, [seed, number]), None, seed=seed + 1000 * number, config=config, layout=game, report=told)
+        refit = fit(
+            resampled(train, [seed, number]), None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=told
+        )
         told("compiling")
         variants[str(number)] = refit.compiled()[0]
         # After each one, so that what is there is whole if the command is interrupted.

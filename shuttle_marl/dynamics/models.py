@@ -17,13 +17,17 @@ not cross the net nothing is known, so its likelihood is the sum over the nine a
 **Targets of winners and out strokes** are moved along the flight to where a receiver would have met the shuttle
 (:mod:`shuttle_marl.dynamics.landings`), so that the area does not tell the outcome.
 
-**The return model is half convex.** Beside its network stands a logistic regression on products of attributes, with a ridge.
-Adaptive optimisers move rare products as fast as common ones and so overfit them; a ridge shrinks them in proportion to
-how little data they have. Products of two and three attributes are scaled down, which makes their ridge stronger.
+**Return and contact are blends**, means of logits: of the network, of small boosted trees, and for the return of a logistic
+regression on products of attributes with a ridge too. Adaptive optimisers move rare products as fast as common ones and so
+overfit them; a ridge shrinks them in proportion to how little data they have (products of two and three attributes are scaled
+down, which makes their ridge stronger), and trees group the codes of an attribute that act alike. On blind folds of the
+training matches the log-loss of the return is 1.002 of that of the trees of the evaluation with the network alone, .999 with
+the ridge, .997 with both; that of the contact 1.003 alone and .998 with trees.
 """
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -304,6 +308,11 @@ def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_], start: Floa
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
     weights: Floats = solution.x * scale
     return weights
+
+
+def blended_logits(network: Floats, others: Sequence[Floats]) -> Floats:
+    """Mean ``[..., N]`` of the logits of a network (``[..., N]``) and of the other parts of a model (``[N]`` each)."""
+    return np.asarray((network + sum(others)) / (1 + len(others)))
 
 
 def ridge_logits(weights: Floats, codes: dict[str, Codes], chunk: int = 65536) -> Floats:
