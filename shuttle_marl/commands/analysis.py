@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import tyro
 
 from shuttle_marl.commands import cli
+from shuttle_marl.game.shipped import Profile, resolve_game
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.summary import Summary
@@ -24,6 +25,7 @@ def analysis(
     out: Path | None = None,
     reference: str = "bc",
     game: str = "default",
+    profile: Profile | None = None,
     rallies: int = 20_000,
     json: bool = False,
 ) -> None:
@@ -35,17 +37,17 @@ def analysis(
         out: folder for pictures (the extra `plot`) and tables of rallies and strokes.
         reference: policy whose play the values assume.
         game: model on whose game values are computed: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         rallies: about how many rallies of a log are looked at.
         json: print JSON.
     """
     from shuttle_marl import table_files  # noqa: PLC0415  what computes is not needed to show the flags
     from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
-    from shuttle_marl.game.shipped import load_game  # noqa: PLC0415
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     policy = tabulate(resolve(reference, tables), tables, reference)
     valued = add_values(strokes_of(path, rallies=rallies), policy)
     found = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}

@@ -15,7 +15,7 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import load_game, refits_of
+from shuttle_marl.game.shipped import Profile, refits_of, resolve_game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 def solve(
     *,
     game: str = "default",
+    profile: Profile | None = None,
     away: bool = True,
     tolerance: float = 1e-9,
     plot: File = None,
@@ -43,6 +44,7 @@ def solve(
 
     Args:
         game: model whose game is solved: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         away: play the solution in the refits of the game too.
         tolerance: largest error bound of a value that is good enough.
         plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
@@ -57,7 +59,7 @@ def solve(
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     warm_up(tables)
     begun = time.perf_counter()
     solution = solve_game(tables, tolerance=tolerance)
@@ -100,6 +102,7 @@ def evaluate(
     policies: Policies,
     *,
     game: str = "default",
+    profile: Profile | None = None,
     away: bool = True,
     matches: int = 400,
     seed: int = 0,
@@ -116,6 +119,7 @@ def evaluate(
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         away: play the policies in the refits of the game too.
         matches: matches played out for a policy that is sampled.
         seed: of their draws.
@@ -133,7 +137,7 @@ def evaluate(
         raise ExactError(f"--matches {matches}: expected a number from 1 to {MOST_MATCHES:,}")
     if not 0 <= seed < 1 << 63:
         raise ExactError(f"--seed {seed}: expected a number from 0 up to 2^63")
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     scorer = Scorer(tables, refits=refits_of(tables) if away else ())
     with time_limit(policy_timeout):
         found = [(name, resolve(name, scorer.game)) for name in policies]
@@ -170,6 +174,7 @@ def best_response(
     policy: Annotated[str, tyro.conf.Positional],
     *,
     game: str = "default",
+    profile: Profile | None = None,
     away: bool = True,
     save: File = None,
     policy_timeout: float = POLICY_TIMEOUT,
@@ -180,6 +185,7 @@ def best_response(
     Args:
         policy: name of a policy (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         away: play the response, as it was computed at home, in the refits of the game too.
         save: write the response as a table; table:FILE is its name from then on.
         policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
@@ -192,7 +198,7 @@ def best_response(
     from shuttle_marl.game.table import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     with time_limit(policy_timeout):
         opponent = tabulate(resolve(policy, tables), tables, policy)
     answer = respond(opponent)
@@ -240,6 +246,7 @@ def crossplay(
     policies: Policies,
     *,
     game: str = "default",
+    profile: Profile | None = None,
     away: bool = False,
     policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
@@ -249,6 +256,7 @@ def crossplay(
     Args:
         policies: names of policies (docs/league.md).
         game: model whose game is played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         away: play all pairs in the refits of the game too, which takes nine times as long.
         policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
         json_output: print JSON.
@@ -261,7 +269,7 @@ def crossplay(
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     _check_some(policies)
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     with time_limit(policy_timeout):
         entrants = [tabulate(resolve(name, tables), tables, name) for name in _progress(policies, "tables")]
     pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))

@@ -17,7 +17,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally import OUTCOMES, Game
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.recording.check import check as check_log
 from shuttle_marl.recording.export import export as export_log
@@ -76,15 +76,16 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
         _say(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
 
 
-def check(path: Log, *, game: str = "default", replay: bool = True) -> None:
+def check(path: Log, *, game: str = "default", profile: Profile | None = None, replay: bool = True) -> None:
     """Check checksums, numbers, scores, and by playing it again every stroke of a log; exit status 1 if anything is wrong.
 
     Args:
         path: a rally log, or a folder of them.
         game: model on whose game it was played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         replay: play the strokes again; needs that game.
     """
-    result = check_log(path, load_game(game) if replay else None)
+    result = check_log(path, resolve_game(game, profile) if replay else None)
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
     how = "played again, every outcome the same" if result.replayed else "not played again"
@@ -113,7 +114,14 @@ def recover(path: Log, *, out: Path | None = None) -> None:
         raise RecordingError("\n".join(problems))
 
 
-def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "rallies", game: str | None = None) -> None:
+def export(
+    path: Log,
+    out: File,
+    *,
+    rows: Literal["rallies", "strokes"] = "rallies",
+    game: str | None = None,
+    profile: Profile | None = None,
+) -> None:
     """Write a log as a table.
 
     Args:
@@ -121,10 +129,13 @@ def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "ralli
         out: the table; the suffix .parquet, .csv or .arrow says what it becomes.
         rows: one row a rally or one row a stroke.
         game: model on whose game it was played; adds the state and the probabilities of every stroke (with --rows strokes).
+        profile: men or women: the game of that discipline alone; default: the average of both.
     """
-    if game is not None and rows != "strokes":
-        raise RecordingError(f"--game {game}: adds columns to strokes; ask for them with --rows strokes")
-    _say(f"{out}: {export_log(path, out, rows, None if game is None else load_game(game)):,} rows")
+    tables = None if game is None and profile is None else resolve_game(game, profile)
+    if tables is not None and rows != "strokes":
+        flag = f"--profile {profile}" if game is None else f"--game {game}"
+        raise RecordingError(f"{flag}: adds columns to strokes; ask for them with --rows strokes")
+    _say(f"{out}: {export_log(path, out, rows, tables):,} rows")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
@@ -162,6 +173,7 @@ def scene(
     hands: tuple[Hand, Hand] = ("right", "right"),
     fps: int = 50,
     game: str = "default",
+    profile: Profile | None = None,
     policy: Meant = (),
     trust_policies: bool = False,
     live: bool = False,
@@ -181,6 +193,7 @@ def scene(
         hands: with which seats 0 and 1 play.
         fps: frames a second, 25 to 50.
         game: model on whose game the rallies were played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         policy: the policy that a name in the log stands for; a module or a file may be given here.
         trust_policies: take policies from the modules and files that the log names, which runs code that they hold.
         live: serve the scene to Foxglove on this machine until interrupted.
@@ -204,7 +217,14 @@ def scene(
             numbers = select(log, rally=rally, match=match, pairing=pairing, best=best)
             resolve = _resolver(policy, [player.name for player in log.policies], trust_policies)
             content, unknown = write_scene(
-                log, numbers, load_game(game), athletes=athletes, handedness=hands, fps=fps, resolve=resolve, progress=progress
+                log,
+                numbers,
+                resolve_game(game, profile),
+                athletes=athletes,
+                handedness=hands,
+                fps=fps,
+                resolve=resolve,
+                progress=progress,
             )
         for name, reason in unknown.items():
             console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)

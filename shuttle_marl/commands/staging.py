@@ -11,7 +11,7 @@ import tyro
 
 from shuttle_marl.commands import cli
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.recording.reader import RallyLog
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ def measure(
     policies: tuple[str, str] = ("bc", "bc"),
     seed: int = 0,
     game: str = "default",
+    profile: Profile | None = None,
     athletes: tuple[Athlete, Athlete] = ("male", "female"),
     hands: tuple[Hand, Hand] = ("right", "right"),
     fps: int = 50,
@@ -57,6 +58,7 @@ def measure(
         policies: of seats 0 and 1 in simulated rallies.
         seed: names all draws, of the staging and of simulated rallies.
         game: model on whose game the rallies are played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
         athletes: of seats 0 and 1.
         hands: with which seats 0 and 1 play.
         fps: frames a second.
@@ -69,7 +71,7 @@ def measure(
 
     if rallies < 1:
         raise StagingError(f"--rallies {rallies}: expected 1 or more")
-    tables = load_game(game)
+    tables = resolve_game(game, profile)
     played = _simulated(tables, policies, rallies, seed) if path is None else _recorded(path, tables, rallies)
     found = []
     for i, rally in enumerate(track(played, "staging", console=cli.console(stderr=True), transient=True)):

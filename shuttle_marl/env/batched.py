@@ -132,6 +132,7 @@ class RallyEnv(_BatchedEnv):
     Args:
         batch: number of rallies B.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         seed: names the draws of the rallies.
         server: seat that serves, 0 or 1; None: at random.
         threads: threads that share the rows; never changes a result.
@@ -142,9 +143,16 @@ class RallyEnv(_BatchedEnv):
     """
 
     def __init__(
-        self, batch: int = 1024, *, game: Game | str | None = None, seed: int = 0, server: Server = None, threads: int = 1
+        self,
+        batch: int = 1024,
+        *,
+        game: Game | str | None = None,
+        profile: str | None = None,
+        seed: int = 0,
+        server: Server = None,
+        threads: int = 1,
     ) -> None:
-        resolved = resolve_game(game)
+        resolved = resolve_game(game, profile)
         super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
 
 
@@ -158,6 +166,7 @@ class VersusEnv(_BatchedEnv):
         batch: number of rallies B.
         opponents: name of a policy, a policy, or several; row b meets number b modulo K.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         seed: names the draws of the rallies and of the opponents.
         seat: seat of the learner, 0 or 1.
         server: seat that serves, 0 or 1; None: at random.
@@ -175,12 +184,13 @@ class VersusEnv(_BatchedEnv):
         *,
         opponents: Opponents = "bc",
         game: Game | str | None = None,
+        profile: str | None = None,
         seed: int = 0,
         seat: int = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        resolved = resolve_game(game)
+        resolved = resolve_game(game, profile)
         versus = VersusBatch(
             resolved, batch, opponents=tabulated(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
         )

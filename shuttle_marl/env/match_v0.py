@@ -34,6 +34,7 @@ class raw_env(ShuttleEnv):
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         max_strokes: strokes after which a match is cut off (truncated); None: never.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -56,10 +57,11 @@ class raw_env(ShuttleEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
+        profile: str | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None to draw it at random")
         if reward not in ("match", "rally"):

@@ -49,12 +49,18 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     truncations: dict[str, bool]
 
     def __init__(
-        self, *, game: Game | str | None, max_strokes: int | None, render_mode: RenderMode | None, extra_width: int
+        self,
+        *,
+        game: Game | str | None,
+        profile: str | None,
+        max_strokes: int | None,
+        render_mode: RenderMode | None,
+        extra_width: int,
     ) -> None:
         super().__init__()
         if render_mode not in (None, *RENDER_MODES):
             raise OptionError(f"render_mode {render_mode!r}: expected one of {', '.join(RENDER_MODES)}, or None")
-        self.game = resolve_game(game)
+        self.game = resolve_game(game, profile)
         self.render_mode = render_mode
         self.max_strokes = None if max_strokes is None else whole_number("max_strokes", max_strokes, 1)
         self.last_seed: int | None = None
@@ -339,6 +345,7 @@ class raw_env(ShuttleEnv):
     Args:
         server: who serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         max_strokes: strokes after which a rally is cut off (truncated); None: never.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -359,10 +366,11 @@ class raw_env(ShuttleEnv):
         *,
         server: Literal[0, 1] | None = None,
         game: Game | str | None = None,
+        profile: str | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
+        super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
         if server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None to draw it at random")
         self.server = server

@@ -19,7 +19,6 @@ from shuttle_marl.errors import OptionError
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
 from shuttle_marl.game.rally import Game, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import named
 
@@ -180,6 +179,7 @@ class SingleRallyEnv(SingleEnv):
         seat: the learner's seat; it only says which half of the draws for the serve is the learner's.
         server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
@@ -195,9 +195,10 @@ class SingleRallyEnv(SingleEnv):
         seat: Seat = 0,
         server: Seat | None = None,
         game: Game | str | None = None,
+        profile: str | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        raw = rally_v0.raw_env(server=server, game=resolve_game(game), render_mode=render_mode)
+        raw = rally_v0.raw_env(server=server, game=game, profile=profile, render_mode=render_mode)
         other = Opponent(opponent, raw.game)
         if other.reads_score:
             raise OptionError(f"opponent {other.name!r} reads the score, and a rally has none; play it in shuttle_marl/Match-v0")
@@ -217,6 +218,7 @@ class SingleMatchEnv(SingleEnv):
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
@@ -234,9 +236,10 @@ class SingleMatchEnv(SingleEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
+        profile: str | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
         raw = match_v0.raw_env(
-            first_server=first_server, reward=reward, rules=rules, game=resolve_game(game), render_mode=render_mode
+            first_server=first_server, reward=reward, rules=rules, game=game, profile=profile, render_mode=render_mode
         )
         super().__init__(raw, Opponent(opponent, raw.game), seat)

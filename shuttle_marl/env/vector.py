@@ -36,6 +36,7 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
         observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
             contact, net shots in a row, own effort and the opponent's as six integers, which cost less and suit embeddings.
         threads: threads that share the rows; never changes a result.
@@ -57,13 +58,14 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         seat: int | npt.NDArray[np.integer] = 0,
         server: Server = None,
         game: Game | str | None = None,
+        profile: str | None = None,
         observation: Literal["features", "tokens"] = "features",
         threads: int = 1,
     ) -> None:
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         self.num_envs = num_envs
-        self.game = resolve_game(game)
+        self.game = resolve_game(game, profile)
         self._batch = VersusBatch(
             self.game, num_envs, opponents=tabulated(opponent, self.game), seat=seat, server=server, threads=threads
         )

@@ -6,7 +6,7 @@ such as ``default:men`` means one of its variants: the game of one discipline, o
 
 import functools
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,8 @@ NETWORKS: Final = "networks.safetensors"
 """The fitted models that the game was compiled from."""
 VARIANTS: Final = "variants.safetensors"
 """Variants of the game, as differences from it."""
+Profile = Literal["men", "women"]
+"""Names of the games of one discipline."""
 PROFILES: Final = ("men", "women")
 """Variants that are the games of one discipline; the others are refits, named by their number from 1."""
 SUPPORT: Final = "support.safetensors"

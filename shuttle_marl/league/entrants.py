@@ -13,9 +13,10 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.uncompiled import Ints, ask
-from shuttle_marl.policy import registry
+from shuttle_marl.policy import agents, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
@@ -55,6 +56,8 @@ class LeagueConfig:
     """Rallies that go into the rally log: all, none, or sample:N for one match in N, drawn at random."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
+    profile: Profile | None = None
+    """The game of one discipline alone; default: the average of both."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT
@@ -77,20 +80,22 @@ class LeagueConfig:
             raise LeagueError("--resume continues a run and --overwrite replaces it; give one of them")
 
     def fixed(self) -> dict[str, Any]:
-        """Everything that decides the results, as JSON: pool, matches, seed, record, game."""
-        kept = ("pool", "matches", "seed", "record", "game")
+        """Everything that decides the results, as JSON: pool, matches, seed, record, game, profile."""
+        kept = ("pool", "matches", "seed", "record", "game", "profile")
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in kept}))
         return fixed
 
 
-def default_pool() -> tuple[str, ...]:
+def default_pool(game: Game) -> tuple[str, ...]:
     """Behaviour-cloned players (all together, and the first few on their own), scripted styles, random, trained agents, anchors.
 
-    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``.
+    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Agents that were trained on another
+    game, such as the average of which this one is a variant, are left out.
     """
     names = registry.names()
     bc = [name for name in names if name.partition(":")[0] == "bc"]
-    others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
+    trained = [name for name in TRAINED if agents.trained_on(name, game)]
+    others = ("attacking", "defensive", "safe", "random", *trained, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
 
 

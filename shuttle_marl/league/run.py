@@ -17,7 +17,7 @@ from shuttle_marl import runs
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
@@ -58,8 +58,8 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         RecordingError: the rally log cannot be written any more.
     """
     console = console or Console(quiet=True)
-    game = load_game(config.game)
-    config = dataclasses.replace(config, pool=config.pool or default_pool())
+    game = resolve_game(config.game, config.profile)
+    config = dataclasses.replace(config, pool=config.pool or default_pool(game))
     with console.status("evaluating the entrants on every state"), time_limit(config.policy_timeout):
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:

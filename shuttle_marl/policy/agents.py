@@ -123,6 +123,14 @@ def shipped_folder(name: str, model: Path) -> Path:
     return model / AGENTS / name.replace(":", "-")
 
 
+def trained_on(name: str, game: Game) -> bool:
+    """Whether an agent of a name such as ``ppo`` came with the model of a game, and was trained on this game itself."""
+    model = folder_of(game)
+    with contextlib.suppress(PolicyError):
+        return model is not None and read_card(shipped_folder(name, model)).get("game") == game.hash
+    return False
+
+
 def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     """The agent of a name such as ``ppo`` or ``ppo:attacking`` that came with the model of a game.
 

@@ -67,7 +67,9 @@ def require_game(log: RallyLog, game: Game) -> None:
     """
     played = log.files[0].header.game
     if played != game.hash:
-        raise RecordingError(f"{log.path}: played on game {played[:12]}, not on {game.hash[:12]}; name its model with --game")
+        raise RecordingError(
+            f"{log.path}: played on game {played[:12]}, not on {game.hash[:12]}; name its model with --game (and --profile)"
+        )
 
 
 def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
 
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
 SELF: Final = "self"
@@ -83,6 +84,8 @@ class TrainingConfig:
     """Rallies for the run's rally log: all, none, or sample:N for one rally in N; never changes the weights."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
+    profile: Profile | None = None
+    """The game of one discipline alone; default: the average of both."""
     warm_start: str | None = None
     """Policy that the network imitates before it learns, for example bc."""
     bonus: tuple[str, ...] = ()

@@ -23,7 +23,7 @@ from shuttle_marl import exact, runs
 from shuttle_marl.files import problem, replace_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
@@ -84,7 +84,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
     """
     console = console or Console(quiet=True)
-    game = load_game(config.game)
+    game = resolve_game(config.game, config.profile)
     names = () if config.self_play else config.opponent
     opponents = [tabulate(resolve(name, game), game, name) for name in names]
     _check_machine(config, game)

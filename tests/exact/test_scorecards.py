@@ -174,7 +174,7 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: object) -> Non
 
 
 def test_anchors_stand_in_the_default_pool() -> None:
-    assert set(ANCHORS) < set(default_pool())
+    assert set(ANCHORS) < set(default_pool(default_game()))
 
 
 def test_the_normalised_score_needs_a_scale() -> None:

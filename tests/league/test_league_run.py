@@ -479,8 +479,8 @@ def test_an_unknown_entrant_stops_everything_before_it_begins(tmp_path: Path) ->
 
 
 def test_the_default_pool_can_play() -> None:
-    assert {"attacking", "defensive", "safe", "random"} <= set(default_pool())
-    LeagueConfig(pool=default_pool())
+    assert {"attacking", "defensive", "safe", "random"} <= set(default_pool(default_game()))
+    LeagueConfig(pool=default_pool(default_game()))
 
 
 def test_the_command_prints_the_table_and_a_forfeit(

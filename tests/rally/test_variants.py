@@ -10,19 +10,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
+from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.commands import exact, league, recording
 from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import shipped
 from shuttle_marl.game.rally import ONE, Game, GameError
 from shuttle_marl.game.shipped import BC, VARIANTS, load_game, model_folder, origin_of, read_model_card, refits_of, resolve_game
 from shuttle_marl.game.table import thresholds
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
+from shuttle_marl.league import default_pool
 from shuttle_marl.policy import bc
+from shuttle_marl.policy.agents import read_card
 from shuttle_marl.tensor_files import Tensors, read_tensors
+from shuttle_marl.training import PPOConfig, train
 
 
 def shaken(game: Game, seed: int, spread: float = 0.4) -> Game:
@@ -121,6 +128,45 @@ def test_variants_are_found_by_name(model: Path) -> None:
         resolve_game(shaken(game, 9), "men")
     with pytest.raises(GameError, match="another variant"):
         resolve_game(men, "1")
+
+
+def test_environments_play_the_game_of_a_discipline(model: Path) -> None:
+    men = load_game(f"{model}:men")
+    options: dict[str, Any] = {"game": str(model), "profile": "men"}
+    found = [
+        rally_v0.env(**options).unwrapped.game,
+        match_v0.env(**options).unwrapped.game,
+        gymnasium.make("shuttle_marl/Rally-v0", opponent="random", **options).unwrapped.game,
+        gymnasium.make("shuttle_marl/Match-v0", opponent="random", **options).unwrapped.game,
+        gymnasium.make_vec("shuttle_marl/Rally-v0", num_envs=2, opponent="random", **options).game,
+        RallyEnv(4, **options).game,
+        VersusEnv(4, opponents="random", **options).game,
+    ]
+    assert {game.hash for game in found} == {men.hash}
+    with pytest.raises(GameError, match="no variant 'women'"):
+        rally_v0.env(game=str(model), profile="women")
+
+
+def test_commands_play_the_game_of_a_discipline(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the agents that were trained on the average; a log of it is not one of the average."""
+    men, out = load_game(f"{model}:men"), tmp_path / "run"
+    assert not {"ppo", "a2c"} & set(default_pool(men))
+    flags = ["--game", str(model), "--profile", "men"]
+    assert league.main(["--pool", "bc", "random", "--matches", "2", "--out", str(out), *flags]) == 0
+    assert json.loads((out / "manifest.json").read_text())["game"]["hash"] == men.hash
+    assert json.loads((out / "config.json").read_text())["profile"] == "men"
+    log = str(out / "rallies.mcap")
+    assert recording.main(["check", log, *flags]) == 0
+    assert recording.main(["check", log, *flags[:2]]) == 1
+    assert "--profile" in capsys.readouterr().err
+    assert recording.main(["export", log, str(tmp_path / "a.csv"), "--rows", "strokes", *flags]) == 0
+    assert recording.main(["export", log, str(tmp_path / "b.csv"), *flags]) == 1
+    with pytest.raises(SystemExit):
+        recording.main(["check", log, "--profile", "mixed"])
+    assert exact.main(["best-response", "bc", "--json", *flags]) == 0
+    config = PPOConfig(game=str(model), profile="men", strokes=128, rows=16, steps=4, record="none", out=tmp_path / "trained")
+    train(config)
+    assert read_card(tmp_path / "trained" / "agent")["game"] == men.hash
 
 
 def test_the_average_player_of_a_discipline_plays_in_its_game(model: Path) -> None:
