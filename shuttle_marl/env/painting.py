@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.env.snapshot import Snapshot, shot_in_words, standing
+from shuttle_marl.env.snapshot import Snapshot, effort_in_words, shot_in_words, standing
 from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
@@ -60,6 +60,7 @@ _ROW: Final = 27
 _ROWS: Final = 17
 _SCORE: Final = (24, 24)
 _NAME_WIDTH: Final = 126
+_EFFORT_WIDTH: Final = 84
 _GAME_WIDTH: Final = 34
 _CHIP: Final = (24, 514, 46)
 _PAD: Final = 14
@@ -169,7 +170,7 @@ def paint_stage(layer: Layer) -> None:
 def paint_boxes(layer: Layer, snapshot: Snapshot) -> None:
     """Everything under the text."""
     x, y = _SCORE
-    width = _NAME_WIDTH + _GAME_WIDTH * max(1, len(snapshot.by_game)) + 8
+    width = _name_width(snapshot) + _GAME_WIDTH * max(1, len(snapshot.by_game)) + 8
     layer.rect(x, y, width, 56, INK, 235, radius=6)
     for player in (0, 1):
         layer.rect(x, y + 28 * player, 4, 28, PLAYERS[player])
@@ -201,18 +202,26 @@ def write_overlay(picture: Picture, snapshot: Snapshot) -> None:
         _write_chip(picture, snapshot, snapshot.strokes[-1])
 
 
+def _name_width(snapshot: Snapshot) -> int:
+    """Width of the names, and of the efforts behind them where they count."""
+    return _NAME_WIDTH + (_EFFORT_WIDTH if snapshot.game.levels > 1 else 0)
+
+
 def _write_score(picture: Picture, snapshot: Snapshot) -> None:
     x, y = _SCORE
+    width = _name_width(snapshot)
     for player, name in enumerate(snapshot.names):
         middle = y + 14 + 28 * player
-        picture.write(name, (x + 28, middle), _NORMAL)
+        end = x + 28 + picture.write(name, (x + 28, middle), _NORMAL)
+        if snapshot.game.levels > 1:
+            picture.write(f"effort {effort_in_words(snapshot, player)}", (end + 10, middle + 1), _SMALL, MUTED)
         for column, points in enumerate(snapshot.by_game):
             current = column == len(snapshot.by_game) - 1
-            at = (x + _NAME_WIDTH + _GAME_WIDTH * (column + 0.5) + 4, middle)
+            at = (x + width + _GAME_WIDTH * (column + 0.5) + 4, middle)
             won = points[player] > points[1 - player]
             picture.write(str(points[player]), at, _LARGE if current else _NORMAL, TEXT if won or current else MUTED, "center")
         if not snapshot.by_game and snapshot.winner == player:
-            picture.write("won", (x + _NAME_WIDTH + _GAME_WIDTH / 2, middle), _NORMAL, GREEN, "center")
+            picture.write("won", (x + width + _GAME_WIDTH / 2, middle), _NORMAL, GREEN, "center")
     right = _STAGE[0] + _STAGE[2] - 14
     picture.write(snapshot.title, (right, y + 10), _NORMAL, MUTED, "midright")
 

@@ -59,6 +59,8 @@ def as_text(snapshot: Snapshot) -> str:
     names = snapshot.names
     lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
     lines += score_lines(snapshot)
+    if snapshot.game.levels > 1:
+        lines.append("effort: " + ", ".join(f"{name} {effort_in_words(snapshot, p)}" for p, name in enumerate(names)))
     for number, stroke in enumerate(snapshot.strokes, start=1):
         words = in_words(snapshot.game.catalogue, stroke.stroke)
         probabilities = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
@@ -86,6 +88,13 @@ def score_lines(snapshot: Snapshot) -> list[str]:
     width = max(map(len, snapshot.names))
     points = ["".join(f"{game[player]:4}" for game in snapshot.by_game) for player in (0, 1)]
     return [f"{name:{width}}{points[player]}" for player, name in enumerate(snapshot.names)]
+
+
+def effort_in_words(snapshot: Snapshot, player: int) -> str:
+    """A player's effort after the strokes of the rally, of the highest one: ``1 of 2``."""
+    attacks = sum(snapshot.game.catalogue.is_attack[stroke.stroke] for stroke in snapshot.strokes if stroke.player == player)
+    highest = snapshot.game.levels - 1
+    return f"{min(attacks, highest)} of {highest}"
 
 
 def standing(snapshot: Snapshot) -> str:

@@ -399,7 +399,8 @@ class Game:
         return np.stack([below, below + 1], axis=-1).astype(np.int32)
 
     def _numbers(self, pairs: slice | Indices) -> npt.NDArray[np.integer]:
-        return np.arange(self.n_pairs)[pairs] if isinstance(pairs, slice) else np.asarray(pairs)
+        # Not a part of all numbers: those are tens of megabytes.
+        return np.arange(*pairs.indices(self.n_pairs)) if isinstance(pairs, slice) else np.asarray(pairs)
 
     @functools.cached_property
     def limits(self) -> UInts:

@@ -8,6 +8,7 @@ import numpy as np
 from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity, Vector3
 
 from shuttle_marl.game.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
+from shuttle_marl.game.rally import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.moving import PLAY, WORLD
@@ -86,6 +87,9 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "p_ret": annotation.p_ret,
         "probability": annotation.probability,
         "win_probability": annotation.chosen,
+        "effort": None if annotation.efforts is None else annotation.efforts[seat],
+        "opponent_effort": None if annotation.efforts is None else annotation.efforts[1 - seat],
+        "duel": annotation.duel,
         "contact_height": round(float(trajectory.contact[i, 2]), 3),
         "speed_kmh": round(3.6 * float(trajectory.flight.launch_speed[i]), 1),
         "flight_time": round(float(trajectory.end_time[i] - trajectory.time[i]), 3),
@@ -138,7 +142,15 @@ def _action(report: RallyReport, i: int) -> str:
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     name = report.names[played.striker[i]]
-    return f"{name}: {shot} to {area}, {technique}\ngood {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}"
+    lines = [
+        f"{name}: {shot} to {area}, {technique}",
+        f"good {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}",
+    ]
+    if annotation.efforts is not None:
+        lines.append(f"effort {annotation.efforts[0]} - {annotation.efforts[1]}")
+    if annotation.duel is not None and annotation.duel > 1:
+        lines.append(f"{annotation.duel}{' or more' if annotation.duel == LONGEST_DUEL else ''} net shots in a row")
+    return "\n".join(lines)
 
 
 def _sentence(content: dict[str, Any]) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.profile import ProfileValue, evaluate
@@ -25,7 +24,6 @@ from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion, PlayedRally
 from shuttle_marl.staging.rally import rally_of
 
-Floats = npt.NDArray[np.float64]
 Resolve = Callable[[str, Game], Policy]
 """Finds the policy of a name; raises PolicyError for one that it does not find or may not."""
 
@@ -64,6 +62,8 @@ class StrokeAnnotation:
         chosen: the same once the stroke is chosen, before it is decided.
         rally_win: probability that seat 0 wins the rally, before the stroke.
         match_win: probability that seat 0 wins the match, before the stroke.
+        efforts: attacking strokes of seats 0 and 1 in the rally before this one, as far as they count; None: they do not.
+        duel: net shots in a row that end with the incoming stroke, 3 for three or more; None: they do not count.
     """
 
     p_succ: float
@@ -75,6 +75,8 @@ class StrokeAnnotation:
     chosen: float | None = None
     rally_win: float | None = None
     match_win: float | None = None
+    efforts: tuple[int, int] | None = None
+    duel: int | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,9 +161,7 @@ class Annotator:
         require_game(log, game)
         self.unknown: dict[str, str] = {}
         self._log, self._game, self._resolve = log, game, resolve
-        self._p_succ, self._p_ret, _ = game.stroke_probabilities()
         self._tables: dict[Player, TabulatedPolicy | None] = {}
-        self._probabilities: dict[Player, Floats] = {}
         self._values: dict[tuple[Player, Player], ProfileValue] = {}
 
     def report(self, number: int) -> RallyReport:
@@ -214,11 +214,20 @@ class Annotator:
         value: ProfileValue | None,
         match_odds: tuple[float, float] | None,
     ) -> StrokeAnnotation:
-        game, pairs = self._game, self._game.pairs_of(state)
-        known = StrokeAnnotation(p_succ=float(self._p_succ[pairs][rank]), p_ret=float(self._p_ret[pairs][rank]))
-        if self._table(striker) is None:
+        game = self._game
+        pairs = game.pair_at(state, np.arange(int(game.legal_count(state))))
+        p_succ, p_ret, _ = (float(p) for p in game.stroke_probabilities(pairs[rank]))
+        efforts = int(game.effort(state)), int(game.opponent_effort(state))
+        known = StrokeAnnotation(
+            p_succ=p_succ,
+            p_ret=p_ret,
+            efforts=(efforts if seat == 0 else efforts[::-1]) if game.levels > 1 else None,
+            duel=int(game.duel(state)) if game.counts_duels else None,
+        )
+        table = self._table(striker)
+        if table is None:
             return known
-        strokes, p = game.pair_stroke[pairs], self._probabilities[striker][pairs]
+        strokes, p = game.legal_strokes(state), table.chances(pairs)
         shots = np.bincount(game.catalogue.shot[strokes], weights=p, minlength=len(SHOTS))
         known = dataclasses.replace(known, probability=float(p[rank]), shots=tuple(shots.tolist()))
         if value is None or match_odds is None:
@@ -248,7 +257,7 @@ class Annotator:
             try:
                 table = tabulate(self._resolve(player.name, self._game), self._game, player.name)
                 _check_same(player, table)
-                self._tables[player], self._probabilities[player] = table, table.pair_probabilities()
+                self._tables[player] = table
             except PolicyError as error:
                 self._tables[player], self.unknown[printable(player.name)] = None, printable(str(error))
         return self._tables[player]

@@ -1,5 +1,6 @@
 """Pictures of rallies."""
 
+import dataclasses
 import itertools
 import os
 import subprocess
@@ -9,14 +10,16 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.game.court import LENGTH, WIDTH
+from tests.exact.exact_games import tiring_game
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
 
 from shuttle_marl.env.painting import PLAYERS, YELLOW  # noqa: E402
-from shuttle_marl.env.picture import LINE, MAT, PX, px  # noqa: E402
+from shuttle_marl.env.picture import LINE, MAT, PX, CourtRenderer, px  # noqa: E402
 
 
 def share_of(picture, colour, tolerance=30):
@@ -59,6 +62,22 @@ def test_the_picture_changes_with_every_stroke(play):
     frames.append(env.render())
     assert len(frames) > 3
     assert all((before != after).any() for before, after in itertools.pairwise(frames))
+
+
+def test_the_picture_tells_the_efforts_where_they_count():
+    """A smash changes what stands behind the name of who struck it, and the space for it is there in games of effort alone."""
+    env = rally_v0.env(render_mode="rgb_array", game=tiring_game())
+    env.reset(seed=1)
+    catalogue = env.unwrapped.game.catalogue
+    snapshot = env.unwrapped.snapshot()
+    stroke = next(i for i, name in enumerate(catalogue.names) if name.startswith("smash"))
+    clear = next(i for i, name in enumerate(catalogue.names) if name.startswith("clear"))
+    frames = []
+    for played in (stroke, clear):
+        shown = dataclasses.replace(snapshot, strokes=(Stroke(player=0, stroke=played, outcome=2, p_succ=0.9, p_ret=0.9),))
+        frames.append(CourtRenderer("test", fps=2).frame(shown)[20:80, 20:240])
+    assert (frames[0] != frames[1]).any()
+    assert (frames[0][30:] == frames[1][30:]).all(), "the other player's is as it was"
 
 
 def test_the_target_of_the_last_stroke_is_marked():

@@ -8,6 +8,7 @@ from shuttle_marl.env.snapshot import area_corners, as_text, in_words, plan_of, 
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rally import OUTCOMES
 from shuttle_marl.game.scoring import Rules
+from tests.exact.exact_games import tiring_game
 
 
 def moments(play, env, seed):
@@ -130,6 +131,23 @@ def test_text_of_a_lost_and_of_an_unfinished_rally(play):
     env.reset(seed=0)
     env.step(0)
     assert env.render().splitlines()[-1] == "no result: too many strokes"
+
+
+def test_text_tells_the_efforts_where_they_count(play):
+    env = rally_v0.env(render_mode="ansi", game=tiring_game())
+    attacks, met = {}, set()
+    for episode in range(20):
+        attacks = {"player_0": 0, "player_1": 0}
+        for agent, *_, action in play(env, 0 if episode == 0 else None, policy_seed=episode):
+            words = ", ".join(f"{name} {min(count, 2)} of 2" for name, count in attacks.items())
+            assert f"\neffort: {words}\n" in env.render()
+            met.add(words)
+            if action is not None:
+                attacks[agent] += env.unwrapped.game.catalogue.names[action].split(":")[0] in ("smash", "half-smash")
+    assert len(met) > 6
+    plain = rally_v0.env(render_mode="ansi")
+    plain.reset(seed=1)
+    assert "effort" not in plain.render() or plain.unwrapped.game.levels > 1
 
 
 def test_strokes_in_words():

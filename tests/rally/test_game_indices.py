@@ -1,5 +1,8 @@
 """Index arithmetic of a game: states, legal pairs and numbers over them, against plain loops."""
 
+import dataclasses
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,6 +15,16 @@ from shuttle_marl.game.rally import FAULT, ONE, WINNER, Game, states_of_rallies,
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)
+
+
+def test_what_is_asked_of_some_pairs_costs_no_memory_for_all() -> None:
+    game = dataclasses.replace(GAME, fault_odds=np.full(8, ONE, np.int32))
+    expected = game.limits[3][5:9]
+    start = 25 * game.n_base_pairs + 5
+    tracemalloc.start()
+    assert (game.limits_of(slice(start, start + 4)) == expected).all()
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
 
 
 def test_a_state_and_its_observation_name_each_other() -> None:

@@ -1,0 +1,99 @@
+"""Logs and reports of a game with effort and duels: the state of every stroke follows from the strokes before it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.rally import WINNER
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
+from shuttle_marl.recording.check import check
+from shuttle_marl.recording.simulate import simulated_rallies
+from shuttle_marl.scene import topics
+from shuttle_marl.scene.commentary import percent
+from shuttle_marl.scene.report import Annotator
+from shuttle_marl.scene.write import write_scene
+from tests.exact.exact_games import random_policy, tiring_game
+from tests.scene.conftest import read
+
+GAME = tiring_game()
+NAMES = ("one", "other")
+LONG = 8
+"""Strokes of a rally in which players get tired."""
+
+
+@pytest.fixture(scope="module")
+def tables() -> dict[str, TabulatedPolicy]:
+    made = (random_policy(GAME, seed).pair_probabilities() for seed in (1, 2))
+    return {name: from_pair_probabilities(GAME, p) for name, p in zip(NAMES, made, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def path(tables: dict[str, TabulatedPolicy], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One match."""
+    players = {name: table.pair_probabilities() for name, table in tables.items()}
+    header, rallies = simulated_rallies(GAME, players, matches=1, seed=3)
+    path = tmp_path_factory.mktemp("effort") / "rallies.mcap"
+    with RallyLogWriter(path, header) as log:
+        log.append(rallies)
+    return path
+
+
+def test_a_log_plays_again(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+    assert check(path, GAME).problems == ()
+    with RallyLog(path) as log:
+        assert replay(log, GAME, tables).wrong == ()
+
+
+def test_annotations_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+    """Against efforts and duels that are counted here, and probabilities that are looked up by the whole observation."""
+    good, returned, _ = GAME.stroke_probabilities()
+    value = evaluate(tables["one"], tables["other"])
+    met = set()
+    with RallyLog(path) as log:
+        annotator = Annotator(log, GAME, lambda name, _: tables[name])
+        for number in range(20):
+            report = annotator.report(number)
+            catalogue, played = report.played.catalogue, report.played
+            strokes, attacks, duel = [GAME.n_strokes] * 2 + played.stroke.tolist(), [0, 0], 0
+            for i, annotation in enumerate(report.strokes):
+                seat, stroke = int(played.striker[i]), int(played.stroke[i])
+                assert (annotation.efforts, annotation.duel) == ((min(attacks[0], 2), min(attacks[1], 2)), min(duel, 3))
+                efforts = [annotation.efforts[seat], annotation.efforts[1 - seat]]
+                state = int(GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts))
+                pair = int(GAME.pair(state, stroke))
+                assert (annotation.p_succ, annotation.p_ret) == (good[pair], returned[pair])
+                table = tables[report.names[seat]]
+                assert annotation.probability == table.pair_probabilities()[pair]
+                seats = [NAMES.index(name) for name in report.names]
+                assert annotation.value == pytest.approx((1 + value.striking[seats[seat]][state]) / 2, abs=1e-6)
+                met.add((*annotation.efforts, annotation.duel))
+                attacks[seat] += int(catalogue.is_attack[stroke])
+                duel = duel + 1 if catalogue.is_net_shot[stroke] else 0
+            assert (report.winner == int(played.striker[-1])) == (played.ending == WINNER)
+    assert len(met) > 15
+
+
+def test_the_scene_says_how_tired_players_are(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+    with RallyLog(path) as log:
+        number = next(n for n in range(log.n_rallies) if len(log.rally(n).stroke) >= LONG)
+        annotations = Annotator(log, GAME, lambda name, _: tables[name]).report(number).strokes
+        content, unknown = write_scene(log, [number], GAME, fps=25, resolve=lambda name, _: tables[name])
+    assert not unknown
+    messages = read(content)
+    strokes = [message for _, topic, message in messages if topic == topics.STROKE]
+    assert [{s["effort"], s["opponent_effort"]} for s in strokes] == [set(a.efforts or ()) for a in annotations]
+    assert [s["duel"] for s in strokes] == [a.duel for a in annotations]
+    assert strokes[-1]["effort"] + strokes[-1]["opponent_effort"] > 0
+    words = {t.text for _, topic, m in messages if topic == topics.BOARD for e in m.entities for t in e.texts}
+    for annotation in annotations:
+        assert annotation.efforts is not None
+        assert f"effort {annotation.efforts[0]} - {annotation.efforts[1]}" in words
+        assert f"good {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}" in words
+    schema = topics.SCHEMAS[topics.STROKE]["properties"]
+    assert {"effort", "opponent_effort", "duel"} <= set(schema)
+    assert json.dumps(strokes[0])
+    assert np.isfinite([s["p_succ"] for s in strokes]).all()
