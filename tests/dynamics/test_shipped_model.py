@@ -59,12 +59,15 @@ def test_ranges_follow_the_counts() -> None:
     assert width[many].mean() < 0.5 * width[support.strokes < 5].mean()
 
 
-def test_the_solved_game_looks_like_badminton() -> None:
+def test_the_card_warns_where_the_solved_game_leaves_its_limits() -> None:
+    """The limits are reported, and no fit is chosen by them; but that every rally ends is a promise."""
     figures = solved()
-    assert figures["largest_shot_share"] <= 0.45
-    assert figures["shot_types_above_2_percent"] >= 6
-    assert 5 <= figures["minimax"]["mean_rally"] <= 20
     assert figures["largest_continuation"] <= 0.997
+    shown = " ".join(read_model_card(model_folder())["health"]["warnings"])
+    assert ("largest shot share" in shown) == (figures["largest_shot_share"] > 0.45)
+    assert ("shot types above 2 percent" in shown) == (figures["shot_types_above_2_percent"] < 6)
+    assert ("minimax mean rally" in shown) == (not 5 <= figures["minimax"]["mean_rally"] <= 20)
+    assert ("best response thin" in shown) == (figures["thin"]["best_response"] > 0.25)
 
 
 def test_the_card_says_what_the_tables_say() -> None:
