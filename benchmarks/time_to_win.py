@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
 import numpy as np
+import numpy.typing as npt
 import torch
 import tyro
 from rich.console import Console
@@ -28,10 +29,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from benchmarks.machine import this_machine
-from shuttle_marl.env.strokes import features
+from shuttle_marl.env.strokes import features, with_efforts
 from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import States
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import from_pair_probabilities, tabulate
+from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import Evaluation, Evaluator, PPOConfig, train
 
@@ -93,20 +95,23 @@ def ours(seed: int, target: float) -> Reached:
     )
 
 
-def evaluate(model: MaskablePPO, game: Game, evaluator: Evaluator) -> Evaluation:
-    """Exact figures of what a MaskablePPO plays."""
-    states = np.flatnonzero(np.diff(game.pair_start))
-    mask = game.mask(states)
-    seen = {
-        "observation": torch.from_numpy(features(game)[states]),
-        "action_mask": torch.from_numpy(mask.astype(np.int8)),
-    }
-    with torch.no_grad():
-        probabilities: torch.Tensor = cast(Any, model.policy.get_distribution(seen, action_masks=mask)).distribution.probs
-        found = probabilities.double().numpy()
-    p = np.zeros((game.n_states, game.n_strokes))
-    p[states] = found * mask
-    return evaluator.evaluate(from_pair_probabilities(game, p[game.pair_state, game.pair_stroke]))
+class Learned:
+    """A MaskablePPO as a policy, so that its probabilities of winning can be computed."""
+
+    def __init__(self, model: MaskablePPO, game: Game) -> None:
+        self._model, self._rows = model, features(game)
+
+    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+        """``[B, n]`` as its network gives them."""
+        mask = states.mask.copy()  # torch warns about arrays that cannot be written to
+        seen = {
+            "observation": torch.from_numpy(with_efforts(states.game, self._rows, states.state)),
+            "action_mask": torch.from_numpy(mask.astype(np.int8)),
+        }
+        with torch.no_grad():
+            distribution = cast(Any, self._model.policy.get_distribution(seen, action_masks=mask)).distribution
+        found: npt.NDArray[np.float64] = distribution.probs.double().numpy() * mask
+        return found / found.sum(axis=1, keepdims=True)
 
 
 class _Stop(BaseCallback):
@@ -142,7 +147,7 @@ def theirs(seed: int, target: float, limit: float) -> Reached:
     begun = time.perf_counter()
     env = make_vec_env("shuttle_marl/Rally-v0", n_envs=_ENVS, seed=seed, env_kwargs={"opponent": OPPONENT})
     model = MaskablePPO("MultiInputPolicy", env, seed=seed, device="cpu", **LIKE_OURS)
-    stop = _Stop(lambda: evaluate(model, game, evaluator), target, limit, every=16_384)
+    stop = _Stop(lambda: evaluator.evaluate(tabulate(Learned(model, game), game)), target, limit, every=16_384)
     with contextlib.suppress(_Over):
         model.learn(1_000_000_000, callback=stop)
     return Reached(

@@ -16,32 +16,17 @@ from torchrl.envs.libs.gym import GymEnv, GymWrapper
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
+from benchmarks.time_to_win import Learned
 from shuttle_marl import exact, match_v0, rally_v0
-from shuttle_marl.env.strokes import RALLY_WIDTH, features
+from shuttle_marl.env.strokes import RALLY_WIDTH
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import Policy, States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
+from tests.exact.exact_games import random_policy, tiring_game
 
 GAME = default_game()
 NAMES = ("shuttle_marl/Rally-v0", "shuttle_marl/Match-v0")
-
-
-class Learned:
-    """A MaskablePPO as a policy, so that its winning probabilities can be computed instead of sampled."""
-
-    def __init__(self, model: MaskablePPO) -> None:
-        self._model, self._features = model, features(GAME)
-
-    def probabilities(self, states: States) -> np.ndarray:
-        seen = {
-            "observation": torch.from_numpy(self._features[states.state]),
-            "action_mask": torch.from_numpy(states.mask.astype(np.int8)),
-        }
-        with torch.no_grad():
-            found = self._model.policy.get_distribution(seen, action_masks=states.mask)
-        p: np.ndarray = found.distribution.probs.double().numpy() * states.mask
-        return p / p.sum(axis=1, keepdims=True)
 
 
 def probability_against_bc(policy: Policy) -> float:
@@ -67,7 +52,7 @@ def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
     )
     model.learn(32_768)
     random = probability_against_bc(resolve("random", GAME))
-    assert probability_against_bc(Learned(model)) > random + 0.06
+    assert probability_against_bc(Learned(model, GAME)) > random + 0.06
     reward, _ = evaluate_policy(model, gymnasium.make(NAMES[0]), n_eval_episodes=50, deterministic=False, warn=False)
     assert -1 <= reward <= 1
 
@@ -119,6 +104,28 @@ def test_torchrl_rolls_gymnasium_out(make: Any, name: str) -> None:
     over = rollout["next", "terminated"]
     assert over.any()
     assert torch.equal(rollout["next", "reward"] != 0, over)
+
+
+def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
+    """What it plays in a state is what it plays when it sees that state in the environment."""
+    game = tiring_game()
+    env = gymnasium.make(NAMES[0], opponent=random_policy(game, 1), game=game)
+    model = MaskablePPO("MultiInputPolicy", env, seed=0, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]})
+    table = tabulate(Learned(model, game), game)
+    rng, efforts = np.random.default_rng(0), set()
+    for episode in range(20):
+        seen, _ = env.reset(seed=episode)
+        over = False
+        while not over:
+            raw: Any = env.unwrapped
+            batch = {key: torch.from_numpy(value[None]) for key, value in seen.items()}
+            with torch.no_grad():
+                distribution = model.policy.get_distribution(batch, action_masks=raw.action_masks()[None]).distribution
+            played = table.probabilities(States(game=game, state=np.array([raw.state_number], np.int32)))
+            np.testing.assert_allclose(played[0], distribution.probs[0], atol=3e-5)
+            efforts.add(int(game.effort(raw.state_number)))
+            seen, _, over, _, _ = env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
+    assert efforts == {0, 1, 2}
 
 
 def test_gymnasiums_wrappers_fit() -> None:
