@@ -43,8 +43,8 @@ from shuttle_marl.dynamics.models import (
     was_met,
 )
 from shuttle_marl.dynamics.network import QUICK, Ensemble, TrainingConfig, encode, fold_of_match, predict, unseen
-from shuttle_marl.dynamics.situations import fit_situations
-from shuttle_marl.dynamics.trees import fit_trees
+from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
@@ -56,6 +56,10 @@ Report = Callable[[str], None]
 THREADS: Final = 1
 """Threads of the fit; fixed, because sums in another order give other weights. Its products are too small to gain from more."""
 _BLIND_FOLDS: Final = 5
+_SUCCESS_EPOCHS: Final = 2 / 3
+"""Share of the epochs that the success networks are fitted for: with all of them they overfit."""
+_CORRECTIONS: Final = 75
+_CORRECTION_RATE: Final = 0.03
 _PLAYER_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 
@@ -128,7 +132,8 @@ def fit(
     report("intended targets of faults (expectation), then both again (maximisation)")
     soft = intended_targets(target, success, train)
     target = fit_target(train, soft, config, seed + 2)
-    success = fit_success(known, _targets(target, known), config, seed + 3)
+    fewer = dataclasses.replace(config, epochs=max(1, round(_SUCCESS_EPOCHS * config.epochs)))
+    success = fit_success(known, _targets(target, known), fewer, seed + 3)
     report("returns")
     returned = good.outcome == Outcome.RETURNED
     return_network = fit_binary("return", good, returned, config, seed + 4)
@@ -154,7 +159,11 @@ def fit(
     average = FittedModels(
         networks=networks,
         ridge=ridge,
-        trees={"return": fit_trees(good.codes, returned), "contact": fit_trees(met.codes, met_above)},
+        trees={
+            "success": _fault_correction(fault_line[0] * blind_fault + fault_line[1], share, situations, known),
+            "return": fit_trees(good.codes, returned),
+            "contact": fit_trees(met.codes, met_above),
+        },
         calibration=calibration,
         situations=situations,
         share=counts / counts.sum(),
@@ -227,6 +236,20 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     fault = unseen(1 - probability[..., GOOD], rows.match, config.folds)
     share = unseen(softmax(predict(target, encode(target.spec, rows.codes))), rows.match, config.folds)
     return log_odds(fault), share
+
+
+def _fault_correction(logit: Floats, share: Floats, situations: Situations, rows: Rows) -> Trees:
+    """Trees that correct the logit of a fault where that of members that did not see the match errs; they read no target.
+
+    Args:
+        logit: ``[N, 9]`` calibrated logit of a fault by target, at effort 0 outside of long duels.
+        share: ``[N, 9]`` probability of each target.
+        situations: offsets of effort and long duels.
+        rows: strokes of known outcome.
+    """
+    marginal = (share * situations.mixed(logit, situations.weights(rows))).sum(axis=1)
+    fault = rows.outcome == Outcome.FAULT
+    return fit_trees(rows.with_area(0), fault, rounds=_CORRECTIONS, rate=_CORRECTION_RATE, offset=log_odds(marginal))
 
 
 def _blind_blend(

@@ -38,7 +38,8 @@ class FittedModels:
     Attributes:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
         ridge: coefficients of the ridge part of the return model.
-        trees: trees of the return and contact models, by name; a model may have none.
+        trees: by model, what trees add: to the calibrated logit of a fault, and as parts of the blends of return and contact. A
+            model may have none.
         calibration: for success (probability of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
         situations: what effort and long duels add to the log-odds of a fault.
         share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
@@ -76,6 +77,8 @@ class FittedModels:
         """
         success = self.networks["success"]
         probability = 1 - softmax(predict(success, encode(success.spec, codes)))[..., GOOD]
+        if "success" in self.trees:
+            shift = shift + self.trees["success"].logits(codes)
         return _calibrated(probability, self.calibration[0], pessimism, shift)
 
     def returned(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:

@@ -23,6 +23,10 @@ overfit them; a ridge shrinks them in proportion to how little data they have (p
 down, which makes their ridge stronger), and trees group the codes of an attribute that act alike. On blind folds of the
 training matches the log-loss of the return is 1.002 of that of the trees of the evaluation with the network alone, .999 with
 the ridge, .997 with both; that of the contact 1.003 alone and .998 with trees.
+
+**Success is corrected by trees** that do not read the target: they add the same to the logit of a fault at every target, where
+the members that did not see a match err. On blind folds the log-loss is 1.001 of that of the trees of the evaluation without
+them, .9999 with them (ensembles of five).
 """
 
 import itertools

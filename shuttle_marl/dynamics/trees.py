@@ -107,7 +107,15 @@ def lightgbm() -> Any:
     return module
 
 
-def fit_trees(codes: dict[str, Codes], label: npt.NDArray[np.bool_], leaves: int = _LEAVES, rounds: int = _ROUNDS) -> Trees:
+def fit_trees(
+    codes: dict[str, Codes],
+    label: npt.NDArray[np.bool_],
+    *,
+    leaves: int = _LEAVES,
+    rounds: int = _ROUNDS,
+    rate: float = PARAMETERS["learning_rate"],
+    offset: Floats | None = None,
+) -> Trees:
     """Fit trees that predict a label.
 
     Args:
@@ -115,14 +123,17 @@ def fit_trees(codes: dict[str, Codes], label: npt.NDArray[np.bool_], leaves: int
         label: ``[N]`` what is predicted.
         leaves: greatest number of leaves of a tree.
         rounds: greatest number of trees.
+        rate: share of each step that is taken.
+        offset: ``[N]`` logits that the trees are to add to; None: they are to say the whole logit.
 
     Raises:
         ShuttleError: LightGBM is not installed.
     """
     module = lightgbm()
     x = np.stack([codes[name] for name in INPUTS], axis=1).astype(np.int32)
-    data = module.Dataset(x, label.astype(int), categorical_feature=list(range(len(INPUTS))))
-    fitted = module.train({**PARAMETERS, "num_leaves": leaves}, data, num_boost_round=rounds).dump_model()["tree_info"]
+    data = module.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
+    parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
+    fitted = module.train(parameters, data, num_boost_round=rounds).dump_model()["tree_info"]
     shape = (len(fitted), leaves - 1)
     attribute, left = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
     child, value = np.full((*shape, 2), -1, dtype=np.int32), np.zeros((len(fitted), leaves))
