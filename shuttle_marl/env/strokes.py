@@ -188,12 +188,12 @@ class EpisodeDraws:
         self._bits: UInt64s = np.empty(0, np.uint64)
         self._outcomes = array("H")
         self._choices = array("H")
-        self._lots = b""
+        self._first_servers = b""
 
     def first_server(self, rally: int) -> int:
         """Seat that serves first in a rally, drawn at random: 0 or 1."""
         self._prepare(rally)
-        return self._lots[rally % _RALLIES]
+        return self._first_servers[rally % _RALLIES]
 
     def rally(self, rally: int) -> "array[int]":
         """The first draws of a rally, uniform in [0, 65536); :meth:`more` has the next ones."""
@@ -222,5 +222,5 @@ class EpisodeDraws:
             bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
             self._outcomes = array("H", outcome_draw(bits).astype(np.uint16).tobytes())
             self._bits, self._choices = bits, array("H")
-            self._lots = ((bits[:, 0] >> np.uint64(16)) & np.uint64(1)).astype(np.uint8).tobytes()
+            self._first_servers = ((bits[:, 0] >> np.uint64(16)) & np.uint64(1)).astype(np.uint8).tobytes()
             self._block = block

@@ -72,9 +72,9 @@ def test_stock_and_fused_reset_agree(make: type[Env], threads: int) -> None:
             assert torch.equal(now[key], now_too[key]), key
         for key in ("reward", "terminated", "done"):
             assert torch.equal(stepped["next", key], stepped_too["next", key]), key
-        goes_on = ~stepped["next", "done"].squeeze(-1)
+        continues = ~stepped["next", "done"].squeeze(-1)
         for key in ("observation", "action_mask"):
-            assert torch.equal(stepped["next", key][goes_on], stepped_too["next", key][goes_on]), key
+            assert torch.equal(stepped["next", key][continues], stepped_too["next", key][continues]), key
 
 
 @EITHER
@@ -94,7 +94,7 @@ def test_seeds(make: type[Env]) -> None:
 
 
 @EITHER
-def test_partial_resets_go_on_with_the_next_rally_of_the_row(make: type[Env]) -> None:
+def test_partial_resets_continue_with_the_next_rally_of_the_row(make: type[Env]) -> None:
     env = make(6, server=0)
     first = env.reset()
     wanted = torch.tensor([True, False, False, True, False, False]).unsqueeze(-1)

@@ -172,7 +172,7 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
     assert next(told, None) is None
 
 
-def test_chances_are_those_of_the_game_and_values_exact(reel: Any, log_path: Path) -> None:
+def test_probabilities_are_those_of_the_game_and_values_exact(reel: Any, log_path: Path) -> None:
     game = default_game()
     tables = {name: tabulate(resolve(name, game), game) for name in ("attacking", "safe")}
     first = reel.of(topics.SCORE)[0][1]

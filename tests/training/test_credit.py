@@ -63,11 +63,11 @@ def by_hand(data: Any, value: np.ndarray, gamma: float) -> np.ndarray:
     v = critic(data["observation"]).squeeze(-1).double().numpy()
     following = critic(data["next", "observation"]).squeeze(-1).double().numpy()
     reward = data["next", "reward"].squeeze(-1).double().numpy()
-    goes_on = ~data["next", "done"].squeeze(-1).numpy()
+    continues = ~data["next", "done"].squeeze(-1).numpy()
     out = np.zeros_like(v)
     later = np.zeros(len(v))
     for t in reversed(range(v.shape[1])):
-        later = reward[:, t] + goes_on[:, t] * gamma * (following[:, t] + 0.95 * later) - v[:, t]
+        later = reward[:, t] + continues[:, t] * gamma * (following[:, t] + 0.95 * later) - v[:, t]
         out[:, t] = later
     return out
 
