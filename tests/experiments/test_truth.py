@@ -209,7 +209,7 @@ def test_the_games_of_both_disciplines_come_from_one_fit(
         def compiled(self) -> tuple[Game, None]:
             return world.game, None
 
-    def fit(rows: Rows, validation: None, *, seed: int, layout: object, report: object) -> Fitted:
+    def fit(rows: Rows, validation: None, *, seed: int, config: object, layout: object, report: object) -> Fitted:
         asked.append(len(rows))
         return Fitted(1.0)
 
