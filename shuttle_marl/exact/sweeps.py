@@ -184,10 +184,15 @@ def choices(games: Sequence[Game], following: Floats, *, against: bool = False) 
     size = game.n_states
     found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     room = np.empty(2 * len(game.reply_edge))
+    tables = [probabilities(each) for each in games]
     for level in range(game.levels):
-        tables = [probabilities(each) for each in games]
-        reward = np.stack([table.reward[level] for table in tables])
-        continuation = np.stack([table.continuation[level] for table in tables])
+        # Tables of one game are large enough that a copy for every sweep would show.
+        reward, continuation = (
+            getattr(tables[0], name)[level : level + 1]
+            if len(games) == 1
+            else np.stack([getattr(table, name)[level] for table in tables])
+            for name in ("reward", "continuation")
+        )
         for block in range(level * game.levels, (level + 1) * game.levels):
             value, part = arranged(game, following, block, room), game.block_states(block)
             out = found.value[part], found.rank[part], found.game[part]
