@@ -48,7 +48,7 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
     alike = (game.catalogue.shot[aimed] == shot[row]) & (game.catalogue.technique[aimed] == technique[row])
     row, pairs = row[alike], pairs[alike]
-    weight = bc.chances(pairs)
+    weight = bc.probability_of(pairs)
     total = np.bincount(row, weight, len(shot))
     with np.errstate(invalid="ignore"):
         worth = np.bincount(row, weight * game.stroke_values(value, pairs), len(shot)) / total

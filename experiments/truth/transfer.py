@@ -12,6 +12,7 @@ from scipy import stats
 from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import Fitter, World
 from shuttle_marl.exact import best_response, evaluate, solve, visits
+from shuttle_marl.exact.away import moved
 from shuttle_marl.game.table import TabulatedPolicy
 
 
@@ -41,8 +42,7 @@ def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> d
 
 def wins(policy: TabulatedPolicy, world: World) -> float:
     """Share of the rallies that a policy wins against the average player of a world with the same layout."""
-    there = TabulatedPolicy(game=world.game, cumulative=policy.cumulative)
-    return float(evaluate(there, world.bc).odds().rally)
+    return float(evaluate(moved(policy, world.game), world.bc).odds().rally)
 
 
 def _summary(pairs: Any) -> dict[str, float]:

@@ -131,7 +131,7 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Int
     aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
     alike = (game.catalogue.shot[aimed] == shot[fault][row]) & (game.catalogue.technique[aimed] == technique[fault][row])
     row, pairs = row[alike], pairs[alike]
-    weight = reference.chances(pairs) * game.outcome_probabilities(pairs)[:, rally.FAULT]
+    weight = reference.probability_of(pairs) * game.outcome_probabilities(pairs)[:, rally.FAULT]
     total = np.bincount(row, weight, len(fault))
     with np.errstate(invalid="ignore"):
         found[fault] = np.bincount(row, weight * game.stroke_values(value, pairs), len(fault)) / total

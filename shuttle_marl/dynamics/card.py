@@ -165,7 +165,7 @@ def _solved(health: dict[str, Any]) -> list[str]:
 
 
 def _truth(truth: dict[str, Any]) -> list[str]:
-    """What the game promises beside what it brought, from the measure of truth."""
+    """Promises of the game beside what came true, from the measure of truth."""
     judged = f"{truth['cross']} games, each without the matches it is compared with" if truth["cross"] else truth["split"]
     slopes = truth["decision_slope"]
     lines = [

@@ -1,4 +1,4 @@
-"""What a rally adds up to beside the last two strokes, and how it moves the probability of a fault.
+"""Effort and duels: the part of a rally beside the last two strokes that moves the probability of a fault.
 
 A player who has attacked often faults more, and so does the striker of a net shot after three or more net shots in a row.
 Both are offsets of the log-odds that the networks give, fitted together with their calibration on matches that a network did

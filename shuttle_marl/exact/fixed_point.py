@@ -201,13 +201,13 @@ def solve_linear(
 
 
 def _distance(first: Floats, second: Floats) -> float:
-    return _norm(first - second)
+    return largest_change(first - second)
 
 
-def _norm(difference: Floats) -> float:
+def largest_change(difference: Floats) -> float:
     """Largest difference over the rally states."""
     return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
 def _small(enough: float, difference: Floats) -> bool:
-    return _norm(difference) <= enough
+    return largest_change(difference) <= enough

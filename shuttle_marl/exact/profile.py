@@ -10,7 +10,15 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError, accelerated, error_bound, solve_linear
+from shuttle_marl.exact.fixed_point import (
+    FIRST_RALLY_STATE,
+    TOLERANCE,
+    ExactError,
+    accelerated,
+    error_bound,
+    largest_change,
+    solve_linear,
+)
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.sweeps import block_mean, mean_following, propagate
 from shuttle_marl.game.rally import ONE, ROOT, Game
@@ -209,7 +217,7 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     z, residual, bound = solve_linear(
         first.values(second.reward),
         lambda x: first.continuation(second.continuation(x)),
-        norm=_norm,
+        norm=largest_change,
         bound=lambda residual, _: error_bound(residual, contraction),
         tolerance=tolerance,
         guess=_by_blocks(first, second, contraction, tolerance),
@@ -217,11 +225,6 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     y = second.values(z)
     z[ROOT] = first.values(y)[ROOT]
     return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-
-
-def _norm(difference: Floats) -> float:
-    """Largest difference over the rally states."""
-    return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
 def _by_blocks(first: InducedChain, second: InducedChain, contraction: float, tolerance: float) -> Floats:
@@ -247,7 +250,7 @@ def _by_blocks(first: InducedChain, second: InducedChain, contraction: float, to
         def linear(d: Floats, sweep: Any = sweep, at_zero: Floats = at_zero) -> Floats:
             return np.asarray(sweep(d)[0] - at_zero)
 
-        x = x + accelerated(linear, sweep(x)[0] - x, lambda r: error_bound(_norm(r), contraction) <= tolerance / 4)
+        x = x + accelerated(linear, sweep(x)[0] - x, lambda r: error_bound(largest_change(r), contraction) <= tolerance / 4)
         striking[0][own, other], striking[1][other, own] = x, sweep(x)[1]
     return np.concatenate([striking[0][efforts] for efforts in itertools.product(range(top + 1), repeat=2)])
 

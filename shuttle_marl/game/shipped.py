@@ -38,7 +38,7 @@ _MODELS: Final = Path(__file__).parent.parent / "models"
 
 
 class Origin(NamedTuple):
-    """What a game was loaded from."""
+    """The model and the variant that a game was loaded from."""
 
     folder: Path
     """The model folder."""

@@ -127,7 +127,7 @@ class TabulatedPolicy:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
 
-    def chances(self, pairs: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+    def probability_of(self, pairs: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
         """Probability of each of some legal pairs given its state, of any shape."""
         lower = np.where(self.game.base_pair_rank[pairs % self.game.n_base_pairs] > 0, self.cumulative[pairs - 1], 0)
         return (self.cumulative[pairs].astype(np.int64) - lower) / CHOICE_ONE
@@ -146,7 +146,7 @@ class TabulatedPolicy:
             raise PolicyError("this policy was tabulated for another game; tabulate it again")
         p = np.zeros((len(states), game.n_strokes))
         rows, pairs = game.pairs(states.state)
-        p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.chances(pairs)
+        p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.probability_of(pairs)
         return p
 
     def choose(self, state: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:

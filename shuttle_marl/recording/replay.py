@@ -54,7 +54,7 @@ class Derived:
             probability = np.full(len(state), np.nan)
             for i, policy in self._policies.items():
                 mine = (striker == i) & (state >= 0)
-                probability[mine] = policy.chances(pair[mine])
+                probability[mine] = policy.probability_of(pair[mine])
             found["probability"] = probability
         return found
 

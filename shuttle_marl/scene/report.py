@@ -227,7 +227,7 @@ class Annotator:
         table = self._table(striker)
         if table is None:
             return known
-        strokes, p = game.legal_strokes(state), table.chances(pairs)
+        strokes, p = game.legal_strokes(state), table.probability_of(pairs)
         shots = np.bincount(game.catalogue.shot[strokes], weights=p, minlength=len(SHOTS))
         known = dataclasses.replace(known, probability=float(p[rank]), shots=tuple(shots.tolist()))
         if value is None or match_odds is None:

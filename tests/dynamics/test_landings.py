@@ -15,7 +15,7 @@ from shuttle_marl.game.court import HALF_LENGTH, area_of
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 N = 20_000
 BEYOND = 2.4
-"""How far behind the point where it would be met a shuttle comes down [m], of those of one shot type; of the other half of it."""
+"""Distance from where a shuttle would be met to where it comes down [m], for one shot type; half of it for the other."""
 
 
 def simulated() -> dict[str, np.ndarray]:

@@ -107,7 +107,7 @@ def test_torchrl_rolls_gymnasium_out(make: Any, name: str) -> None:
 
 
 def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
-    """What it plays in a state is what it plays when it sees that state in the environment."""
+    """The table plays in a state the same strokes as the learner that sees this state in the environment."""
     game = tiring_game()
     env = gymnasium.make(NAMES[0], opponent=random_policy(game, 1), game=game)
     model = MaskablePPO("MultiInputPolicy", env, seed=0, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]})

@@ -72,7 +72,7 @@ def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.fixture(scope="module")
 def evaluated() -> dict[str, Any]:
-    """What ``dynamics evaluate --json`` prints for the shipped model."""
+    """Scores that ``dynamics evaluate --json`` prints for the shipped model."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         assert dynamics(["evaluate", "--data", str(MATCHES), "--split", "validation", "--json"]) == 0
