@@ -47,7 +47,7 @@ Times = tuple[float, float]
 def thirty_policies(game: Game) -> list[TabulatedPolicy]:
     """The behaviour-cloned players, the styles and random, and the same at other temperatures until there are 30."""
     families = ("bc", "attacking", "defensive", "safe", "random")
-    names = [name for name in registry.names() if name.partition(":")[0] in families]
+    names = [name for name in registry.names(game) if name.partition(":")[0] in families]
     names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
     return [tabulate(registry.resolve(name, game), game, name) for name in names[:_POLICIES]]
 

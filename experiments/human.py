@@ -120,7 +120,7 @@ def fitted_players(game: Game, real: Answers, console: Console) -> list[dict[str
     names, counts = np.unique(real.strokes.rows.striker, return_counts=True)
     chosen = [str(names[i]) for i in np.argsort(-counts, kind="stable") if counts[i] >= LEAST_STROKES]
     found = []
-    for player in track([name for name in chosen if name in bc.players()], "players", console=console, transient=True):
+    for player in track([name for name in chosen if name in bc.players(game)], "players", console=console, transient=True):
         mine = real.of(real.strokes.rows.striker == player)
         own = PairPolicy(game=game, probability=bc.probabilities(player, game))
         policies = [solve_soft(own, average, tau=tau, tolerance=_TOLERANCE).policy[0].probability for tau in TAUS]

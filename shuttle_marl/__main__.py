@@ -1,20 +1,25 @@
 """``shuttle-marl COMMAND …`` is short for ``python -m shuttle_marl.COMMAND …``."""
 
+import difflib
 import importlib
 import sys
 from collections.abc import Sequence
 from typing import Final
 
-_COMMANDS: Final = {
+COMMANDS: Final = {
     "analysis": "figures and pictures of recorded rallies, beside real matches",
-    "data": "download, convert, summarise and check annotated matches",
+    "data": "download, convert, import, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
     "exact": "solve the game, and measure policies against the solution",
     "league": "play a tournament between policies",
+    "policies": "list every policy by name",
     "recording": "read, check, repair and export the log of every rally",
     "staging": "turn recorded rallies into motion, and measure it",
     "training": "train an agent with PPO, A2C or SAC",
 }
+"""Every command and what it is for."""
+SHELLS: Final = ("bash", "zsh", "fish")
+"""Shells with completion."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,13 +32,39 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit status.
     """
     name, *arguments = (sys.argv[1:] if argv is None else argv) or ["--help"]
-    if name not in _COMMANDS:
-        lines = "\n".join(f"  {command:10} {text}" for command, text in _COMMANDS.items())
-        out = sys.stdout if name in ("--help", "-h") else sys.stderr
-        out.write(f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n`shuttle-marl COMMAND --help` shows the flags of one.\n")
-        return 0 if out is sys.stdout else 2
-    command = importlib.import_module(f"shuttle_marl.commands.{name}")
-    return int(command.main(arguments))
+    if name in COMMANDS:
+        command = importlib.import_module(f"shuttle_marl.commands.{name}")
+        return int(command.main(arguments))
+    if name in ("--help", "-h"):
+        sys.stdout.write(_usage())
+        return 0
+    if name == "--version":
+        sys.stdout.write(f"shuttle_marl {_version()}\n")
+        return 0
+    if name == "--completion" and len(arguments) == 1 and arguments[0] in SHELLS:
+        importlib.import_module("shuttle_marl.commands.completion").write(arguments[0], COMMANDS)
+        return 0
+    if name == "--completion":
+        sys.stderr.write(f"error: shuttle-marl --completion: expected a shell, one of {', '.join(SHELLS)}\n")
+        return 2
+    close = difflib.get_close_matches(name, [*COMMANDS, "--help", "--version", "--completion"], n=2, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(close)}?" if close else ""
+    sys.stderr.write(f"error: shuttle-marl: no command {name!a}{hint}\n\n{_usage()}")
+    return 2
+
+
+def _usage() -> str:
+    lines = "\n".join(f"  {command:10} {text}" for command, text in COMMANDS.items())
+    return (
+        f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n`shuttle-marl COMMAND --help` shows the flags of one, `--version` the version, "
+        f"and `--completion SHELL` the completion\nof all for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
+    )
+
+
+def _version() -> str:
+    from shuttle_marl import __version__  # noqa: PLC0415  needs nothing else
+
+    return __version__
 
 
 if __name__ == "__main__":

@@ -128,6 +128,9 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     )
 
 
+COMMANDS: Final = analysis
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    return cli.run(analysis, prog="python -m shuttle_marl.analysis", description=__doc__ or "", argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.analysis", description=__doc__ or "", argv=argv)

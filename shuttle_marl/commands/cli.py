@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from shuttle_marl.errors import ShuttleError, printable
+from shuttle_marl.extras import install_hint
 from shuttle_marl.files import NO_ROOM
 
 if TYPE_CHECKING:
@@ -103,8 +104,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         library = (error.name or "").partition(".")[0]
         if library not in _EXTRAS:
             raise
-        advice = f"`make install` installs it, or `pip install 'shuttle-marl[{_EXTRAS[library]}]'`"
-        return _fail(prog, f"this needs {library}, which is not installed; {advice}")
+        return _fail(prog, f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}")
     except OSError as error:
         if isinstance(error, BrokenPipeError) and _reader_is_gone():
             _drop_output()

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from json import dumps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import tyro
 from rich.console import Console
@@ -124,16 +124,18 @@ def _show(account: Account) -> None:
         console.print(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")
 
 
+COMMANDS: Final[dict[str, cli.Command]] = {
+    "download": download,
+    "convert": convert,
+    "summary": summary,
+    "validate": validate,
+}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit status."""
-    commands: dict[str, cli.Command] = {
-        "download": download,
-        "convert": convert,
-        "summary": summary,
-        "validate": validate,
-    }
     return cli.run(
-        commands,
+        COMMANDS,
         prog="python -m shuttle_marl.data",
         description="Annotated matches: download, convert, summarise and check them.",
         argv=argv,

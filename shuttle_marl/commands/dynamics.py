@@ -4,7 +4,7 @@ import json as json_format
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.table import Table
@@ -114,7 +114,9 @@ def _measured(path: Path) -> dict[str, Any]:
     return found
 
 
+COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    commands: dict[str, Command] = {"fit": fit, "evaluate": evaluate, "card": card}
-    return run(commands, prog="shuttle_marl.dynamics", description=__doc__ or "", argv=argv)
+    return run(COMMANDS, prog="python -m shuttle_marl.dynamics", description=__doc__ or "", argv=argv)

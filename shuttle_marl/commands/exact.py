@@ -377,13 +377,15 @@ def _say(line: str) -> None:
     sys.stdout.write(line + "\n")
 
 
+COMMANDS: Final[dict[str, cli.Command]] = {
+    "solve": solve,
+    "evaluate": evaluate,
+    "best-response": best_response,
+    "crossplay": crossplay,
+}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    commands: dict[str, cli.Command] = {
-        "solve": solve,
-        "evaluate": evaluate,
-        "best-response": best_response,
-        "crossplay": crossplay,
-    }
     description = "The game solved exactly, and policies measured against the solution; every result states its error bound."
-    return cli.run(commands, prog="python -m shuttle_marl.exact", description=description, argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.exact", description=description, argv=argv)

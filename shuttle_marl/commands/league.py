@@ -1,6 +1,7 @@
 """``python -m shuttle_marl.league``: a round robin between policies."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import tyro
 
@@ -19,10 +20,13 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
 
 
+COMMANDS: Final = play
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     description = (
         "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
         "Writes a run folder with results, ratings, a report and every rally played."
     )
-    return cli.run(play, prog="python -m shuttle_marl.league", description=description, argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=argv)

@@ -1,6 +1,7 @@
 """``python -m shuttle_marl.training ppo | a2c | sac``: train an agent."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import tyro
 from rich.console import Console
@@ -41,7 +42,9 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig]) -> None:
     _train(config)
 
 
+COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    commands: dict[str, Command] = {"ppo": ppo, "a2c": a2c, "sac": sac}
-    return run(commands, prog="python -m shuttle_marl.training", description=__doc__ or "", argv=argv)
+    return run(COMMANDS, prog="python -m shuttle_marl.training", description=__doc__ or "", argv=argv)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from shuttle_marl.dynamics.features import SLOTS, Codes
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.extras import install_hint
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.tensor_files import checked
 
@@ -103,7 +104,7 @@ def lightgbm() -> Any:
     try:
         import lightgbm as module  # noqa: PLC0415
     except ImportError as error:
-        raise ShuttleError("fitting trees needs LightGBM: pip install 'shuttle-marl[train]'") from error
+        raise ShuttleError(f"fitting trees needs LightGBM, which is not installed; {install_hint('train')}") from error
     return module
 
 

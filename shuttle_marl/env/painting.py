@@ -12,6 +12,7 @@ import numpy as np
 from shuttle_marl.env.snapshot import Snapshot, effort_in_words, shot_in_words, standing
 from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.extras import install_hint
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
@@ -27,7 +28,7 @@ try:
     import pygame
 except ImportError as error:
     raise RenderError(
-        "render_mode 'human' and 'rgb_array' need pygame: pip install 'shuttle-marl[render]'; 'ansi' works without"
+        f"render_mode 'human' and 'rgb_array' need pygame, which is not installed ('ansi' works without); {install_hint('render')}"
     ) from error
 
 __all__ = ["Layer", "Picture", "RenderError", "paint_boxes", "paint_stage", "pygame", "write_overlay"]

@@ -16,7 +16,7 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.uncompiled import Ints, ask
-from shuttle_marl.policy import agents, registry
+from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
@@ -89,13 +89,12 @@ class LeagueConfig:
 def default_pool(game: Game) -> tuple[str, ...]:
     """Behaviour-cloned players (all together, and the first few on their own), scripted styles, random, trained agents, anchors.
 
-    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Agents that were trained on another
-    game, such as the average of which this one is a variant, are left out.
+    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Only what can play this game enters:
+    players of its model, and agents that were trained on it.
     """
-    names = registry.names()
+    names = registry.names(game)
     bc = [name for name in names if name.partition(":")[0] == "bc"]
-    trained = [name for name in TRAINED if agents.trained_on(name, game)]
-    others = ("attacking", "defensive", "safe", "random", *trained, *ANCHORS)
+    others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
 
 

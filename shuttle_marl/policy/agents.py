@@ -18,7 +18,7 @@ import platformdirs
 from shuttle_marl.files import FileReadError, FileWriteError, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import folder_of, model_folder
+from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.tensor_files import read_tensors
@@ -123,14 +123,6 @@ def shipped_folder(name: str, model: Path) -> Path:
     return model / AGENTS / name.replace(":", "-")
 
 
-def trained_on(name: str, game: Game) -> bool:
-    """Whether an agent of a name such as ``ppo`` came with the model of a game, and was trained on this game itself."""
-    model = folder_of(game)
-    with contextlib.suppress(PolicyError):
-        return model is not None and read_card(shipped_folder(name, model)).get("game") == game.hash
-    return False
-
-
 def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     """The agent of a name such as ``ppo`` or ``ppo:attacking`` that came with the model of a game.
 
@@ -139,10 +131,10 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     """
     name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)
-    known = [] if model is None else installed(key, model)
-    if model is None or name not in known:
+    if model is None or name not in _in_folder(key, model):
+        known = ", ".join(installed(key, game)) or "none of that algorithm"
         raise PolicyError(
-            f"no policy {name!r}: the trained agents of this game are {', '.join(known) or 'none of that algorithm'}; "
+            f"no policy {name!r}: the trained agents of this game are {known}; "
             "train one and name it agent:FOLDER"
         )
     return load_agent(shipped_folder(name, model), game)
@@ -159,8 +151,24 @@ def load_folder(argument: str | None, game: Game) -> Policy:
     return load_agent(Path(argument), game)
 
 
-def installed(key: str, model: Path | None = None) -> list[str]:
-    """Names of the agents of an algorithm that a model comes with; None: the default model."""
-    model = model or model_folder()
+def installed(key: str, game: Game) -> list[str]:
+    """Names of the agents of an algorithm that came with the model of a game and were trained on this game itself."""
+    model = folder_of(game)
+    return [] if model is None else [name for name in _in_folder(key, model) if _trained_on(shipped_folder(name, model), game)]
+
+
+def about(name: str) -> str:
+    """Meaning of the name of a shipped agent, in one line."""
+    key, _, style = name.partition(":")
+    return f"agent trained with {key.upper()}" + (f", {style.replace('-', ' ')}" if style else "")
+
+
+def _trained_on(folder: Path, game: Game) -> bool:
+    with contextlib.suppress(PolicyError):
+        return read_card(folder).get("game") == game.hash
+    return False
+
+
+def _in_folder(key: str, model: Path) -> list[str]:
     folders = sorted(path.parent.name for path in (model / AGENTS).glob(f"*/{CARD}"))
     return [folder.replace("-", ":", 1) for folder in folders if folder.partition("-")[0] == key]

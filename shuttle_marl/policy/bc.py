@@ -15,7 +15,7 @@ import numpy.typing as npt
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game, GameError
-from shuttle_marl.game.shipped import BC, PROFILES, model_folder, origin_of, read_model
+from shuttle_marl.game.shipped import BC, PROFILES, folder_of, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.tensor_files import checked, parsed
@@ -89,14 +89,16 @@ def clones(folder: Path) -> BehaviourClones:
         raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
 
 
-def installed() -> bool:
-    """Whether the shipped model has behaviour-cloned players."""
-    return (model_folder() / BC).is_file()
+def known_for(game: Game) -> bool:
+    """Whether a game comes from a model with behaviour-cloned players."""
+    folder = folder_of(game)
+    return folder is not None and (folder / BC).is_file()
 
 
-def players() -> list[str]:
-    """Identifiers of the players of the shipped model that have a model of their own, most strokes first."""
-    return list(clones(model_folder()).players)
+def players(game: Game) -> list[str]:
+    """Identifiers of the players of a game's model that have a model of their own, most strokes first; none for other games."""
+    folder = folder_of(game)
+    return [] if folder is None else list(clones(folder).players)
 
 
 def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:

@@ -14,12 +14,11 @@ A name that a user typed may run code of theirs (:func:`resolve`). A name that w
 rally log, may not (:func:`resolve_recorded`): only families that allow it, and neither modules nor files.
 """
 
-import contextlib
 import dataclasses
 import difflib
 import functools
 import importlib.metadata
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +31,7 @@ from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 
 Load = Callable[[str | None, Game], Policy]
+Names = Callable[[Game], Iterable[str]]
 Opponents = str | Policy | Sequence[str | Policy]
 """Name of a policy, a policy, or several of either."""
 
@@ -48,14 +48,18 @@ class Family:
     Attributes:
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             argument it does not know.
-        names: full names that can be listed now.
+        names: full names that can be listed for a game.
+        about: what a full name means, in one line.
+        form: the name with its argument in capitals, such as ``table:FILE``, where not every name can be listed.
         of_policies: whether the part after the colon is the name of another policy, and so keeps its own ``@…``.
         from_data: whether a name that was read from a file may be resolved; then no argument may make ``load`` run code or
             open a file of its choice. With ``of_policies`` the name after the colon is checked too, before ``load``.
     """
 
     load: Load
-    names: Callable[[], Iterable[str]]
+    names: Names
+    about: Callable[[str], str] = lambda _: ""
+    form: str = ""
     of_policies: bool = False
     from_data: bool = False
 
@@ -66,8 +70,10 @@ _FAMILIES: dict[str, Family] = {}
 def register(
     key: str,
     load: Load,
-    names: Callable[[], Iterable[str]] | None = None,
+    names: Names | None = None,
     *,
+    about: str | Callable[[str], str] = "",
+    form: str = "",
     of_policies: bool = False,
     from_data: bool = False,
 ) -> None:
@@ -77,7 +83,9 @@ def register(
         key: the part before the colon, or the whole name.
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             argument it does not know. Import what is heavy inside.
-        names: full names that can be listed now; default just ``key``.
+        names: full names that can be listed for a game; default just ``key``.
+        about: what the names mean, in one line; or a function from a full name to that.
+        form: the name with its argument in capitals, such as ``table:FILE``, where not every name can be listed.
         of_policies: whether the part after the colon is the name of another policy.
         from_data: whether a name that was read from a file may be resolved, see :class:`Family`.
 
@@ -88,17 +96,40 @@ def register(
         raise PolicyError(f"policy key {key!r}: expected a word without ':', '@' and spaces")
     if key in _FAMILIES:
         raise PolicyError(f"policy key {key!r} is registered already; choose another")
-    _FAMILIES[key] = Family(load=load, names=names or (lambda: (key,)), of_policies=of_policies, from_data=from_data)
+    _FAMILIES[key] = Family(
+        load=load,
+        names=names or (lambda _: (key,)),
+        about=about if callable(about) else lambda _: about,
+        form=form,
+        of_policies=of_policies,
+        from_data=from_data,
+    )
 
 
-def names() -> tuple[str, ...]:
-    """Names of all policies that can be listed: those of installed packages and those registered since."""
-    families = list(_FAMILIES.values())
+def names(game: Game) -> tuple[str, ...]:
+    """Names of all policies that can be listed for a game: those of installed packages and those registered since."""
+    return tuple(name for family in _families() for name in family.names(game))
+
+
+def described_names(game: Game) -> dict[str, str]:
+    """What each of :func:`names` means, in one line."""
+    return {name: family.about(name) for family in _families() for name in family.names(game)}
+
+
+def forms() -> dict[str, str]:
+    """Names that take something of the user's, such as ``table:FILE``, and what they mean."""
+    return {family.form: family.about(family.form) for family in _families() if family.form}
+
+
+def _families() -> Iterator[Family]:
+    yield from _FAMILIES.values()
     for key in _entry_points():
-        # A package that cannot be imported says so when its policies are asked for, and hides no other.
-        with contextlib.suppress(PolicyError):
-            families += [family for family in [_plugged_in(key)] if family is not None and key not in _FAMILIES]
-    return tuple(name for family in families for name in family.names())
+        try:
+            family = None if key in _FAMILIES else _plugged_in(key)
+        except PolicyError:
+            continue  # a package that cannot be imported says so when its policies are asked for, and hides no other
+        if family is not None:
+            yield family
 
 
 @functools.cache
@@ -226,11 +257,11 @@ def _resolve_plain(name: str, game: Game) -> Policy:
         try:
             return from_module(name, game)
         except ModuleMissingError as error:
-            close = difflib.get_close_matches(name, names(), n=4, cutoff=0.6)
+            close = difflib.get_close_matches(name, names(game), n=4, cutoff=0.6)
             hint = f"; did you mean {', '.join(close)}?" if close else ""
             raise PolicyError(f"{error}{hint}") from error
-    close = difflib.get_close_matches(name, names(), n=4, cutoff=0.5)
-    hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(names())}."
+    close = difflib.get_close_matches(name, names(game), n=4, cutoff=0.5)
+    hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(names(game))}."
     raise PolicyError(f"no policy {name!r}; {hint} Your own is given as module:attribute.")
 
 
@@ -246,7 +277,7 @@ def _temperature(name: str, suffix: str) -> float:
     return temperature
 
 
-def _plain(key: str, make: Callable[[Game], Policy]) -> None:
+def _plain(key: str, make: Callable[[Game], Policy], about: str) -> None:
     """Register a policy that takes no argument."""
 
     def load(argument: str | None, game: Game) -> Policy:
@@ -254,7 +285,7 @@ def _plain(key: str, make: Callable[[Game], Policy]) -> None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
         return make(game)
 
-    register(key, load, from_data=True)
+    register(key, load, about=about, from_data=True)
 
 
 def _scripted(rules: Rules, _: Game) -> Policy:
@@ -271,8 +302,12 @@ def _load_table(file: str | None, game: Game) -> Policy:
     return TabulatedPolicy.load(Path(file), game)
 
 
-def _bc_names() -> list[str]:
-    return ["bc", *(f"bc:{player}" for player in bc.players())] if bc.installed() else []
+def _bc_names(game: Game) -> list[str]:
+    return ["bc", *(f"bc:{player}" for player in bc.players(game))] if bc.known_for(game) else []
+
+
+def _about_bc(name: str) -> str:
+    return "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated"
 
 
 def _load_best_response(name: str | None, game: Game) -> Policy:
@@ -283,18 +318,39 @@ def _load_best_response(name: str | None, game: Game) -> Policy:
     return best_response(tabulate(resolve(name, game), game, name)).policy
 
 
-def _best_response_names() -> tuple[str, ...]:
-    return ("best-response:bc",) if bc.installed() else ()
+def _best_response_names(game: Game) -> tuple[str, ...]:
+    return ("best-response:bc",) if bc.known_for(game) else ()
 
 
-register("bc", _load_bc, _bc_names, from_data=True)
+register("bc", _load_bc, _bc_names, about=_about_bc, from_data=True)
 for _key, _rules in STYLES.items():
-    _plain(_key, functools.partial(_scripted, _rules))
-_plain("random", lambda _: UniformPolicy())
-register("minimax", solved.load_minimax, solved.minimax_names, from_data=True)
-register("human", solved.load_human, solved.human_names, from_data=True)
-register("best-response", _load_best_response, _best_response_names, of_policies=True, from_data=True)
+    _plain(_key, functools.partial(_scripted, _rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
+_plain("random", lambda _: UniformPolicy(), "every legal stroke equally likely")
+register("minimax", solved.load_minimax, solved.minimax_names, about=solved.about_minimax, from_data=True)
+register(
+    "human",
+    solved.load_human,
+    solved.human_names,
+    about="strong play at a cost for each nat away from how people play",
+    form="human:TAU",
+    from_data=True,
+)
+register(
+    "best-response",
+    _load_best_response,
+    _best_response_names,
+    about="best response to another policy, solved exactly",
+    form="best-response:POLICY",
+    of_policies=True,
+    from_data=True,
+)
 for _key in agents.ALGORITHMS:
-    register(_key, functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key), from_data=True)
-register("agent", agents.load_folder, lambda: ())
-register("table", _load_table, lambda: ())
+    register(
+        _key,
+        functools.partial(agents.load_shipped, _key),
+        functools.partial(agents.installed, _key),
+        about=agents.about,
+        from_data=True,
+    )
+register("agent", agents.load_folder, lambda _: (), about="trained agent, from the folder of its run", form="agent:FOLDER")
+register("table", _load_table, lambda _: (), about="policy kept as a table", form="table:FILE")

@@ -5,7 +5,7 @@ from typing import Final
 
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import PROFILES, refits_of, variants
+from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import bc
 
@@ -67,9 +67,16 @@ def load_minimax(kind: str | None, game: Game) -> Policy:
     return minimax_policy(game) if kind is None else robust_policy(game)
 
 
-def minimax_names() -> tuple[str, ...]:
-    """Names that can be listed: ``minimax:robust`` where the shipped model has refits."""
-    return ("minimax", "minimax:robust") if any(name not in PROFILES for name in variants()) else ("minimax",)
+def minimax_names(game: Game) -> tuple[str, ...]:
+    """Names that can be listed: ``minimax:robust`` where the game has refits."""
+    origin = origin_of(game)
+    refitted = origin is not None and origin.variant is None and set(variants(str(origin.folder))) > set(PROFILES)
+    return ("minimax", "minimax:robust") if refitted else ("minimax",)
+
+
+def about_minimax(name: str) -> str:
+    """Meaning of a name, in one line."""
+    return "perfect play" if name == "minimax" else "best worst case over the game and its refits"
 
 
 def load_human(argument: str | None, game: Game) -> Policy:
@@ -90,6 +97,6 @@ def load_human(argument: str | None, game: Game) -> Policy:
     return human_policy(cost, player or None, game)
 
 
-def human_names() -> tuple[str, ...]:
+def human_names(game: Game) -> tuple[str, ...]:
     """The one name that is listed; TAU can be any number."""
-    return (f"human:{TYPICAL_TAU}",) if bc.installed() else ()
+    return (f"human:{TYPICAL_TAU}",) if bc.known_for(game) else ()

@@ -23,18 +23,18 @@ def cumulative(name: str) -> np.ndarray:
 
 
 def test_minimax_and_best_responses_have_names() -> None:
-    assert {"minimax", "best-response:bc"} <= set(registry.names())
+    assert {"minimax", "best-response:bc"} <= set(registry.names(GAME))
     assert np.array_equal(cumulative("minimax"), solve(GAME).policy[0].cumulative)
     average = tabulate(resolve("bc", GAME), GAME)
     assert np.array_equal(cumulative("best-response:bc"), best_response(average).policy.cumulative)
 
 
 def test_human_play_has_names() -> None:
-    assert "human:0.05" in registry.names()
+    assert "human:0.05" in registry.names(GAME)
     prior = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
     expected = from_pair_probabilities(GAME, solve_soft(prior, tau=0.1).policy[0].probability)
     assert np.array_equal(cumulative("human:0.1"), expected.cumulative)
-    player = bc.players()[0]
+    player = bc.players(GAME)[0]
     own = PairPolicy(game=GAME, probability=bc.probabilities(player, GAME))
     expected = from_pair_probabilities(GAME, solve_soft(own, prior, tau=0.1).policy[0].probability)
     assert np.array_equal(cumulative(f"human:0.1:{player}"), expected.cumulative)
@@ -54,8 +54,8 @@ def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_robust_play_is_listed_where_there_are_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     for variants, listed in (([], False), (["men", "women"], False), (["men", "women", "1", "2"], True)):
-        monkeypatch.setattr(solved, "variants", lambda variants=variants: variants)
-        assert ("minimax:robust" in registry.names()) == listed
+        monkeypatch.setattr(solved, "variants", lambda _, variants=variants: variants)
+        assert ("minimax:robust" in registry.names(GAME)) == listed
 
 
 def test_the_name_within_a_best_response_is_a_whole_name() -> None:
@@ -146,19 +146,19 @@ def entry_points(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     registry._plugged_in.cache_clear()
 
 
-MIRROR = Family(load=lambda argument, game: resolve(argument or "random", game), names=lambda: ("mirror:safe",), of_policies=True)
-MIRROR_OF_BC = Family(load=lambda argument, game: resolve("safe", game), names=lambda: ("bc",))
+MIRROR = Family(load=lambda argument, game: resolve(argument or "random", game), names=lambda _: ("mirror:safe",), of_policies=True)
+MIRROR_OF_BC = Family(load=lambda argument, game: resolve("safe", game), names=lambda _: ("bc",))
 
 
 def test_an_installed_package_can_add_policies(entry_points: dict[str, str]) -> None:
     entry_points["mirror"] = f"{__name__}:MIRROR"
-    assert "mirror:safe" in registry.names()
+    assert "mirror:safe" in registry.names(GAME)
     assert np.array_equal(cumulative("mirror:safe@0.5"), cumulative("safe@0.5"))
 
 
 def test_an_entry_point_hides_nothing_that_is_registered(entry_points: dict[str, str]) -> None:
     entry_points["random"] = f"{__name__}:MIRROR_OF_BC"
-    assert registry.names().count("random") == 1
+    assert registry.names(GAME).count("random") == 1
     assert not np.array_equal(cumulative("random"), cumulative("safe"))
 
 
@@ -168,6 +168,6 @@ def test_an_entry_point_hides_nothing_that_is_registered(entry_points: dict[str,
 )
 def test_a_broken_package_hides_no_other(entry_points: dict[str, str], value: str, says: str) -> None:
     entry_points["broken"] = value
-    assert "random" in registry.names()
+    assert "random" in registry.names(GAME)
     with pytest.raises(PolicyError, match=f"policies 'broken': entry point .* {says}"):
         resolve("broken", GAME)

@@ -23,7 +23,7 @@ from markdown_it import MarkdownIt
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
 from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.game import default_game, scoring
+from shuttle_marl.game import default_game, load_game, scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import Entrant, enter
@@ -481,6 +481,17 @@ def test_an_unknown_entrant_stops_everything_before_it_begins(tmp_path: Path) ->
 def test_the_default_pool_can_play() -> None:
     assert {"attacking", "defensive", "safe", "random"} <= set(default_pool(default_game()))
     LeagueConfig(pool=default_pool(default_game()))
+
+
+def test_the_default_pool_holds_only_what_can_play_the_game(
+    small_model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model without players of its own and without agents: none of those of the shipped model."""
+    assert default_pool(load_game(small_model)) == ("attacking", "defensive", "safe", "random", "minimax")
+    assert main(["--game", small_model, "--matches", "2", "--out", str(tmp_path / "run")]) == 0
+    printed = capsys.readouterr()
+    assert "minimax" in printed.out
+    assert re.search(r"strokes in [\d.]+ s, \d[\d,]* a second", printed.err)
 
 
 def test_the_command_prints_the_table_and_a_forfeit(

@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import importlib.metadata
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from shuttle_marl import extras
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
 
@@ -41,6 +43,7 @@ def test_an_interrupt_is_130() -> None:
 
 TALKS = """
 import sys
+from shuttle_marl import extras
 from shuttle_marl.commands import cli
 
 def command() -> None:
@@ -125,7 +128,19 @@ def test_a_library_of_an_extra_that_is_missing_is_named(
     assert status_of(lambda: importlib.import_module(library)) == 1
     message = capsys.readouterr().err
     assert f"needs {library.partition('.')[0]}, which is not installed" in message
-    assert f"pip install 'shuttle-marl[{extra}]'" in message
+    assert f"[{extra}]" in message
+
+
+def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No index has the package, so its name is never what pip is told to install."""
+    clone = Path(extras.__file__).parent.parent
+    assert extras.install_hint("train") == f"`make install` in {clone} installs it, or `pip install -e '{clone}[train]'`"
+    monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "extras.py"))
+    required = ["numpy>=2.0", "torch>=2.6; extra == 'train'", 'lightgbm>=4.3 ; extra == "train"', "torch>=2.6; extra == 'test'"]
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: required)
+    assert extras.install_hint("train") == "`pip install 'torch>=2.6' 'lightgbm>=4.3'` installs it"
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: None)
+    assert extras.install_hint("plot") == "install the package again with its extra plot"
 
 
 def test_another_missing_module_is_a_defect_and_not_hidden() -> None:

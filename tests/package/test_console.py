@@ -1,5 +1,7 @@
 """The console script and the public names."""
 
+import json
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -8,6 +10,9 @@ from pathlib import Path
 import pytest
 
 import shuttle_marl
+from shuttle_marl.__main__ import main
+from shuttle_marl.game import default_game
+from shuttle_marl.policy import registry
 
 SCRIPT = str(Path(sysconfig.get_path("scripts")) / "shuttle-marl")
 LAUNCHERS = pytest.mark.parametrize("launcher", [[SCRIPT], [sys.executable, "-m", "shuttle_marl"]], ids=["script", "module"])
@@ -21,8 +26,8 @@ def call(*command: str) -> subprocess.CompletedProcess[str]:
 def test_help_lists_every_command(launcher: list[str]) -> None:
     done = call(*launcher, "--help")
     assert (done.returncode, done.stderr) == (0, "")
-    found = {path.parent.name for path in Path(shuttle_marl.__file__).parent.glob("*/__main__.py")}
-    assert found
+    found = {path.parent.name for path in Path(shuttle_marl.__file__).parent.glob("*/__main__.py")} | {"policies"}
+    assert len(found) > 5
     assert {line.split()[0] for line in done.stdout.splitlines() if line.startswith("  ")} == found
 
 
@@ -32,6 +37,56 @@ def test_no_command_and_an_unknown_one(launcher: list[str]) -> None:
     done = call(*launcher, "serve-tea")
     assert (done.returncode, done.stdout) == (2, "")
     assert "league" in done.stderr
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("legaue", "league"), ("policy", "policies"), ("--verson", "--version")])
+def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([typed]) == 2
+    assert f"no command '{typed}'; did you mean {meant}" in capsys.readouterr().err
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"shuttle_marl {shuttle_marl.__version__}\n"
+
+
+COMPLETE = """
+source <(cat)
+COMP_WORDS=(shuttle-marl {words})
+COMP_CWORD=$(( ${{#COMP_WORDS[@]}} - 1 ))
+COMP_LINE="${{COMP_WORDS[*]}}" COMP_POINT=999
+_tyro_shuttle_marl
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    ("words", "offered"), [("le", "league"), ("dynamics ev", "evaluate"), ("league --matc", "--matches"), ("training s", "sac")]
+)
+def test_bash_completes(words: str, offered: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", "bash"]) == 0
+    command = ["bash", "-c", COMPLETE.format(words=words)]
+    done = subprocess.run(command, input=capsys.readouterr().out, capture_output=True, text=True, check=True)
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [offered], done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["powershell"], []])
+def test_completion_for_an_unknown_shell(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", *arguments]) == 2
+    assert "one of bash, zsh, fish" in capsys.readouterr().err
+
+
+def test_policies_are_listed_with_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["policies", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert tuple(listed["policies"]) == registry.names(default_game())
+    assert all(listed["policies"].values())
+    assert {"agent:FOLDER", "table:FILE", "MODULE:ATTRIBUTE"} <= set(listed["forms"])
+    assert all(listed["forms"].values())
+    assert main(["policies"]) == 0
+    shown = capsys.readouterr().out
+    assert all(any(line.split()[0] == name for line in shown.splitlines()) for name in listed["policies"])
 
 
 def test_arguments_reach_the_command() -> None:

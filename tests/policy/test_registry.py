@@ -68,8 +68,8 @@ def test_every_policy_is_a_distribution_over_legal_strokes(name: str) -> None:
 
 
 def test_listed_names_can_be_resolved() -> None:
-    assert {"attacking", "defensive", "safe", "random"} <= set(registry.names())
-    for name in registry.names():
+    assert {"attacking", "defensive", "safe", "random"} <= set(registry.names(GAME))
+    for name in registry.names(GAME):
         assert resolve(name, GAME) is not None
 
 
@@ -123,8 +123,8 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append(argument)
         return resolve("random", GAME)
 
-    registry.register("mirror", load, lambda: ["mirror:left", "mirror:right"])
-    assert set(registry.names()) >= {"mirror:left", "mirror:right"}
+    registry.register("mirror", load, lambda _: ["mirror:left", "mirror:right"])
+    assert set(registry.names(GAME)) >= {"mirror:left", "mirror:right"}
     resolve("mirror:left", GAME)
     resolve("mirror@0.5", GAME)
     assert asked == ["left", None]
@@ -200,8 +200,8 @@ def test_names_that_are_too_deep(find: object) -> None:
 def test_a_family_says_whether_a_file_may_name_it(monkeypatch: pytest.MonkeyPatch) -> None:
     uniform = resolve("random", GAME)
     families = {
-        "open": Family(load=lambda argument, game: uniform, names=lambda: (), from_data=True),
-        "closed": Family(load=lambda argument, game: uniform, names=lambda: ()),
+        "open": Family(load=lambda argument, game: uniform, names=lambda _: (), from_data=True),
+        "closed": Family(load=lambda argument, game: uniform, names=lambda _: ()),
     }
     monkeypatch.setattr(registry, "_plugged_in", families.get)
     assert resolve_recorded("open:x", GAME) is uniform

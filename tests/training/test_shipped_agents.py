@@ -33,7 +33,7 @@ SHIPPED = ("a2c", "ppo", "ppo:attacking", "ppo:cautious", "ppo:defensive", "ppo:
 
 
 def test_all_are_listed_and_the_main_ones_play_in_the_default_league() -> None:
-    assert set(SHIPPED) <= set(registry.names())
+    assert set(SHIPPED) <= set(registry.names(GAME))
     assert {"a2c", "ppo", "sac", "ppo:self-play"} <= set(default_pool(GAME))
 
 

@@ -1,0 +1,52 @@
+"""``shuttle-marl policies``: every policy by name, with a line about each."""
+
+import sys
+from collections.abc import Sequence
+from json import dumps
+from typing import Final
+
+from rich.table import Table
+from rich.text import Text
+
+from shuttle_marl.commands import cli
+from shuttle_marl.errors import printable
+from shuttle_marl.game.shipped import Profile, resolve_game
+
+_OWN: Final = {
+    "MODULE:ATTRIBUTE": "policy of your own: an object, class or function in a module in this folder or installed",
+    "NAME@TEMPERATURE": "any of them, sharper below 1 and flatter above, such as bc@0.5",
+    "NAME@greedy": "any of them, always its likeliest stroke",
+}
+
+
+def policies(*, game: str = "default", profile: Profile | None = None, json: bool = False) -> None:
+    """List every policy by name: those of a game, and how to name your own.
+
+    Args:
+        game: model whose policies are listed: a shipped one or a folder.
+        profile: the game of one discipline alone; default: the average of both.
+        json: print JSON.
+    """
+    from shuttle_marl.policy.registry import described_names, forms  # noqa: PLC0415  keeps --help quick
+
+    named = described_names(resolve_game(game, profile))
+    own = {**forms(), **_OWN}
+    if json:
+        sys.stdout.write(dumps({"policies": named, "forms": own}, ensure_ascii=False) + "\n")
+        return
+    out = cli.console()
+    for title, lines in (("Policies by name", named), ("Names that you complete", own)):
+        table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2))
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for name, about in lines.items():
+            table.add_row(Text(printable(name), "bold"), Text(printable(about)))
+        out.print(table)
+
+
+COMMANDS: Final = policies
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return cli.run(COMMANDS, prog="shuttle-marl policies", description=__doc__ or "", argv=argv)

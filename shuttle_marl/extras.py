@@ -1,0 +1,38 @@
+"""Advice on installing what an extra brings: in a clone of the repository, or for an installed package."""
+
+import importlib.metadata
+import shlex
+from pathlib import Path
+from typing import Final
+
+_PACKAGE: Final = "shuttle-marl"
+
+
+def install_hint(extra: str) -> str:
+    """Say how to install an extra: by the clone that the package runs from, else by the names of its libraries.
+
+    Args:
+        extra: such as ``train``.
+    """
+    clone = Path(__file__).resolve().parent.parent
+    if (clone / "pyproject.toml").is_file():
+        return f"`make install` in {clone} installs it, or `pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
+    # No index has the package, so that "pip install 'shuttle-marl[…]'" would fail: its libraries are named instead.
+    libraries = _libraries(extra)
+    if not libraries:
+        return f"install the package again with its extra {extra}"
+    return f"`pip install {' '.join(map(shlex.quote, libraries))}` installs it"
+
+
+def _libraries(extra: str) -> list[str]:
+    """Requirements of an extra of the installed package; none if it has no metadata."""
+    try:
+        required = importlib.metadata.requires(_PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    found = []
+    for requirement in required:
+        library, _, condition = requirement.partition(";")
+        if condition.replace('"', "'").strip() == f"extra == '{extra}'":
+            found.append(library.strip())
+    return found
