@@ -56,8 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _usage() -> str:
     lines = "\n".join(f"  {command:10} {text}" for command, text in COMMANDS.items())
     return (
-        f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n`shuttle-marl COMMAND --help` shows the flags of one, `--version` the version, "
-        f"and `--completion SHELL` the completion\nof all for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
+        f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n"
+        "`shuttle-marl COMMAND --help` shows the flags of one, `--version` the version, and "
+        f"`--completion SHELL`\nthe completion of all for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
     )
 
 

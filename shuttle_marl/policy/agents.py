@@ -133,10 +133,7 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     model = folder_of(game)
     if model is None or name not in _in_folder(key, model):
         known = ", ".join(installed(key, game)) or "none of that algorithm"
-        raise PolicyError(
-            f"no policy {name!r}: the trained agents of this game are {known}; "
-            "train one and name it agent:FOLDER"
-        )
+        raise PolicyError(f"no policy {name!r}: the trained agents of this game are {known}; train one and name it agent:FOLDER")
     return load_agent(shipped_folder(name, model), game)
 
 

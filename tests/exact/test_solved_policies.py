@@ -146,7 +146,9 @@ def entry_points(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     registry._plugged_in.cache_clear()
 
 
-MIRROR = Family(load=lambda argument, game: resolve(argument or "random", game), names=lambda _: ("mirror:safe",), of_policies=True)
+MIRROR = Family(
+    load=lambda argument, game: resolve(argument or "random", game), names=lambda _: ("mirror:safe",), of_policies=True
+)
 MIRROR_OF_BC = Family(load=lambda argument, game: resolve("safe", game), names=lambda _: ("bc",))
 
 
