@@ -28,7 +28,8 @@ try:
     import pygame
 except ImportError as error:
     raise RenderError(
-        "render_mode 'human' and 'rgb_array' need pygame, which is not installed ('ansi' works without); " + install_hint("render")
+        "render_mode 'human' and 'rgb_array' need pygame, which is not installed ('ansi' works without); "
+        + install_hint("render")
     ) from error
 
 __all__ = ["Layer", "Picture", "RenderError", "paint_boxes", "paint_stage", "pygame", "write_overlay"]
