@@ -6,8 +6,9 @@ same arguments give the same motion. ``docs/staging.md`` shows how a renderer us
 models, and :class:`Skeleton` their rest pose, bone by bone.
 """
 
+from shuttle_marl.staging.assemble import stage
 from shuttle_marl.staging.metrics import Joint, Metrics, joints, measure, summary
-from shuttle_marl.staging.motion import Motion, stage
+from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rally import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,

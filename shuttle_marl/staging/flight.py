@@ -137,17 +137,18 @@ def shoot(start: Floats, end: Floats, time: Floats, steps: int = _STEPS) -> Flig
     )
 
 
-def fall(start: Floats, velocity: Floats, time: Floats) -> Flights:
+def fall(start: Floats, velocity: Floats, time: Floats, steps: int = _STEPS) -> Flights:
     """Flights with a given launch, for ``time`` seconds.
 
     Args:
         start: ``[N, 3]`` [m].
         velocity: ``[N, 3]`` [m/s].
         time: ``[N]`` [s].
+        steps: instants at which the flights are kept.
     """
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]
-    nodes, px, py, vx, vy = _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, 2 * _STEPS)
+    nodes, px, py, vx, vy = _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps)
     return Flights(
         start=start,
         heading=heading,

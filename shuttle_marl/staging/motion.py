@@ -1,38 +1,28 @@
-"""From a played rally to motion: the path of the shuttle and the bones of both players.
-
-The shuttle is in the server's hand first, then in flight, and after the rally off the net and on the floor.
-"""
+"""A staged rally: the path of the shuttle and the bones of both players; and its packed form."""
 
 import dataclasses
 import functools
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.arm import arm_of
-from shuttle_marl.staging.body import HELD, Performance, Prepared, perform, prepare
-from shuttle_marl.staging.flight import GRAVITY, fall
-from shuttle_marl.staging.library import FLIP, library_of
-from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
+from shuttle_marl.staging import packing
+from shuttle_marl.staging.flight import Flights, fall
+from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rally import PlayedRally, StagingError
-from shuttle_marl.staging.rotation import apply, matrix, quaternion
-from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
-from shuttle_marl.staging.timeline import Timeline, TimelineBuilder, own_frame
-from shuttle_marl.staging.trajectory import NET, Physique, Trajectory, draw_trajectory, with_contacts_moved
-from shuttle_marl.staging.travel import travel
+from shuttle_marl.staging.rotation import apply, matrix
+from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
+from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
 
 HANDS: Final = ("right", "left")
-_ATTEMPTS: Final = 5
-_RETRIES: Final = 3
-_TOLERANCE: Final = 3e-3
-_TAIL: Final = 1.4
-"""Time after the end of the last flight [s]."""
-_REST: Final = 0.014
-"""Height of a shuttle that lies on the floor [m]."""
+"""Values of the handedness of a player."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,171 +80,172 @@ class Motion:
         """Shaft and forehand side of the strings of a player's racket at rest, ``[3]`` each."""
         return self.skeletons[seat].racket(right_handed=self.handedness[seat] == "right")
 
+    def pack(self, first: int = 0) -> bytes:
+        """The motion in few bytes, for pages and files; ``docs/motion_format.md`` describes them.
 
-def stage(
-    rally: PlayedRally,
-    *,
-    seed: int,
-    handedness: tuple[str, str] = ("right", "right"),
-    athletes: tuple[str, str] = ("male", "male"),
-    fps: int = 50,
-) -> Motion:
-    """Stage a rally. The same arguments give the same motion.
+        Args:
+            first: frame from which on it is packed, the frames before being known to the reader already.
 
-    Args:
-        rally: what was played.
-        seed: names all draws: where and when the shuttle is met.
-        handedness: ``right`` or ``left``, of seats 0 and 1.
-        athletes: ``male`` or ``female``, of seats 0 and 1.
-        fps: frames a second, from 25; every contact falls on a frame.
+        Raises:
+            StagingError: there is no such frame.
+        """
+        frames = len(self.time)
+        if not 0 <= first < frames:
+            raise StagingError(f"first frame {first}: this motion has frames 0 to {frames - 1}")
+        trajectory, rally = self.trajectory, self.trajectory.rally
+        rows = slice(first, None)
+        local = [packing.against_parents(self.rotation[rows, seat], self.parents(seat)) for seat in (0, 1)]
+        strokes = [_stroke(trajectory, i, self.fps) for i in range(len(rally))]
+        head = {
+            "fps": self.fps,
+            "first": first,
+            "frames": frames - first,
+            "players": [{"athlete": self.skeletons[seat].name, "hand": self.handedness[seat]} for seat in (0, 1)],
+            "server": rally.server,
+            "ending": OUTCOMES[rally.ending],
+            "strokes": strokes,
+        }
+        kept = packing.Frames(
+            hips=self.position[rows, :, 0].astype(np.float64),
+            local=np.stack(local, axis=1),
+            planted=self.planted[rows],
+            loose=self.shuttle[rows][~_flying(strokes, first, frames)].astype(np.float64),
+        )
+        return packing.write(head, kept)
 
-    Raises:
-        StagingError: a rally or an option that cannot be staged.
-    """
-    rally = rally.checked()
-    if any(hand not in HANDS for hand in handedness):
-        raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
-    if not 25 <= fps <= 1000:
-        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
-    skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
-    right = (handedness[0] == "right", handedness[1] == "right")
-    players = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
-    trajectory = draw_trajectory(rally, load_measured(), players, seed=seed, fps=fps)
-    frames = round((trajectory.end_time[-1] + _TAIL) * fps) + 1
-    for _ in range(_RETRIES):
-        ready = [_prepared(trajectory, seat, skeletons[seat], right[seat], frames, fps) for seat in (0, 1)]
-        missed = _missed(ready, right)
-        if not missed:
-            break
-        trajectory = with_contacts_moved(trajectory, missed)
-    shuttle, velocity = shuttle_path(trajectory, frames, fps)
-    rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
-    planted = np.empty((frames, 2, 2), dtype=bool)
-    contacts = np.rint(trajectory.time * fps).astype(np.int64)
+    @classmethod
+    def unpack(cls, content: bytes, before: "Motion | None" = None) -> "Motion":
+        """A motion from its packed form; its catalogue has the strokes of this rally only.
+
+        Args:
+            content: what :meth:`pack` returned.
+            before: the motion that has the frames before the first one packed, where that is not frame 0.
+
+        Raises:
+            StagingError: not a packed motion, a damaged one, or one that needs another motion before it.
+        """
+        head, data = packing.read_head(content)
+        try:
+            return _unpacked(head, data, before)
+        except (LookupError, AttributeError, TypeError, ValueError, OverflowError, UnknownStrokeError) as error:
+            raise StagingError(f"a packed motion is damaged: {error!r} in its head; take another copy") from error
+
+
+def _stroke(trajectory: Trajectory, i: int, fps: int) -> dict[str, Any]:
+    """A stroke in the head of a packed motion."""
+    rally, stance = trajectory.rally, trajectory.stance[i]
+    start, velocity = (v[0] for v in trajectory.flight.at(i, np.array([0.0])))
+    return {
+        "name": rally.catalogue.names[rally.stroke[i]],
+        "frame": round(float(trajectory.time[i]) * fps),
+        "end": ENDS[trajectory.end[i]],
+        "end_frame": round(float(trajectory.end_time[i]) * fps),
+        "start": _short(start),
+        "velocity": _short(velocity),
+        "chosen": _short(trajectory.chosen_point[i]),
+        "motion": MOTIONS[stance.motion],
+        "heading": round(stance.heading, 6),
+        "root": _short(stance.root),
+        "reach": round(stance.reach, 6),
+        "base": [_short(place) for place in trajectory.base[i]],
+    }
+
+
+def _short(v: Floats) -> list[float]:
+    return [round(x, 6) for x in v.tolist()]
+
+
+def _flying(strokes: Sequence[dict[str, Any]], first: int, end: int) -> npt.NDArray[np.bool_]:
+    """``[end - first]`` whether the shuttle is in a flight."""
+    out = np.zeros(end, dtype=bool)
+    for stroke in strokes:
+        out[stroke["frame"] : stroke["end_frame"] + 1] = True
+    return out[first:]
+
+
+def _unpacked(head: dict[str, Any], data: memoryview, before: Motion | None) -> Motion:
+    fps, first, count, strokes = head["fps"], head["first"], head["frames"], head["strokes"]
+    numbers = [fps, first, count, *(stroke[name] for stroke in strokes for name in ("frame", "end_frame"))]
+    if any(not isinstance(number, int) or not 0 <= number < 1 << 24 for number in numbers) or not 25 <= fps <= 1000 or not count:
+        raise ValueError("frame numbers out of range")
+    if first and (before is None or len(before.time) < first or before.fps != fps):
+        raise StagingError(f"these frames begin at {first}: give the motion that has the {first} before them, at {fps} a second")
+    frames = first + count
+    flying = _flying(strokes, first, frames)
+    found = packing.read_frames(data, count, int(np.count_nonzero(~flying)))
+    players = head["players"]
+    skeletons = (load_skeleton(players[0]["athlete"]), load_skeleton(players[1]["athlete"]))
+    hands = (str(players[0]["hand"]), str(players[1]["hand"]))
+    if not set(hands) <= set(HANDS):
+        raise ValueError(f"hands {hands}")
+    rotation, position = np.empty((count, 2, N_BONES, 4), np.float32), np.empty((count, 2, N_BONES, 3), np.float32)
     for seat in (0, 1):
-        sign = own_frame(seat, right[seat])
-        played = perform(skeletons[seat], *ready[seat], shuttle * sign)
-        rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
-        if seat == rally.server:
-            hand = BONE["LeftHand"]
-            palm = played.position[:, hand] + played.rotation[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
-            release = int(contacts[0]) - round(HELD[trajectory.stance[0].motion][1] * fps)
-            held(shuttle, palm * sign, int(contacts[0]), release, fps)
-    velocity[: contacts[0]] = np.gradient(shuttle[: contacts[0] + 1], 1 / fps, axis=0)[:-1]
+        right, skeleton = hands[seat] == "right", skeletons[seat]
+        rest, parents = skeleton.rest_pose(right_handed=right), skeleton.parents(right_handed=right)
+        turn, place = packing.from_parents(found.hips[:, seat], found.local[:, seat], parents, rest)
+        rotation[:, seat], position[:, seat] = turn, place
+    trajectory = _trajectory(head)
+    shuttle, velocity = np.empty((count, 3)), np.empty((count, 3))
+    shuttle[~flying] = found.loose
+    for i, stroke in enumerate(strokes):
+        rows = np.arange(max(stroke["frame"], first), min(stroke["end_frame"] + 1, frames))
+        shuttle[rows - first], velocity[rows - first] = trajectory.flight.at(i, rows / fps - trajectory.time[i])
+    drift = np.gradient(shuttle, 1 / fps, axis=0) if count > 1 else np.zeros_like(shuttle)
+    velocity[~flying] = drift[~flying]
+
+    def whole(name: str, now: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.concatenate([getattr(before, name)[:first], now.astype(getattr(before, name).dtype)]) if first else now
+
     return Motion(
         fps=fps,
         time=np.arange(frames) / fps,
-        shuttle=shuttle.astype(np.float32),
-        shuttle_velocity=velocity.astype(np.float32),
-        rotation=rotation.astype(np.float32),
-        position=position.astype(np.float32),
-        planted=planted,
-        contact_frame=contacts,
+        shuttle=whole("shuttle", shuttle.astype(np.float32)),
+        shuttle_velocity=whole("shuttle_velocity", velocity.astype(np.float32)),
+        rotation=whole("rotation", rotation),
+        position=whole("position", position),
+        planted=whole("planted", found.planted),
+        contact_frame=np.array([stroke["frame"] for stroke in strokes], dtype=np.int64),
         skeletons=skeletons,
-        handedness=handedness,
+        handedness=hands,
         trajectory=trajectory,
     )
 
 
-def _prepared(
-    trajectory: Trajectory, seat: int, skeleton: Skeleton, right_handed: bool, frames: int, fps: int
-) -> tuple[Timeline, Prepared]:
-    """Timeline and feet of one player. Where the racket does not get to the shuttle, the hips are moved and it tries again."""
-    shift, library = np.zeros((len(trajectory.time), 3)), library_of(skeleton)
-    mirror = np.array([1.0 if right_handed else -1.0, 1.0])
-    for _ in range(_ATTEMPTS):
-        hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps) * mirror
-        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps).timeline()
-        prepared = prepare(skeleton, timeline, hips, fps)
-        missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
-        if not missed.any():
-            break
-        strokes = np.array([hit.stroke for hit in timeline.hits])
-        # A little further than the miss, or the last millimetres would take many attempts.
-        shift[strokes[missed]] += 1.15 * prepared.miss[missed]
-    return timeline, prepared
+def _trajectory(head: dict[str, Any]) -> Trajectory:
+    strokes, fps = head["strokes"], head["fps"]
+    names = [stroke["name"] for stroke in strokes]
+    catalogue = Catalogue.from_names(dict.fromkeys(names))
+    rally = PlayedRally(
+        catalogue=catalogue,
+        server=int(head["server"]),
+        stroke=np.array([catalogue.index(name) for name in names], dtype=np.int64),
+        ending=OUTCOMES.index(head["ending"]),
+    )
 
+    def column(name: str, shape: tuple[int, ...]) -> Floats:
+        return np.array([stroke[name] for stroke in strokes], dtype=np.float64).reshape(-1, *shape)
 
-def _missed(ready: list[tuple[Timeline, Prepared]], right: tuple[bool, bool]) -> dict[int, Floats]:
-    """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
-    return {
-        hit.stroke: -miss * own_frame(seat, right[seat])
-        for seat, (timeline, prepared) in enumerate(ready)
-        for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
-        if np.linalg.norm(miss) > 2 * _TOLERANCE
-    }
-
-
-def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
-    return Physique(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
-
-
-def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
-    """Rotations, positions and plants of a player in the frame of the court.
-
-    ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. Under a mirror the bones of
-    the left and the right change places.
-    """
-    rotation, position = played.rotation, played.position * sign
-    planted = played.feet.planted.T
-    mirror = sign[0] * sign[1] < 0
-    flip = np.diag([-1.0, 1.0, 1.0])
-    if mirror:
-        rotation, position, planted = flip @ rotation[:, MIRROR] @ flip, position[:, MIRROR], planted[:, ::-1]
-    # What is left of the signs after the mirror is a turn of the whole player.
-    turn = np.diag([sign[1], sign[1], 1.0])
-    return quaternion(turn @ rotation), position, planted
-
-
-def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats, Floats]:
-    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
-    time = np.arange(frames) / fps
-    position, velocity = np.tile(trajectory.contact[0], (frames, 1)), np.zeros((frames, 3))
-    for i in range(len(trajectory.time)):
-        rows = np.flatnonzero((time >= trajectory.time[i] - 1e-6) & (time <= trajectory.end_time[i] + 1e-6))
-        position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
-    rows = np.flatnonzero(time > trajectory.end_time[-1] + 1e-6)
-    _, hit = trajectory.flight.at(len(trajectory.time) - 1, trajectory.flight.time[-1, -1:])
-    since = time[rows] - trajectory.end_time[-1]
-    if trajectory.end[-1] == NET:
-        start = trajectory.end_point[-1]
-        back = np.array([-0.04 * hit[0, 0], -0.05 * hit[0, 1], min(0.0, 0.3 * hit[0, 2])])
-        drop = fall(start[None], back[None], np.array([2.5]))
-        position[rows], velocity[rows] = drop.at(0, since)
-        landed = np.flatnonzero(position[rows, 2] <= _REST)
-        if len(landed):
-            first = rows[landed[0]]
-            _roll(position, velocity, first, position[first], velocity[first], time)
-    elif len(rows):
-        _roll(position, velocity, int(rows[0]), trajectory.end_point[-1], hit[0], time)
-    return position, velocity
-
-
-def held(position: Floats, palm: Floats, contact: int, release: int, fps: int) -> None:
-    """Put the shuttle into the server's hand: until frame ``release`` it is at the palm, then it drops to the racket.
-
-    Args:
-        position: ``[F, 3]`` path of the shuttle, changed in place.
-        palm: ``[F, 3]`` the server's free palm [m].
-        contact: frame of the serve.
-        release: frame in which the hand opens.
-        fps: frames a second.
-    """
-    position[: release + 1] = palm[: release + 1]
-    whole = (contact - release) / fps
-    since = np.arange(1, contact - release)[:, None] / fps
-    pull = np.array([0.0, 0.0, -GRAVITY])
-    start = (position[contact] - palm[release] - pull / 2 * whole**2) / whole
-    position[release + 1 : contact] = palm[release] + start * since + pull / 2 * since**2
-
-
-def _roll(position: Floats, velocity: Floats, first: int, start: Floats, into: Floats, time: Floats) -> None:
-    """From frame ``first`` on: one small bounce, then a short slide to rest."""
-    rows = slice(first, None)
-    since = time[rows] - time[first] + 0.5 * (time[1] - time[0])
-    up = min(0.18 * abs(float(into[2])), 1.0)
-    stop = 0.25
-    slide = 0.12 * into[:2] * stop * (1 - np.exp(-since / stop))[:, None]
-    position[rows, :2] = start[:2] + slide
-    position[rows, 2] = np.maximum(_REST, _REST + up * since - GRAVITY / 2 * since**2)
-    velocity[rows] = np.gradient(position[rows], time[1] - time[0], axis=0) if len(since) > 1 else 0.0
+    time, end_time = column("frame", ()) / fps, column("end_frame", ()) / fps
+    start = column("start", (3,))
+    flight: Flights = fall(start, column("velocity", (3,)), end_time - time)
+    last = flight.along[:, -1:] * flight.heading
+    return Trajectory(
+        rally=rally,
+        time=time,
+        contact=start,
+        end=np.array([ENDS.index(stroke["end"]) for stroke in strokes], dtype=np.int64),
+        end_time=end_time,
+        chosen_point=column("chosen", (3,)),
+        end_point=np.column_stack([start[:, :2] + last, start[:, 2] + flight.rise[:, -1]]),
+        flight=flight,
+        stance=tuple(
+            Stance(
+                motion=MOTIONS.index(stroke["motion"]),
+                heading=float(stroke["heading"]),
+                root=np.array(stroke["root"], dtype=np.float64),
+                reach=float(stroke["reach"]),
+            )
+            for stroke in strokes
+        ),
+        base=column("base", (2, 2)),
+    )

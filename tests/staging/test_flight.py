@@ -53,7 +53,7 @@ def test_the_same_launch_integrated_precisely_arrives_too(numbers: tuple[float, 
 
 def test_a_falling_shuttle_comes_to_its_terminal_speed() -> None:
     """Closed form: v = U tanh(g t / U)."""
-    drop = fall(np.array([[0.0, 0.0, 50.0]]), np.zeros((1, 3)), np.array([4.0]))
+    drop = fall(np.array([[0.0, 0.0, 50.0]]), np.zeros((1, 3)), np.array([4.0]), steps=32)
     for seconds in (0.3, 1.0, 3.9):
         _, velocity = drop.at(0, np.array([seconds]))
         assert abs(-velocity[0, 2] - TERMINAL * np.tanh(GRAVITY * seconds / TERMINAL)) < 0.03

@@ -1,0 +1,68 @@
+"""The path of the shuttle over a whole rally: in the server's hand, in flight, off the net, on the floor."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.flight import GRAVITY, fall
+from shuttle_marl.staging.trajectory import NET, Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+_REST: Final = 0.014
+"""Height of a shuttle that lies on the floor [m]."""
+
+
+def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats, Floats]:
+    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
+    time = np.arange(frames) / fps
+    position, velocity = np.tile(trajectory.contact[0], (frames, 1)), np.zeros((frames, 3))
+    for i in range(len(trajectory.time)):
+        rows = np.flatnonzero((time >= trajectory.time[i] - 1e-6) & (time <= trajectory.end_time[i] + 1e-6))
+        position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
+    rows = np.flatnonzero(time > trajectory.end_time[-1] + 1e-6)
+    _, hit = trajectory.flight.at(len(trajectory.time) - 1, trajectory.flight.time[-1, -1:])
+    since = time[rows] - trajectory.end_time[-1]
+    if trajectory.end[-1] == NET:
+        start = trajectory.end_point[-1]
+        back = np.array([-0.04 * hit[0, 0], -0.05 * hit[0, 1], min(0.0, 0.3 * hit[0, 2])])
+        drop = fall(start[None], back[None], np.array([2.5]), steps=32)
+        position[rows], velocity[rows] = drop.at(0, since)
+        landed = np.flatnonzero(position[rows, 2] <= _REST)
+        if len(landed):
+            first = rows[landed[0]]
+            _roll(position, velocity, first, position[first], velocity[first], time)
+    elif len(rows):
+        _roll(position, velocity, int(rows[0]), trajectory.end_point[-1], hit[0], time)
+    return position, velocity
+
+
+def held(position: Floats, palm: Floats, contact: int, release: int, fps: int) -> None:
+    """Put the shuttle into the server's hand: until frame ``release`` it is at the palm, then it drops to the racket.
+
+    Args:
+        position: ``[F, 3]`` path of the shuttle, changed in place.
+        palm: ``[F, 3]`` the server's free palm [m].
+        contact: frame of the serve.
+        release: frame in which the hand opens.
+        fps: frames a second.
+    """
+    position[: release + 1] = palm[: release + 1]
+    whole = (contact - release) / fps
+    since = np.arange(1, contact - release)[:, None] / fps
+    pull = np.array([0.0, 0.0, -GRAVITY])
+    start = (position[contact] - palm[release] - pull / 2 * whole**2) / whole
+    position[release + 1 : contact] = palm[release] + start * since + pull / 2 * since**2
+
+
+def _roll(position: Floats, velocity: Floats, first: int, start: Floats, into: Floats, time: Floats) -> None:
+    """From frame ``first`` on: one small bounce, then a short slide to rest."""
+    rows = slice(first, None)
+    since = time[rows] - time[first] + 0.5 * (time[1] - time[0])
+    up = min(0.18 * abs(float(into[2])), 1.0)
+    stop = 0.25
+    slide = 0.12 * into[:2] * stop * (1 - np.exp(-since / stop))[:, None]
+    position[rows, :2] = start[:2] + slide
+    position[rows, 2] = np.maximum(_REST, _REST + up * since - GRAVITY / 2 * since**2)
+    velocity[rows] = np.gradient(position[rows], time[1] - time[0], axis=0) if len(since) > 1 else 0.0

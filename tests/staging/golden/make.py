@@ -1,0 +1,50 @@
+"""Writes the packed rally and what a reader has to find in it, here: ``python -m tests.staging.golden.make``.
+
+Only for a new version of the format; the committed files show that packed motions of today can be read tomorrow.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from shuttle_marl.game import default_game
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.staging import BONES, Motion, play_rallies, stage
+
+FOLDER = Path(__file__).parent
+
+
+def main() -> None:
+    game = default_game()
+    policy = resolve("bc", game)
+    rally = next(rally for rally in play_rallies(game, (policy, policy), 40, seed=11) if len(rally) == 4)
+    packed = stage(rally, seed=5, handedness=("right", "left"), athletes=("male", "female")).pack()
+    motion = Motion.unpack(packed)
+    rows = sorted({0, len(motion.time) - 1, *motion.contact_frame.tolist(), *range(7, len(motion.time), 41)})
+    found = {
+        "fps": motion.fps,
+        "frames": len(motion.time),
+        "players": [{"athlete": motion.skeletons[k].name, "hand": motion.handedness[k]} for k in (0, 1)],
+        "strokes": [motion.trajectory.rally.catalogue.names[k] for k in motion.trajectory.rally.stroke],
+        "contact_frames": motion.contact_frame.tolist(),
+        "bones": list(BONES),
+        "parents": [motion.parents(seat).tolist() for seat in (0, 1)],
+        "rest": [np.round(motion.rest(seat), 6).tolist() for seat in (0, 1)],
+        "at": [
+            {
+                "frame": row,
+                "shuttle": np.round(motion.shuttle[row].astype(float), 5).tolist(),
+                "planted": motion.planted[row].tolist(),
+                "position": np.round(motion.position[row].astype(float), 5).tolist(),
+                "rotation": np.round(motion.rotation[row].astype(float), 6).tolist(),
+            }
+            for row in rows
+        ],
+    }
+    (FOLDER / "rally.smot").write_bytes(packed)
+    (FOLDER / "rally.json").write_text(json.dumps(found, separators=(",", ":")) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

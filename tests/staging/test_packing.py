@@ -1,0 +1,145 @@
+"""Packed motions: what goes in comes out, the golden file is read, and no bytes from outside do harm."""
+
+import dataclasses
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.staging import Motion, StagingError, measure, packing
+
+GOLDEN = Path(__file__).parent / "golden"
+
+
+def same_rotations(a: np.ndarray, b: np.ndarray, close: float) -> bool:
+    """Whether quaternions mean the same rotations but for ``close`` radians; q and -q do."""
+    away = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return bool((2 * away < close).all())
+
+
+@pytest.fixture(scope="module")
+def packed(motions: list[Motion]) -> list[bytes]:
+    return [motion.pack() for motion in motions]
+
+
+def test_a_motion_comes_back_within_two_millimetres_from_few_bytes(motions: list[Motion], packed: list[bytes]) -> None:
+    for motion, content in zip(motions, packed, strict=True):
+        again = Motion.unpack(content)
+        assert len(content) / 1024 / motion.time[-1] <= 6
+        for name in ("position", "sweet_spot", "shuttle"):
+            np.testing.assert_allclose(getattr(again, name), getattr(motion, name), atol=1e-3)
+        assert same_rotations(again.rotation, motion.rotation, 1e-3)
+        for name in ("planted", "contact_frame", "time"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(motion, name))
+        assert again.handedness == motion.handedness
+        assert again.skeletons == motion.skeletons
+
+
+def test_an_unpacked_motion_measures_like_the_one_that_was_packed(motions: list[Motion], packed: list[bytes]) -> None:
+    for motion, content in zip(motions[:3], packed, strict=False):
+        before, after = measure(motion), measure(Motion.unpack(content))
+        np.testing.assert_allclose(after.contact, before.contact, atol=1e-3)
+        np.testing.assert_allclose(after.landing, before.landing, atol=1e-3)
+        np.testing.assert_array_equal(after.timely, before.timely)
+        assert after.true_end.all()
+        assert after.joint_excess < 0.02
+
+
+def test_the_rest_of_a_motion_is_put_behind_what_is_known(motions: list[Motion], packed: list[bytes]) -> None:
+    motion, known = motions[0], Motion.unpack(packed[0])
+    for first in (1, int(motion.contact_frame[-1]), len(motion.time) - 1):
+        rest = motion.pack(first)
+        assert len(rest) < len(packed[0])
+        whole = Motion.unpack(rest, known)
+        np.testing.assert_allclose(whole.position, known.position, atol=1e-6)
+        np.testing.assert_allclose(whole.shuttle, known.shuttle, atol=1e-3)
+        with pytest.raises(StagingError, match="give the motion that has"):
+            Motion.unpack(rest)
+    with pytest.raises(StagingError, match="this motion has frames 0 to"):
+        motion.pack(len(motion.time))
+
+
+def test_the_golden_file_is_read() -> None:
+    """The TypeScript reader finds the same in the same file."""
+    expected = json.loads((GOLDEN / "rally.json").read_text(encoding="utf-8"))
+    motion = Motion.unpack((GOLDEN / "rally.smot").read_bytes())
+    assert motion.fps == expected["fps"]
+    assert len(motion.time) == expected["frames"]
+    assert motion.contact_frame.tolist() == expected["contact_frames"]
+    assert [motion.trajectory.rally.catalogue.names[k] for k in motion.trajectory.rally.stroke] == expected["strokes"]
+    for at in expected["at"]:
+        row = at["frame"]
+        np.testing.assert_allclose(motion.shuttle[row], at["shuttle"], atol=2e-5)
+        np.testing.assert_allclose(motion.position[row], at["position"], atol=2e-5)
+        assert same_rotations(motion.rotation[row], np.array(at["rotation"]), 1e-4)
+        assert motion.planted[row].tolist() == at["planted"]
+
+
+def test_the_golden_file_is_written_again_bit_for_bit() -> None:
+    """The writer has not changed either: what was inflated from the file deflates to the same payload."""
+    content = (GOLDEN / "rally.smot").read_bytes()
+    head, data = packing.read_head(content)
+    loose = len(data) - head["frames"] * (2 * (6 + 7 * packing.N_BONES) + 1)
+    frames = packing.read_frames(data, head["frames"], loose // 6)
+    again = packing.write(head, frames)
+    assert zlib.decompress(again[5:]) == zlib.decompress(content[5:])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(-32768, 32767), min_size=1, max_size=40))
+def test_any_column_of_16_bits_comes_back(values: list[int]) -> None:
+    column = np.repeat(np.array(values, dtype=np.float64)[:, None], 3, axis=1)
+    assert (packing._summed(memoryview(packing._deltas(column)), len(values)) == column).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: b"", "first bytes"),
+        (lambda c: b"GLTF" + c[4:], "first bytes"),
+        (lambda c: c[:4] + b"\x07" + c[5:], "version 07: expected 1"),
+        (lambda c: c[:-40], "cut off"),
+        (lambda c: c[:300] + bytes([c[300] ^ 8]) + c[301:], "damaged|cut off"),
+        (lambda c: c[:5] + zlib.compress(b"\x02\0\0\0[]"), "no object"),
+        (lambda c: c[:5] + zlib.compress(b"\x04\0\0\0nope"), "no JSON"),
+        (lambda c: c[:5] + zlib.compress(b"\x02\0\0\0{}"), "damaged"),
+        (lambda c: c[:5] + zlib.compress(zlib.decompress(c[5:])[:-3]), "bytes of frames, expected"),
+    ],
+)
+def test_bytes_that_are_no_packed_motion(change: object, message: str) -> None:
+    content = (GOLDEN / "rally.smot").read_bytes()
+    with pytest.raises(StagingError, match=message):
+        Motion.unpack(change(content))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fps": 0},
+        {"fps": "50"},
+        {"frames": 1 << 40},
+        {"frames": -1},
+        {"players": []},
+        {"players": [{"athlete": "../../male", "hand": "right"}] * 2},
+        {"ending": "lost"},
+        {"strokes": [{"name": "kick"}]},
+    ],
+)
+def test_heads_that_make_no_sense(change: dict[str, object]) -> None:
+    content = (GOLDEN / "rally.smot").read_bytes()
+    head, data = packing.read_head(content)
+    about = json.dumps(head | change).encode()
+    spoilt = content[:5] + zlib.compress(len(about).to_bytes(4, "little") + about + data)
+    with pytest.raises(StagingError):
+        Motion.unpack(spoilt)
+
+
+def test_a_racket_that_is_off_is_seen(motions: list[Motion], packed: list[bytes]) -> None:
+    """The comparison above would see an error of three millimetres."""
+    motion = motions[0]
+    moved = dataclasses.replace(motion, position=motion.position + np.float32(0.003))
+    assert np.abs(Motion.unpack(packed[0]).sweet_spot - moved.sweet_spot).max() > 2e-3
