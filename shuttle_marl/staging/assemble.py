@@ -140,5 +140,3 @@ def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.
     # What is left of the signs after the mirror is a turn of the whole player.
     turn = np.diag([sign[1], sign[1], 1.0])
     return quaternion(turn @ rotation), position, planted
-
-
