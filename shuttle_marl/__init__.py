@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from shuttle_marl.gymnasium_ids import register_when_imported
+from shuttle_marl.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
     from shuttle_marl.env import match_v0, rally_v0

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
 from shuttle_marl.env.strokes import RALLY_WIDTH, SCORE_WIDTH, EpisodeDraws
-from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
+from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
@@ -15,15 +15,24 @@ from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
 __all__ = ["env", "raw_env"]
 
 
-def env(*, action: ActionView = "flat", **kwargs: Any) -> CheckedEnv:
+def env(
+    *, action: ActionView = "flat", mask: MaskView = "observation", info: InfoView | None = None, **kwargs: Any
+) -> CheckedEnv | PlainEnv:
     """The environment with PettingZoo's checks; an illegal stroke loses the match.
 
     Args:
         action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
             ``MultiDiscrete([13, 9, 2, 3])``.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
+            Observations are plain vectors with the last two.
+        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
+            else none.
         **kwargs: those of :class:`raw_env`.
+
+    Raises:
+        OptionError: an option that is not among those.
     """
-    return wrapped(raw_env(**kwargs), action)
+    return wrapped(raw_env(**kwargs), action, mask, info)
 
 
 class raw_env(ShuttleEnv):

@@ -13,7 +13,7 @@ from pettingzoo import AECEnv
 
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, EpisodeDraws, Observation, Stroke, tables_of
-from shuttle_marl.env.wrappers import ActionView, CheckedEnv, wrapped
+from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import ActionError, OptionError, whole_number
 from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
@@ -328,15 +328,24 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         )
 
 
-def env(*, action: ActionView = "flat", **kwargs: Any) -> CheckedEnv:
+def env(
+    *, action: ActionView = "flat", mask: MaskView = "observation", info: InfoView | None = None, **kwargs: Any
+) -> CheckedEnv | PlainEnv:
     """The environment with PettingZoo's checks; an illegal stroke loses the rally.
 
     Args:
         action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
             ``MultiDiscrete([13, 9, 2, 3])``.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
+            Observations are plain vectors with the last two.
+        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
+            else none.
         **kwargs: those of :class:`raw_env`.
+
+    Raises:
+        OptionError: an option that is not among those.
     """
-    return wrapped(raw_env(**kwargs), action)
+    return wrapped(raw_env(**kwargs), action, mask, info)
 
 
 class raw_env(ShuttleEnv):

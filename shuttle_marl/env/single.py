@@ -10,11 +10,13 @@ from typing import Any, Literal, cast
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
 from shuttle_marl.env.strokes import Observation
+from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
 from shuttle_marl.game.rally import Game, IllegalStrokeError
@@ -40,8 +42,11 @@ class Opponent:
     def __init__(self, opponent: str | Policy, game: Game) -> None:
         self.policy, self.name = named(opponent, game)
         self.reads_score = reads_score(self.policy)
-        self._game = game
+        self._given, self._game = opponent, game
         self._cumulative = None if self.reads_score else tabulate(self.policy, game, self.name).cumulative
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Opponent, (self._given, self._game)  # by name, where it has one: a table is megabytes
 
     def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
         """Catalogue index of the stroke that is played in a state.
@@ -79,13 +84,15 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012  as in gymnasium.Env
 
-    def __init__(self, raw: ShuttleEnv, opponent: Opponent, seat: Seat) -> None:
+    def __init__(self, raw: ShuttleEnv, opponent: Opponent, seat: Seat, mask: MaskView, info: InfoView | None) -> None:
+        self._mask, self._told = mask, checked_views(mask, info)
         if seat not in (0, 1):
             raise OptionError(f"seat {seat!r}: expected 0 or 1")
         self.raw, self.opponent, self.seat = raw, opponent, seat
         self.render_mode = raw.render_mode
         self._agent = AGENTS[seat]
-        self.observation_space = raw.observation_space(self._agent)
+        both = raw.observation_space(self._agent)
+        self.observation_space = both if mask == "observation" else cast(spaces.Dict, both)["observation"]
         self.action_space = raw.action_space(self._agent)
         self._unseen = np.zeros(2, np.int64)
         self._owed = 0.0
@@ -122,7 +129,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             self._owed = self._await_turn()
             if not self.raw.terminations[self._agent]:
                 self._over = False
-                return self.raw.observe(self._agent), self._info()
+                return self._seen(), self._info()
             self._unseen[0 if self.raw.rewards[self._agent] > 0 else 1] += 1
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -148,7 +155,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         reward = self._owed + self.raw.rewards[self._agent] + self._await_turn()
         self._owed = 0.0
         self._over = self.raw.terminations[self._agent]
-        return self.raw.observe(self._agent), reward, self._over, False, self._info()
+        return self._seen(), reward, self._over, False, self._info()
 
     def render(self) -> npt.NDArray[np.uint8] | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``)."""
@@ -167,8 +174,17 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             reward += raw.rewards[self._agent]
         return reward
 
+    def _seen(self) -> Any:
+        seen = self.raw.observe(self._agent)
+        return seen if self._mask == "observation" else seen["observation"]
+
     def _info(self) -> dict[str, Any]:
-        return {**self.raw.infos[self._agent], "unseen": self._unseen.copy()}
+        info: dict[str, Any] = {"unseen": self._unseen.copy()}
+        if self._told == "full":
+            info.update(self.raw.infos[self._agent])
+        if self._mask == "info":
+            info["action_mask"] = self.raw.observe(self._agent)["action_mask"]
+        return info
 
 
 class SingleRallyEnv(SingleEnv):
@@ -180,6 +196,10 @@ class SingleRallyEnv(SingleEnv):
         server: seat that serves, 0 or 1; None: at random, seeded.
         game: the tables, or a model by name or folder; None: the benchmark's.
         profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
+            Observations are plain vectors with the last two.
+        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
+            else none.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
@@ -196,13 +216,15 @@ class SingleRallyEnv(SingleEnv):
         server: Seat | None = None,
         game: Game | str | None = None,
         profile: str | None = None,
+        mask: MaskView = "observation",
+        info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
         raw = rally_v0.raw_env(server=server, game=game, profile=profile, render_mode=render_mode)
         other = Opponent(opponent, raw.game)
         if other.reads_score:
             raise OptionError(f"opponent {other.name!r} reads the score, and a rally has none; play it in shuttle_marl/Match-v0")
-        super().__init__(raw, other, seat)
+        super().__init__(raw, other, seat, mask, info)
 
 
 class SingleMatchEnv(SingleEnv):
@@ -219,6 +241,10 @@ class SingleMatchEnv(SingleEnv):
         rules: points, lead, cap and games.
         game: the tables, or a model by name or folder; None: the benchmark's.
         profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
+            Observations are plain vectors with the last two.
+        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
+            else none.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
@@ -237,9 +263,11 @@ class SingleMatchEnv(SingleEnv):
         rules: Rules = BWF,
         game: Game | str | None = None,
         profile: str | None = None,
+        mask: MaskView = "observation",
+        info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
         raw = match_v0.raw_env(
             first_server=first_server, reward=reward, rules=rules, game=game, profile=profile, render_mode=render_mode
         )
-        super().__init__(raw, Opponent(opponent, raw.game), seat)
+        super().__init__(raw, Opponent(opponent, raw.game), seat, mask, info)

@@ -190,6 +190,9 @@ class EpisodeDraws:
         self._choices = array("H")
         self._first_servers = b""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return EpisodeDraws, self._name  # the draws follow from that
+
     def first_server(self, rally: int) -> int:
         """Seat that serves first in a rally, drawn at random: 0 or 1."""
         self._prepare(rally)

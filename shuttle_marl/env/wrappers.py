@@ -1,4 +1,4 @@
-"""Wrappers of ``raw_env()`` that make ``env()``: PettingZoo's checks, and the choice between two views of the action."""
+"""Wrappers of ``raw_env()`` that make ``env()``: PettingZoo's checks, and the views of action, mask and info."""
 
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from shuttle_marl.env.rally_v0 import ShuttleEnv
 
 ActionView = Literal["flat", "components"]
+MaskView = Literal["observation", "info", "none"]
+"""Place of the mask of legal strokes: beside the observation in a dictionary, in the info, or nowhere."""
+InfoView = Literal["full", "none"]
+"""Whether the info tells about the last stroke, which takes text and None, or holds numbers alone."""
 
 _CUTS: Final = np.cumsum(PARTS)[:-1]
 
@@ -121,17 +125,77 @@ class ComponentEnv(CheckedEnv):
             super().step(stroke)
 
 
+class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
+    """Another view of observations and infos, for libraries that want a plain ``Box``, or numbers alone in the info."""
+
+    def __init__(self, env: CheckedEnv, mask: MaskView, info: InfoView) -> None:
+        super().__init__(env)
+        self._mask, self._info = mask, info
+        self._told: Any = None
+        self._shown: dict[str, dict[str, Any]] = {}
+        self._spaces = {
+            agent: env.observation_space(agent) if mask == "observation" else env.observation_space(agent)["observation"]
+            for agent in env.possible_agents
+        }
+
+    @property
+    def infos(self) -> dict[str, dict[str, Any]]:
+        """Infos of both agents.
+
+        Raises:
+            AttributeError: no episode has begun.
+        """
+        told = self.__getattr__("infos")
+        if told is not self._told:
+            # Kept until the next stroke: callers compare infos, and of dictionaries with arrays only the same are equal.
+            self._told, self._shown = told, {agent: self._view_of(agent, info) for agent, info in told.items()}
+        return {agent: self._shown[agent] for agent in told}
+
+    def _view_of(self, agent: str, told: dict[str, Any]) -> dict[str, Any]:
+        shown = dict(told) if self._info == "full" else {}
+        if self._mask == "info":
+            shown["action_mask"] = self.env.observe(agent)["action_mask"]
+        return shown
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self._spaces[agent]
+
+    def observe(self, agent: str) -> Any:
+        """Observation of an agent, without the mask unless that is asked for."""
+        seen = super().observe(agent)
+        return seen if self._mask == "observation" else seen["observation"]
+
+    def __str__(self) -> str:
+        return str(self.env)
+
+
+def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
+    """The view of the info; None: full where the mask is beside the observation, else none.
+
+    Raises:
+        OptionError: an unknown view of the mask or of the info.
+    """
+    if mask not in ("observation", "info", "none"):
+        raise OptionError(f"mask {mask!r}: expected 'observation', 'info' or 'none'")
+    if info not in (None, "full", "none"):
+        raise OptionError(f"info {info!r}: expected 'full' or 'none'")
+    return info or ("full" if mask == "observation" else "none")
+
+
 def component_masks(mask: npt.NDArray[np.int8]) -> tuple[npt.NDArray[np.int8], ...]:
     """Cut a ``[27]`` mask into those of shot type, area, height and technique."""
     return tuple(np.split(mask, _CUTS))
 
 
-def wrapped(raw: "ShuttleEnv", action: ActionView) -> CheckedEnv:
+def wrapped(raw: "ShuttleEnv", action: ActionView, mask: MaskView, info: InfoView | None) -> CheckedEnv | PlainEnv:
     """A raw environment with PettingZoo's checks.
 
     Raises:
-        OptionError: an unknown view of the action.
+        OptionError: an unknown view of the action, the mask or the info.
     """
+    shown = checked_views(mask, info)
     if action not in ("flat", "components"):
         raise OptionError(f"action {action!r}: expected 'flat' or 'components'")
-    return CheckedEnv(raw) if action == "flat" else ComponentEnv(raw)
+    checked = CheckedEnv(raw) if action == "flat" else ComponentEnv(raw)
+    return checked if (mask, shown) == ("observation", "full") else PlainEnv(checked, mask, shown)

@@ -119,6 +119,9 @@ class Game:
         arrays: dict[str, Any] = self._arrays()
         return functools.partial(Game, catalogue=self.catalogue, **arrays), ()
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Game":
+        return self  # nothing in it can be changed
+
     @functools.cached_property
     def n_strokes(self) -> int:
         """Number of strokes in the catalogue."""

@@ -4,6 +4,7 @@ A model is named by its folder, or by its name if it is shipped. Its game is the
 such as ``default:men`` means one of its variants: the game of one discipline, or of a refit on resampled matches.
 """
 
+import copyreg
 import functools
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
@@ -171,6 +172,33 @@ def origin_of(game: Game) -> Origin | None:
         if (folder / VARIANTS).is_file():
             _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
     return _ORIGINS.get(game.hash)
+
+
+def _reduced(game: Game) -> tuple[Any, ...]:
+    """Pickle a shipped game by its name and its hash instead of its tables, which are megabytes."""
+    origin = _ORIGINS.get(game.hash)
+    if origin is None or origin.folder.parent != _MODELS:
+        return game.__reduce__()
+    name = origin.folder.name if origin.variant is None else f"{origin.folder.name}:{origin.variant}"
+    return _of_hash, (name, game.hash)
+
+
+def _of_hash(name: str, value: str) -> Game:
+    """A shipped game that was pickled.
+
+    Raises:
+        GameError: this version of the package ships another one.
+    """
+    game = load_game(name)
+    if game.hash != value:
+        raise GameError(
+            f"game {name!r}: this was pickled with game {value[:12]}, and this version of the package ships {game.hash[:12]}; "
+            "make it again"
+        )
+    return game
+
+
+copyreg.pickle(Game, _reduced)
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:

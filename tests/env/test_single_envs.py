@@ -106,9 +106,13 @@ assert importlib.util.find_spec("gymnasium") is not None
 import gymnasium
 assert gymnasium.__spec__.loader is gymnasium.__loader__
 assert importlib.resources.files("gymnasium").joinpath("__init__.py").is_file()
-assert not [finder for finder in sys.meta_path if type(finder).__module__.startswith("shuttle_marl")]
+def waiting():
+    return [finder for finder in sys.meta_path if type(finder).__module__.startswith("shuttle_marl")]
+assert len(waiting()) == 1
 assert "shuttle_marl/Rally-v0" in gymnasium.registry
 assert "pettingzoo" not in sys.modules
+import pettingzoo
+assert not waiting()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

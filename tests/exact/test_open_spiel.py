@@ -1,92 +1,52 @@
-"""Minimax values against OpenSpiel's value iteration, on small games written down as OpenSpiel games."""
+"""Exact values against OpenSpiel's own algorithms, on small games; and the game in OpenSpiel's terms."""
 
+import dataclasses
 import importlib
 import sys
 from types import ModuleType
-from typing import Any
 
+import numpy as np
 import pyspiel
 import pytest
-from exact_games import hand_made, random_game
+from exact_games import hand_made, random_game, random_policy, with_probabilities
+from open_spiel.python import rl_environment
+from open_spiel.python.algorithms import best_response, expected_game_score
 
+from shuttle_marl import exact, rally_v0
+from shuttle_marl.errors import OptionError
 from shuttle_marl.exact import solve
-from shuttle_marl.game.rally import FAULT, ONE, RETURNED_BELOW, ROOT, WINNER, Game
+from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
 
-TYPE = pyspiel.GameType(
-    short_name="python_shuttle_marl",
-    long_name="A rally",
-    dynamics=pyspiel.GameType.Dynamics.SEQUENTIAL,
-    chance_mode=pyspiel.GameType.ChanceMode.EXPLICIT_STOCHASTIC,
-    information=pyspiel.GameType.Information.PERFECT_INFORMATION,
-    utility=pyspiel.GameType.Utility.ZERO_SUM,
-    reward_model=pyspiel.GameType.RewardModel.TERMINAL,
-    max_num_players=2,
-    min_num_players=2,
-    provides_information_state_string=False,
-    provides_information_state_tensor=False,
-    provides_observation_string=False,
-    provides_observation_tensor=False,
-    parameter_specification={},
+LADDER = (
+    "short-serve:front-centre:below:backhand",
+    "lift:back-centre:below:forehand",
+    "clear:back-left:above:forehand",
+    "smash:middle-left:above:forehand",
+    "block:front-centre:below:forehand",
+    "net-kill:middle-centre:above:forehand",
 )
+"""Each stroke is answered only by those that stand behind it; the last two end nearly all rallies."""
 
 
-class SpielRally(pyspiel.Game):
-    """A rally served by player 0."""
-
-    def __init__(self, tables: Game, params: dict[str, Any] | None = None) -> None:
-        info = pyspiel.GameInfo(
-            num_distinct_actions=tables.n_strokes,
-            max_chance_outcomes=4,
-            num_players=2,
-            min_utility=-1.0,
-            max_utility=1.0,
-            utility_sum=0.0,
-            max_game_length=10_000,
-        )
-        super().__init__(TYPE, info, params or {})
-        self.tables = tables
-
-    def new_initial_state(self) -> "SpielState":
-        return SpielState(self)
-
-
-class SpielState(pyspiel.State):
-    """Named by who strikes in which state, so that states which play on alike are one."""
-
-    def __init__(self, game: SpielRally) -> None:
-        super().__init__(game)
-        self.tables = game.tables
-        self.striker, self.state, self.pair, self.winner = 0, ROOT, -1, -1
-
-    def current_player(self) -> int:
-        if self.winner >= 0:
-            return pyspiel.PlayerId.TERMINAL
-        return pyspiel.PlayerId.CHANCE if self.pair >= 0 else self.striker
-
-    def _legal_actions(self, player: int) -> list[int]:
-        return sorted(self.tables.legal_strokes(self.state).tolist())
-
-    def chance_outcomes(self) -> list[tuple[int, float]]:
-        limits = [0, *self.tables.limits_of(self.pair).tolist(), ONE]
-        return [(i, (limits[i + 1] - limits[i]) / ONE) for i in range(4) if limits[i + 1] > limits[i]]
-
-    def _apply_action(self, action: int) -> None:
-        if self.pair < 0:
-            self.pair = int(self.tables.pair_start[self.state]) + self.tables.legal_strokes(self.state).tolist().index(action)
-        elif action in (FAULT, WINNER):
-            self.winner = self.striker if action == WINNER else 1 - self.striker
-        else:
-            self.state = int(self.tables.arrivals(self.pair)[action - RETURNED_BELOW])
-            self.striker, self.pair = 1 - self.striker, -1
-
-    def is_terminal(self) -> bool:
-        return self.winner >= 0
-
-    def returns(self) -> list[float]:
-        return [0.0, 0.0] if self.winner < 0 else [1.0 - 2 * self.winner, 2 * self.winner - 1.0]
-
-    def __str__(self) -> str:
-        return f"won by {self.winner}" if self.winner >= 0 else f"{self.striker} {self.state} {self.pair}"
+def ladder(seed: int) -> Game:
+    """A game whose rallies climb the ladder; its probabilities are drawn at random."""
+    catalogue = Catalogue.from_names(LADDER)
+    order = [catalogue.names.index(name) for name in LADDER]
+    last = order[-2:]
+    replies = np.zeros((len(LADDER) + 1, len(LADDER)), np.bool_)
+    for i, incoming in enumerate(order):
+        replies[incoming, [*order[i + 1 :], *last]] = True
+    replies[-1] = catalogue.is_serve
+    tables = layout(catalogue, replies)
+    game = with_probabilities(Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables), seed)
+    threshold = game.threshold.copy()
+    threshold[np.isin(game.base_pair_stroke, last), 1:] = ONE - 1
+    return dataclasses.replace(game, threshold=threshold)
 
 
 @pytest.fixture
@@ -104,7 +64,8 @@ def value_iteration(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     "tables", [hand_made(), random_game(3, rallies=2), random_game(4, rallies=3), random_game(11, rallies=4)]
 )
 def test_minimax_equals_open_spiel(value_iteration: ModuleType, tables: Game) -> None:
-    expected = value_iteration.value_iteration(SpielRally(tables), depth_limit=-1, threshold=1e-12, cyclic_game=True)
+    game = RallyGame({"server": 0}, tables)
+    expected = value_iteration.value_iteration(game, depth_limit=-1, threshold=1e-12, cyclic_game=True)
     solution = solve(tables, tolerance=1e-11)
     seen = 0
     for name, value in expected.items():
@@ -115,3 +76,84 @@ def test_minimax_equals_open_spiel(value_iteration: ModuleType, tables: Game) ->
         assert (own if striker == 0 else -own) == pytest.approx(value, abs=1e-8), tables.describe(state)
         seen += 1
     assert seen > len(tables.catalogue)
+
+
+@pytest.fixture(scope="module")
+def reduced() -> tuple[Game, RallyGame]:
+    """A game that ends after a few strokes but for one rally in 65,536^3, so that trees of it are finite."""
+    tables = ladder(5)
+    return tables, RallyGame({"server": 0, "max_strokes": 7}, tables)
+
+
+def test_best_responses_equal_those_of_open_spiel(reduced: tuple[Game, RallyGame]) -> None:
+    tables, game = reduced
+    policy = random_policy(tables, 2)
+    theirs = open_spiel_policy(policy, game)
+    ours = exact.best_response(policy, tolerance=1e-12)
+    for player in (0, 1):
+        value = best_response.BestResponsePolicy(game, player, theirs).value(game.new_initial_state())
+        # Player 0 serves: the response itself, or the policy that it answers.
+        expected = ours.value.striking[player][ROOT] * (1 if player == 0 else -1)
+        assert value == pytest.approx(expected, abs=1e-6), player
+
+
+def test_values_of_policies_equal_those_of_open_spiel(reduced: tuple[Game, RallyGame]) -> None:
+    tables, game = reduced
+    first, second = random_policy(tables, 2), random_policy(tables, 3)
+    policies = [open_spiel_policy(first, game), open_spiel_policy(second, game)]
+    expected = expected_game_score.policy_value(game.new_initial_state(), policies)[0]
+    assert exact.evaluate(first, second, tolerance=1e-12).striking[0][ROOT] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_shipped_game_is_registered_and_plays_by_its_rules() -> None:
+    game = pyspiel.load_game(NAME, {"server": 0, "profile": "" })
+    tables = default_game()
+    assert game.num_distinct_actions() == tables.n_strokes
+    env = rally_v0.env(server=0)
+    env.reset(seed=1)
+    state = game.new_initial_state()
+    observer = game.make_py_observer()
+    while not state.is_terminal():
+        legal = state.legal_actions()
+        assert legal == np.flatnonzero(env.observe(env.agent_selection)["action_mask"]).tolist()
+        for player in (0, 1):
+            observer.set_from(state, player)
+            assert np.array_equal(observer.dict["rally"], env.observe(f"player_{player}")["observation"])
+            assert observer.dict["turn"] == (player == state.current_player())
+        state.apply_action(legal[0])
+        env.step(legal[0])
+        assert sum(p for _, p in state.chance_outcomes()) == pytest.approx(1)
+        outcome = env.infos["player_0"]["outcome"]
+        state.apply_action(next(i for i, _ in state.chance_outcomes() if state.action_to_string(i) == outcome))
+    assert state.returns() == [env.rewards["player_0"], env.rewards["player_1"]]
+
+
+def test_learners_of_open_spiel_get_tensors() -> None:
+    env = rl_environment.Environment(pyspiel.load_game(NAME), seed=3)
+    step = env.reset()
+    while not step.last():
+        player = step.observations["current_player"]
+        assert len(step.observations["info_state"][player]) == 60
+        step = env.step([step.observations["legal_actions"][player][0]])
+    assert sorted(step.rewards) == [-1, 1]
+
+
+def test_rallies_that_are_cut_off_are_worth_nothing() -> None:
+    state = RallyGame({"max_strokes": 1}, hand_made()).new_initial_state()
+    for action in (1, 0, 2):  # player 1 serves, the serve, returned
+        state.apply_action(action)
+    assert state.is_terminal()
+    assert state.returns() == [0, 0]
+    assert str(state) == "cut off"
+
+
+@pytest.mark.parametrize("wrong", [{"server": 2}, {"max_strokes": -1}])
+def test_parameters_that_are_not_there(wrong: dict[str, int]) -> None:
+    with pytest.raises(OptionError, match="expected"):
+        RallyGame(wrong, hand_made())
+
+
+def test_policies_of_this_package_play_in_open_spiel() -> None:
+    game = RallyGame({"server": 0}, hand_made())
+    probabilities = open_spiel_policy(UniformPolicy(), game).action_probabilities(game.new_initial_state())
+    assert probabilities == {0: 1.0}

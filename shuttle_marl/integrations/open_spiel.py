@@ -1,0 +1,214 @@
+"""The rally as a game of OpenSpiel; importing this module registers it.
+
+    import pyspiel
+    import shuttle_marl.integrations.open_spiel
+
+    game = pyspiel.load_game("python_shuttle_marl_rally", {"server": 0})
+
+A player's stroke is followed by a chance node with its outcome. Rallies have no longest length, and states that play on alike have
+the same name, so algorithms on trees (best responses, CFR) need a game without cycles, or ``max_strokes``; algorithms on states
+(value iteration with ``cyclic_game=True``) and those that sample take the game as it is.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyspiel
+from open_spiel.python import policy as spiel_policy
+
+from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of
+from shuttle_marl.errors import OptionError
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally import FAULT, ONE, OUTCOMES, RETURNED_BELOW, ROOT, WINNER, Game
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.table import tabulate
+
+__all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
+
+NAME: Final = "python_shuttle_marl_rally"
+_DEFAULTS: Final[dict[str, Any]] = {"model": "default", "profile": "", "server": -1, "max_strokes": 0}
+_LONGEST: Final = 100_000
+"""What OpenSpiel is told of rallies without a limit; the probability of longer ones is not worth a number."""
+_STROKE: Final = -1
+"""Value of ``pair`` where a stroke is due and not its outcome."""
+
+_TYPE: Final = pyspiel.GameType(
+    short_name=NAME,
+    long_name="Badminton rally",
+    dynamics=pyspiel.GameType.Dynamics.SEQUENTIAL,
+    chance_mode=pyspiel.GameType.ChanceMode.EXPLICIT_STOCHASTIC,
+    information=pyspiel.GameType.Information.PERFECT_INFORMATION,
+    utility=pyspiel.GameType.Utility.ZERO_SUM,
+    reward_model=pyspiel.GameType.RewardModel.TERMINAL,
+    max_num_players=2,
+    min_num_players=2,
+    provides_information_state_string=True,
+    provides_information_state_tensor=True,
+    provides_observation_string=True,
+    provides_observation_tensor=True,
+    parameter_specification=_DEFAULTS,
+)
+
+
+class RallyGame(pyspiel.Game):
+    """One rally: +1 for who wins it, -1 for the other, 0 if it is cut off.
+
+    Args:
+        params: ``model``: a model by name or folder; ``profile``: variant of that model, such as ``men``; ``server``: 0, 1, or -1
+            for a chance node that decides; ``max_strokes``: strokes after which a rally is cut off, 0 for never.
+        tables: the tables of another game, instead of those of a model.
+
+    Attributes:
+        tables: the tables of the game.
+        server: 0, 1, or -1.
+        max_strokes: 0 for no limit.
+
+    Raises:
+        OptionError: a parameter that is not among those.
+        GameError: there is no such model.
+    """
+
+    def __init__(self, params: Mapping[str, Any] | None = None, tables: Game | None = None) -> None:
+        given = {**_DEFAULTS, **(params or {})}
+        self.server, self.max_strokes = int(given["server"]), int(given["max_strokes"])
+        if self.server not in (-1, 0, 1) or self.max_strokes < 0:
+            raise OptionError(f"server {self.server}, max_strokes {self.max_strokes}: expected -1, 0 or 1, and 0 or more")
+        self.tables = resolve_game(given["model"], given["profile"] or None) if tables is None else tables
+        info = pyspiel.GameInfo(
+            num_distinct_actions=self.tables.n_strokes,
+            max_chance_outcomes=len(OUTCOMES),
+            num_players=2,
+            min_utility=-1.0,
+            max_utility=1.0,
+            utility_sum=0.0,
+            max_game_length=self.max_strokes or _LONGEST,
+        )
+        super().__init__(_TYPE, info, dict(params or {}))
+
+    def new_initial_state(self) -> "RallyState":
+        """The state before the serve, or before it is decided who serves."""
+        return RallyState(self)
+
+    def make_py_observer(self, iig_obs_type: Any = None, params: Any = None) -> "RallyObserver":  # noqa: ARG002
+        """The observer of ``rally_v0``: all that the future of the rally depends on."""
+        return RallyObserver(self.tables)
+
+
+class RallyState(pyspiel.State):
+    """A state, named by who strikes in which state of :mod:`shuttle_marl.game.rally`.
+
+    Attributes:
+        tables: the tables of the game.
+        striker: who is to strike or has just struck, 0 or 1; -1: it is not decided who serves.
+        number: state of the striker, as in :mod:`shuttle_marl.game.rally`.
+        strokes: strokes so far.
+    """
+
+    def __init__(self, game: RallyGame) -> None:
+        super().__init__(game)
+        self.tables = game.tables
+        self.striker, self.number, self.strokes = game.server, ROOT, 0
+        self._limit = game.max_strokes
+        self._pair, self._winner, self._over = _STROKE, -1, False
+
+    def current_player(self) -> int:
+        """0, 1, or the number of chance or of the end."""
+        if self._over:
+            return int(pyspiel.PlayerId.TERMINAL)
+        return int(pyspiel.PlayerId.CHANCE) if self.striker < 0 or self._pair != _STROKE else self.striker
+
+    def _legal_actions(self, player: int) -> list[int]:  # noqa: ARG002
+        return sorted(self.tables.legal_strokes(self.number).tolist())
+
+    def chance_outcomes(self) -> list[tuple[int, float]]:
+        """Outcomes of the stroke with their probabilities, as in :data:`shuttle_marl.game.rally.OUTCOMES`; or who serves."""
+        if self.striker < 0:
+            return [(0, 0.5), (1, 0.5)]
+        limits = [0, *self.tables.limits_of(self._pair).tolist(), ONE]
+        return [(i, (limits[i + 1] - limits[i]) / ONE) for i in range(len(OUTCOMES)) if limits[i + 1] > limits[i]]
+
+    def _apply_action(self, action: int) -> None:
+        if self.striker < 0:
+            self.striker = action
+        elif self._pair == _STROKE:
+            self._pair = int(self.tables.pair(self.number, action))
+        elif action in (FAULT, WINNER):
+            self._winner, self._over = (self.striker if action == WINNER else 1 - self.striker), True
+        else:
+            self.number = int(self.tables.arrivals(self._pair)[action - RETURNED_BELOW])
+            self.striker, self._pair = 1 - self.striker, _STROKE
+            self.strokes += 1
+            self._over = self.strokes == self._limit
+
+    def is_terminal(self) -> bool:
+        """Whether the rally is over."""
+        return self._over
+
+    def returns(self) -> list[float]:
+        """+1 and -1, or zeros."""
+        return [0.0, 0.0] if self._winner < 0 else [1.0 - 2 * self._winner, 2 * self._winner - 1.0]
+
+    def _action_to_string(self, player: int, action: int) -> str:
+        if player >= 0:
+            return self.tables.catalogue.names[action]
+        return f"player {action} serves" if self.striker < 0 else OUTCOMES[action]
+
+    def __str__(self) -> str:
+        if self._over:
+            return f"won by {self._winner}" if self._winner >= 0 else "cut off"
+        name = f"{self.striker} {self.number} {self._pair}"
+        return f"{name} {self.strokes}" if self._limit else name
+
+
+class RallyObserver:
+    """Tensors and texts of what a player sees; the layout of the numbers is that of ``rally_v0``, and a flag of whose turn it is.
+
+    Attributes:
+        tensor: ``[60]`` float32.
+        dict: the same by name.
+    """
+
+    def __init__(self, tables: Game) -> None:
+        self._rows = tables_of(tables)
+        self.tensor = np.zeros(RALLY_WIDTH + 1, np.float32)
+        self.dict: dict[str, npt.NDArray[np.float32]] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH:]}
+
+    def set_from(self, state: RallyState, player: int) -> None:
+        """Write what a player sees."""
+        row = self._rows.row(state.number)
+        self.tensor[:RALLY_WIDTH] = row if player == state.striker else row[SWAP]
+        self.tensor[RALLY_WIDTH] = player == state.striker
+
+    def string_from(self, state: RallyState, player: int) -> str:  # noqa: ARG002
+        """The name of the state, which both players know."""
+        return str(state)
+
+
+def open_spiel_policy(policy: Policy, game: RallyGame, name: str = "") -> spiel_policy.Policy:
+    """A policy of this package for OpenSpiel's algorithms, for both players.
+
+    Args:
+        policy: such as :func:`shuttle_marl.policy.resolve` gives; it may not read the score.
+        game: the game.
+        name: of the policy, for errors.
+
+    Raises:
+        PolicyError: it is no distribution over the legal strokes, or reads the score.
+    """
+    return _TablePolicy(policy, game, name)
+
+
+class _TablePolicy(spiel_policy.Policy):
+    def __init__(self, policy: Policy, game: RallyGame, name: str) -> None:
+        super().__init__(game, [0, 1])
+        self._table = tabulate(policy, game.tables, name or type(policy).__name__)
+
+    def action_probabilities(self, state: RallyState, player_id: int | None = None) -> dict[int, float]:  # noqa: ARG002
+        pairs = self._table.game.pairs_of(state.number)
+        probabilities = self._table.probability_of(np.arange(pairs.start, pairs.stop))
+        return dict(zip(self._table.game.legal_strokes(state.number).tolist(), probabilities.tolist(), strict=True))
+
+
+pyspiel.register_game(_TYPE, RallyGame)
