@@ -5,8 +5,8 @@
 
     game = pyspiel.load_game("python_shuttle_marl_rally", {"server": 0})
 
-A player's stroke is followed by a chance node with its outcome. Rallies have no longest length, and states that play on alike have
-the same name, so algorithms on trees (best responses, CFR) need a game without cycles, or ``max_strokes``; algorithms on states
+A player's stroke is followed by a chance node with its outcome. Rallies have no longest length, and states that play on alike
+have one name, so algorithms on trees (best responses, CFR) need a game without cycles, or ``max_strokes``; algorithms on states
 (value iteration with ``cyclic_game=True``) and those that sample take the game as it is.
 """
 

@@ -106,7 +106,7 @@ def test_values_of_policies_equal_those_of_open_spiel(reduced: tuple[Game, Rally
 
 
 def test_the_shipped_game_is_registered_and_plays_by_its_rules() -> None:
-    game = pyspiel.load_game(NAME, {"server": 0, "profile": "" })
+    game = pyspiel.load_game(NAME, {"server": 0, "profile": ""})
     tables = default_game()
     assert game.num_distinct_actions() == tables.n_strokes
     env = rally_v0.env(server=0)
