@@ -16,6 +16,7 @@ COMMANDS: Final = {
     "recording": "read, check, repair and export the log of every rally",
     "staging": "turn recorded rallies into motion, and measure it",
     "training": "train an agent with PPO, A2C or SAC",
+    "watch": "watch matches in 3D, analyse them, and play yourself",
 }
 """Every command and what it is for."""
 SHELLS: Final = ("bash", "zsh", "fish")

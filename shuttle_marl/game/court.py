@@ -81,3 +81,16 @@ def area_centre(area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
     xs = np.array([-(SIDE_CUT + HALF_WIDTH) / 2, 0.0, (SIDE_CUT + HALF_WIDTH) / 2])
     ys = np.array([MIDDLE_CUT / 2, (MIDDLE_CUT + BACK_CUT) / 2, (BACK_CUT + HALF_LENGTH) / 2])
     return np.stack([xs[area % 3], ys[area // 3]], axis=-1)
+
+
+def area_box(area: int, *, serve: bool = False) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Extent of an area across and along the court, in the striker's frame [m].
+
+    Args:
+        area: index into :data:`AREAS`.
+        serve: whether only the part behind the short service line counts.
+    """
+    depth, side = divmod(area, 3)
+    across = ((-HALF_WIDTH, -SIDE_CUT), (-SIDE_CUT, SIDE_CUT), (SIDE_CUT, HALF_WIDTH))[side]
+    along = ((0.0, MIDDLE_CUT), (MIDDLE_CUT, BACK_CUT), (BACK_CUT, HALF_LENGTH))[depth]
+    return across, (max(along[0], SHORT_SERVICE), along[1]) if serve else along

@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity, Vector3
 
-from shuttle_marl.game.court import AREAS, BACK_CUT, HALF_LENGTH, HALF_WIDTH, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
+from shuttle_marl.game.court import AREAS, area_box
 from shuttle_marl.game.rally import LONGEST_DUEL
-from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.moving import PLAY, WORLD
 from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
@@ -207,10 +207,8 @@ class _Marks:
             points=[point(p) for p in np.round(path, 3)],
             color=_PATH,
         )
-        area = _area_box(
-            trajectory.rally.catalogue.area[trajectory.rally.stroke[i]],
-            bool(trajectory.rally.catalogue.shot[trajectory.rally.stroke[i]] < N_SERVES),
-        )
+        stroke = trajectory.rally.stroke[i]
+        area = area_box(int(trajectory.rally.catalogue.area[stroke]), serve=bool(trajectory.rally.catalogue.is_serve[stroke]))
         sign = facing(int(trajectory.rally.striker[i]))
         (x0, x1), (y0, y1) = area
         centre = (sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006)
@@ -239,13 +237,3 @@ class _Landing:
             color=shade,
         )
         return [SceneEntity(id="landing", timestamp=stamp(time), frame_id=PLAY, cylinders=[disc])]
-
-
-def _area_box(area: int, serve: bool) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Extent of an area across and along the court, in the striker's frame [m]."""
-    depth, side = divmod(int(area), 3)
-    across = ((-HALF_WIDTH, -SIDE_CUT), (-SIDE_CUT, SIDE_CUT), (SIDE_CUT, HALF_WIDTH))[side]
-    along = ((0.0, MIDDLE_CUT), (MIDDLE_CUT, BACK_CUT), (BACK_CUT, HALF_LENGTH))[depth]
-    if serve:
-        along = (max(along[0], SHORT_SERVICE), along[1])
-    return across, along

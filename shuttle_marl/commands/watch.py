@@ -1,0 +1,71 @@
+"""``python -m shuttle_marl.watch``: a page on this machine that shows matches in 3D."""
+
+import contextlib
+import webbrowser
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import tyro
+
+from shuttle_marl.commands import cli
+from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.watch import WatchError
+
+Athlete = Literal["male", "female"]
+Hand = Literal["right", "left"]
+
+
+def watch(
+    *,
+    a: str = "bc",
+    b: str = "minimax",
+    temperature: tuple[float, float] = (1.0, 1.0),
+    seed: int = 0,
+    athletes: tuple[Athlete, Athlete] = ("male", "male"),
+    hands: tuple[Hand, Hand] = ("right", "right"),
+    game: str = "default",
+    profile: Profile | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8090,
+    browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True,
+) -> None:
+    """Watch matches in 3D, analyse them, and play yourself: opens a page in the browser, served by this machine.
+
+    Args:
+        a: policy of the near player.
+        b: policy of the far player.
+        temperature: of both policies; 1: as they are, 0: always their likeliest stroke.
+        seed: names all draws of the first match.
+        athletes: who is seen at seats A and B.
+        hands: with which they play.
+        game: model on whose game they play: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
+        host: address to serve on; the default is for this machine alone.
+        port: to serve on; if it is taken, a free one.
+        browser: open the page in the browser.
+    """
+    from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
+    from shuttle_marl.watch.plan import Side  # noqa: PLC0415
+    from shuttle_marl.watch.server import Server, application, bind, hosts_of  # noqa: PLC0415
+
+    console = cli.console(stderr=True)
+    sides = Side(policy=a, temperature=temperature[0]), Side(policy=b, temperature=temperature[1])
+    try:
+        page = build(lambda words: console.print(words, soft_wrap=True))
+    except BuildError as error:
+        raise WatchError(str(error)) from error
+    answers = Answers(resolve_game(game, profile), sides, seed, athletes, hands)
+    with contextlib.closing(bind(host, port)) as listener:
+        address = f"http://{f'[{host}]' if ':' in host else host}:{listener.getsockname()[1]}/"
+        server = Server(application(answers, page, hosts=hosts_of(host)))
+        console.print(f"{address} shows the match; Ctrl-C ends it", soft_wrap=True)
+        if browser:
+            webbrowser.open(address)
+        with contextlib.suppress(KeyboardInterrupt):
+            server.run(sockets=[listener])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    return cli.run(watch, prog="python -m shuttle_marl.watch", description=watch.__doc__ or "", argv=argv)

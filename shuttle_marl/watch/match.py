@@ -1,0 +1,203 @@
+"""Matches that are played stroke by stroke as a page asks for them: by policies, by a person, or by both.
+
+A rally depends on the plan and its number alone, so whatever has been seen can be seen again, by anyone with the link. Draws
+are those of ``match_v0``: by seed, match 0, rally and stroke.
+"""
+
+import dataclasses
+import itertools
+import threading
+
+import numpy as np
+
+from shuttle_marl.errors import printable
+from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
+from shuttle_marl.game.scoring import BWF, count_rally
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.plan import Plan, Side
+from shuttle_marl.watch.tables import Tables
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Score:
+    """The score before a rally.
+
+    Attributes:
+        points: of seats 0 and 1 in the current game.
+        games: won by seats 0 and 1.
+        finished: points of the games before, seat 0 first.
+        server: seat that serves.
+        over: whether the match is over; then there is no rally.
+    """
+
+    points: tuple[int, int] = (0, 0)
+    games: tuple[int, int] = (0, 0)
+    finished: tuple[tuple[int, int], ...] = ()
+    server: int = 0
+    over: bool = False
+
+    def after(self, winner: int) -> "Score":
+        """The score after a rally that a seat won."""
+        points, games = [*self.points], [*self.games]
+        counted = count_rally(points[winner], points[1 - winner], games[winner], BWF)
+        points[winner], games[winner] = counted.points, counted.games
+        finished = (*self.finished, (points[0], points[1])) if counted.game_won else self.finished
+        return Score(
+            points=(0, 0) if counted.game_won else (points[0], points[1]),
+            games=(games[0], games[1]),
+            finished=finished,
+            server=winner,
+            over=bool(counted.match_won),
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rally:
+    """A rally as it was played, or as far as it was.
+
+    Attributes:
+        number: in its match, or in its log.
+        names: of the players at seats 0 and 1, as they are shown.
+        score: before it.
+        stroke: catalogue index of every stroke.
+        state: in which each stroke was struck.
+        ending: FAULT or WINNER, which the last stroke was; None: the rally continues, and a person has to choose.
+        turn: the state in which they have to; None: the rally is over.
+        chosen: numbers of the strokes that no policy chose.
+        key: names the draws of the staging.
+    """
+
+    number: int
+    names: tuple[str, str]
+    score: Score
+    stroke: tuple[int, ...]
+    state: tuple[int, ...]
+    ending: int | None
+    turn: int | None = None
+    chosen: tuple[int, ...] = ()
+    key: int
+
+    @property
+    def server(self) -> int:
+        """Seat that serves."""
+        return self.score.server
+
+    def striker(self, i: int) -> int:
+        """Seat that strikes the i-th stroke."""
+        return (self.server + i) % 2
+
+    @property
+    def winner(self) -> int | None:
+        """Seat that won it, None while it continues."""
+        if self.ending is None:
+            return None
+        last = self.striker(len(self.stroke) - 1)
+        return last if self.ending == WINNER else 1 - last
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Person:
+    """A person who plays.
+
+    Attributes:
+        seat: 0 or 1.
+        rally: the rally in which they take over.
+        stroke: the first stroke of it that is theirs to choose, if it is their turn then.
+    """
+
+    seat: int
+    rally: int
+    stroke: int
+
+    def chooses(self, rally: int, stroke: int, striker: int) -> bool:
+        """Whether they choose a stroke."""
+        return striker == self.seat and (rally, stroke) >= (self.rally, self.stroke)
+
+
+class Match:
+    """The rallies of a plan, played as far as anyone asked.
+
+    Args:
+        plan: of the match.
+        game: the tables.
+        tables: the policies as tables.
+    """
+
+    def __init__(self, plan: Plan, game: Game, tables: Tables) -> None:
+        self.plan, self._game, self._tables = plan, game, tables
+        # Bit 16 of the first draw, as in every match.
+        first = int(draw(stream(plan.seed, 0, 0), 0)[0] >> np.uint64(16)) & 1
+        self._scores = [Score(server=first)]
+        self._lock = threading.Lock()
+
+    def rally(self, number: int, person: Person | None = None) -> Rally:
+        """A rally by its number, from 0.
+
+        Args:
+            number: which one.
+            person: who plays for a policy; a rally in which they have not chosen ends with their turn.
+
+        Raises:
+            WatchError: the match was over before, a rally before is not finished, or a chosen stroke is not legal.
+            PolicyError: a policy cannot be made.
+        """
+        with self._lock:
+            while len(self._scores) <= number and not self._scores[-1].over:
+                before = self._play(len(self._scores) - 1, person)
+                if before.winner is None:
+                    raise WatchError(f"rally {before.number} is not finished; choose a stroke there")
+                self._scores.append(before.score.after(before.winner))
+        if number >= len(self._scores) or self._scores[number].over:
+            raise WatchError(f"rally {number}: the match was over before")
+        return self._play(number, person)
+
+    def _play(self, number: int, person: Person | None) -> Rally:
+        sides, chosen = self.plan.sides_in(number), self.plan.chosen_in(number)
+        tables = [self._tables.of(side) for side in sides]
+        game, score = self._game, self._scores[number]
+        key = stream(self.plan.seed, 0, number)
+        strokes: list[int] = []
+        states: list[int] = []
+        state, ending = ROOT, None
+        for i in itertools.count():
+            striker = (score.server + i) % 2
+            bits = draw(key, i)
+            if i in chosen:
+                rank = int(game.rank(state, chosen[i])) if chosen[i] < game.n_strokes else -1
+                if rank < 0:
+                    raise WatchError(f"rally {number}: the stroke chosen as number {i + 1} is not legal there")
+            elif person is not None and person.chooses(number, i, striker):
+                break
+            else:
+                rank = _choice(tables[striker], state, int(choice_draw(bits)[0]))
+            strokes.append(int(game.stroke_at(state, rank)))
+            states.append(state)
+            outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
+            if outcome[0] < RETURNED_BELOW:
+                ending = FAULT if outcome[0] == FAULT else WINNER
+                break
+            state = int(following[0])
+        return Rally(
+            number=number,
+            names=(side_name(sides[0]), side_name(sides[1])),
+            score=score,
+            stroke=tuple(strokes),
+            state=tuple(states),
+            ending=ending,
+            turn=state if ending is None else None,
+            chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
+            key=int(key[0] >> np.uint64(1)),
+        )
+
+
+def _choice(table: TabulatedPolicy, state: int, number: int) -> int:
+    """Position of the stroke that a draw chooses in a state: :func:`shuttle_marl.game.draws.chosen` for one row."""
+    return int(np.searchsorted(table.cumulative[table.game.pairs_of(state)], number, side="right"))
+
+
+def side_name(side: Side) -> str:
+    """Name of a side as it is shown."""
+    if side.temperature == 1:
+        return printable(side.policy)
+    return f"{printable(side.policy)}@{'greedy' if side.temperature == 0 else format(side.temperature, 'g')}"

@@ -1,0 +1,130 @@
+// An athlete: the skinned model, posed bone by bone, with a racket in the hand.
+
+import * as THREE from "three";
+import { at, joined } from "./hall";
+import type { Motion } from "./motion";
+import type { AthleteFacts, HallFacts, Quat, Vec3 } from "./wire";
+
+export interface Kit {
+  shirt: number;
+  shorts: number;
+  racket: number;
+}
+
+function turned(q: Quat | ArrayLike<number>, i = 0, out = new THREE.Quaternion()): THREE.Quaternion {
+  return out.set(-q[i]!, q[i + 2]!, q[i + 1]!, q[i + 3]!);
+}
+
+export class Athlete {
+  readonly root = new THREE.Group();
+  readonly sweetSpot = new THREE.Object3D();
+  private readonly bones: (THREE.Object3D | undefined)[];
+  private readonly racketBone: number;
+  private readonly racket: THREE.Group;
+  private readonly parents: number[];
+  private readonly rotations: Float64Array;
+  private readonly world: THREE.Quaternion[];
+  private readonly hips: Vec3 = [0, 0, 0];
+
+  constructor(model: THREE.Object3D, facts: HallFacts, me: AthleteFacts, kit: Kit) {
+    this.root.add(model);
+    const tint: Record<string, number> = { shirt: kit.shirt, shorts: kit.shorts };
+    const materials = new Map<THREE.Material, THREE.Material>();
+    model.traverse((part) => {
+      if (part instanceof THREE.Mesh) {
+        part.castShadow = true;
+        part.frustumCulled = false;
+        const old = part.material as THREE.MeshStandardMaterial;
+        const material = materials.get(old) ?? old.clone();
+        materials.set(old, material);
+        if (old.name in tint) {
+          (material as THREE.MeshStandardMaterial).color.set(tint[old.name]!);
+        }
+        part.material = material;
+      }
+    });
+    this.bones = facts.bones.map((name) => model.getObjectByName(name));
+    this.racketBone = facts.bones.indexOf("Racket");
+    this.parents = me.parents;
+    this.rotations = new Float64Array(facts.bones.length * 4);
+    this.world = facts.bones.map(() => new THREE.Quaternion());
+    for (const [name, turn] of Object.entries(me.fingers)) {
+      const finger = model.getObjectByName(name);
+      if (finger) {
+        turned(turn, 0, finger.quaternion);
+      }
+    }
+    const hand = this.parents[this.racketBone]!;
+    const [grip, wrist] = [me.rest[this.racketBone]!, me.rest[hand]!];
+    this.racket = makeRacket(facts, me, kit.racket);
+    this.racket.position.copy(at(grip[0] - wrist[0], grip[1] - wrist[1], grip[2] - wrist[2]));
+    this.sweetSpot.position.copy(at(...me.shaft).multiplyScalar(facts.racket.sweet_spot));
+    this.racket.add(this.sweetSpot);
+    this.bones[hand]!.add(this.racket);
+  }
+
+  /** Takes the pose of a player at a time. */
+  pose(motion: Motion, time: number, seat: number): void {
+    motion.rotationsAt(time, seat, this.rotations);
+    this.bones[0]!.position.copy(at(...motion.hipsAt(time, seat, this.hips)));
+    const inverse = new THREE.Quaternion();
+    for (let i = 0; i < this.bones.length; i++) {
+      const world = turned(this.rotations, i * 4, this.world[i]!);
+      const bone = i === this.racketBone ? this.racket : this.bones[i]!;
+      const parent = this.parents[i]!;
+      bone.quaternion.copy(world);
+      if (parent >= 0) {
+        bone.quaternion.premultiply(inverse.copy(this.world[parent]!).invert());
+      }
+    }
+  }
+}
+
+class Ring extends THREE.Curve<THREE.Vector3> {
+  constructor(
+    private readonly middle: number,
+    private readonly half: number,
+    private readonly wide: number,
+  ) {
+    super();
+  }
+  override getPoint(t: number, out = new THREE.Vector3()): THREE.Vector3 {
+    const angle = 2 * Math.PI * t;
+    return out.set(this.wide * Math.sin(angle), this.middle + this.half * Math.cos(angle), 0);
+  }
+}
+
+/** A racket whose shaft is the y axis and whose strings face z, turned into the hand. */
+function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): THREE.Group {
+  const butt = -0.1;
+  const [middle, half, wide] = [racket.sweet_spot, racket.length + butt - racket.sweet_spot, 0.105];
+  const inner = new THREE.Group();
+  const add = (geometry: THREE.BufferGeometry, material: THREE.Material, shadow = true) => {
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.castShadow = shadow;
+    inner.add(mesh);
+  };
+  const standard = (color: number, roughness: number, metalness = 0) => new THREE.MeshStandardMaterial({ color, roughness, metalness });
+  add(new THREE.CylinderGeometry(0.0135, 0.0165, 0.2, 10).translate(0, 0, 0), standard(0xe9e9ee, 0.9));
+  const neck = middle - half;
+  const shaft = new THREE.CylinderGeometry(0.0075, 0.0085, neck - 0.1, 8).translate(0, (neck + 0.1) / 2, 0);
+  const ring = new THREE.TubeGeometry(new Ring(middle, half, wide), 48, 0.0085, 8, true);
+  add(joined([shaft, ring]), standard(colour, 0.3, 0.35));
+  const ends: number[] = [];
+  for (let i = -7; i <= 7; i++) {
+    const u = i / 8;
+    const reach = Math.sqrt(1 - u * u);
+    ends.push(wide * u, middle - half * reach, 0, wide * u, middle + half * reach, 0);
+    ends.push(-wide * reach, middle + half * u, 0, wide * reach, middle + half * u, 0);
+  }
+  const strings = new THREE.BufferGeometry();
+  strings.setAttribute("position", new THREE.Float32BufferAttribute(ends, 3));
+  inner.add(new THREE.LineSegments(strings, new THREE.LineBasicMaterial({ color: 0xf6f7f2, transparent: true, opacity: 0.7 })));
+  const shaftWay = at(...me.shaft).normalize();
+  const face = at(...me.strings).normalize();
+  const aside = new THREE.Vector3().crossVectors(shaftWay, face).normalize();
+  inner.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(aside, shaftWay, new THREE.Vector3().crossVectors(aside, shaftWay)));
+  const group = new THREE.Group();
+  group.add(inner);
+  return group;
+}

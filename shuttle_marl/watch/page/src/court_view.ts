@@ -1,0 +1,87 @@
+// What lies over the court: score, shot, speed, cameras.
+
+import { h, percent, replaceChildren, words } from "./dom";
+import { CAMERAS, COLOURS, type Camera } from "./stage";
+import type { RallyFacts, Stroke } from "./wire";
+
+export class ScoreBug {
+  readonly element = h("div", { class: "bug", role: "group", "aria-label": "Score" });
+  private shown = "";
+
+  show(rally: RallyFacts, over: boolean): void {
+    const points = over && rally.after ? rally.after.points : rally.points;
+    const key = JSON.stringify([rally.names, points, rally.finished, rally.server, over]);
+    if (key === this.shown) {
+      return;
+    }
+    this.shown = key;
+    const serving = over && rally.winner !== null ? rally.winner : rally.server;
+    replaceChildren(
+      this.element,
+      ...[0, 1].map((seat) =>
+        h(
+          "div",
+          { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${COLOURS[seat]}` },
+          h("i"),
+          h("span", { class: "dot", title: "serves" }),
+          h("span", { class: "name" }, rally.names[seat]!),
+          h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
+          h("span", { class: "points" }, String(points[seat])),
+        ),
+      ),
+    );
+  }
+}
+
+function fact(name: string, value: string, style = ""): HTMLElement {
+  return h("dl", {}, h("dt", {}, name), h("dd", { style }, value));
+}
+
+/** The stroke that is in the air. */
+export class Chip {
+  readonly element = h("div", { class: "chip", "aria-hidden": "true" });
+  readonly speed = h("div", { class: "speed", "aria-hidden": "true" });
+  private shown: Stroke | null | undefined;
+
+  show(rally: RallyFacts, index: number): void {
+    const stroke = rally.strokes[index] ?? null;
+    if (stroke === this.shown) {
+      return;
+    }
+    this.shown = stroke;
+    this.element.classList.toggle("hidden", stroke === null);
+    this.speed.classList.toggle("hidden", stroke === null);
+    if (!stroke) {
+      return;
+    }
+    this.element.style.setProperty("--mine", COLOURS[stroke.seat]!);
+    const effort = stroke.effort === null ? null : fact("Attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`);
+    replaceChildren(
+      this.element,
+      h("div", { class: "shot" }, words(stroke.shot)),
+      fact("Target", words(stroke.area)),
+      fact("Contact", `${stroke.height} net`),
+      fact("Stroke", words(stroke.technique)),
+      fact("P(success)", percent(stroke.p_succ), "color:var(--green)"),
+      fact("P(returned)", percent(stroke.p_ret), "color:var(--gold)"),
+      effort,
+    );
+    replaceChildren(
+      this.speed,
+      h("b", {}, String(Math.round(3.6 * stroke.speed))),
+      " km/h",
+      h("div", {}, `stroke ${index + 1} of ${rally.strokes.length}`),
+    );
+  }
+}
+
+export function cameraButtons(choose: (camera: Camera) => void): { element: HTMLElement; show(camera: Camera): void } {
+  const buttons = CAMERAS.map((camera, i) =>
+    h("button", { onclick: () => choose(camera), "aria-pressed": "false", title: `Camera ${i + 1}` }, `${i + 1} ${camera}`),
+  );
+  const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons);
+  return {
+    element,
+    show: (camera) => buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(CAMERAS[i] === camera))),
+  };
+}

@@ -1,0 +1,58 @@
+// Elements of the page. Text is always set as text, never as markup.
+
+type Child = Node | string | null | undefined | false;
+type Props = Record<string, string | number | boolean | null | undefined | ((event: Event) => void)>;
+
+/** An element with attributes, listeners (`onclick`, …) and children. */
+export function h<K extends keyof HTMLElementTagNameMap>(tag: K, props: Props = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(props)) {
+    if (typeof value === "function") {
+      element.addEventListener(name.slice(2), value);
+    } else if (value === true) {
+      element.setAttribute(name, "");
+    } else if (value !== false && value !== null && value !== undefined) {
+      element.setAttribute(name, String(value));
+    }
+  }
+  element.append(...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** An element of a drawing. */
+export function s(tag: string, attributes: Record<string, string | number> = {}, ...children: (Node | string)[]): SVGElement {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    element.setAttribute(name, String(value));
+  }
+  element.append(...children);
+  return element;
+}
+
+/** A number from 0 to 1 in percent; what may happen is never 0 %, and what may not never 100 %. */
+export function percent(p: number): string {
+  if (p > 0 && p < 0.005) {
+    return "<1 %";
+  }
+  if (p > 0.995 && p < 1) {
+    return ">99 %";
+  }
+  return `${Math.round(100 * p)} %`;
+}
+
+/** A change in percentage points, with its sign. */
+export function signed(p: number): string {
+  const points = Math.round(100 * p);
+  return points > 0 ? `+${points} %` : points < 0 ? `−${-points} %` : "0 %";
+}
+
+/** Names of the game as words: `cross-court-net-shot` → `cross-court net shot`. */
+export function words(name: string): string {
+  return name.replace("cross-court-", "cross-court·").replaceAll("-", " ").replace("·", " ").replace("cross court", "cross-court");
+}
+
+export function replaceChildren(parent: Element, ...children: Child[]): void {
+  parent.replaceChildren(...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false));
+}

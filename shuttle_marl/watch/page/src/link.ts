@@ -1,0 +1,60 @@
+// The address of the page names what is seen: plan, rally and stroke.
+
+import type { Plan, Side } from "./wire";
+
+export interface Place {
+  plan: Plan | null;
+  rally: number;
+  stroke: number | null;
+}
+
+function sideOf(text: string | null): Side | null {
+  const found = text?.match(/^(.{1,200}?)(?:\*([0-9.]{1,8}))?$/);
+  return found ? { policy: found[1]!, temperature: found[2] === undefined ? 1 : Number(found[2]) } : null;
+}
+
+function sideText({ policy, temperature }: Side): string {
+  return temperature === 1 ? policy : `${policy}*${temperature}`;
+}
+
+/** What a link names; parts that it does not name are null or 0. */
+export function readLink(hash: string): Place {
+  const found = new URLSearchParams(hash.replace(/^#/, ""));
+  const [a, b, seed] = [sideOf(found.get("a")), sideOf(found.get("b")), Number(found.get("seed"))];
+  const rally = Math.max(0, Math.floor(Number(found.get("rally") ?? 1)) - 1) || 0;
+  const stroke = found.has("stroke") ? Math.max(0, Math.floor(Number(found.get("stroke"))) - 1) || 0 : null;
+  if (!a || !b || !Number.isSafeInteger(seed) || seed < 0) {
+    return { plan: null, rally, stroke };
+  }
+  const plan: Plan = { seed, sides: [a, b] };
+  try {
+    Object.assign(plan, JSON.parse(found.get("more") ?? "{}"));
+  } catch {
+    // A link that was cut off still names the match.
+  }
+  return { plan, rally, stroke };
+}
+
+export function writeLink(plan: Plan | null, rally: number, stroke: number | null): string {
+  const out = new URLSearchParams();
+  if (plan) {
+    out.set("seed", String(plan.seed));
+    out.set("a", sideText(plan.sides[0]));
+    out.set("b", sideText(plan.sides[1]));
+    const more: Partial<Plan> = {};
+    if (plan.changes?.length) {
+      more.changes = plan.changes;
+    }
+    if (plan.chosen && Object.keys(plan.chosen).length) {
+      more.chosen = plan.chosen;
+    }
+    if (Object.keys(more).length) {
+      out.set("more", JSON.stringify(more));
+    }
+  }
+  out.set("rally", String(rally + 1));
+  if (stroke !== null && stroke >= 0) {
+    out.set("stroke", String(stroke + 1));
+  }
+  return `#${out}`;
+}

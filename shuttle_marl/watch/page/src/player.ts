@@ -1,0 +1,94 @@
+// Plays a rally by the clock: time, speed, steps.
+
+import type { Motion } from "./motion";
+import type { RallyFacts } from "./wire";
+
+export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
+
+export class Player {
+  time = 0;
+  speed = 1;
+  playing = false;
+  rally: RallyFacts | null = null;
+  motion: Motion | null = null;
+  /** Where the playback stops once, for example before a decision; null: nowhere. */
+  stopAt: number | null = null;
+  private until: { time: number; speed: number } | null = null;
+
+  show(rally: RallyFacts, motion: Motion, time = 0): void {
+    this.rally = rally;
+    this.motion = motion;
+    this.time = Math.min(time, motion.duration);
+    this.until = null;
+  }
+
+  get duration(): number {
+    return this.motion?.duration ?? 0;
+  }
+
+  /** Number of the stroke that was struck last, -1 before the serve. */
+  get stroke(): number {
+    return this.rally?.strokes.findLastIndex((stroke) => stroke.time <= this.time + 1e-6) ?? -1;
+  }
+
+  seek(time: number): void {
+    this.time = Math.min(Math.max(time, 0), this.duration);
+    this.endReplay();
+  }
+
+  /** Lets time pass; returns whether the end was reached. */
+  advance(seconds: number): boolean {
+    if (!this.playing || !this.motion) {
+      return false;
+    }
+    let time = this.time + seconds * this.speed;
+    if (this.stopAt !== null && this.time < this.stopAt && time >= this.stopAt) {
+      time = this.stopAt;
+      this.stopAt = null;
+      this.playing = false;
+    }
+    if (this.until && time >= this.until.time) {
+      this.endReplay();
+    }
+    this.time = Math.min(time, this.duration);
+    return this.playing && this.time >= this.duration;
+  }
+
+  stepFrame(frames: number): void {
+    this.playing = false;
+    const fps = this.motion?.fps ?? 50;
+    this.seek((Math.round(this.time * fps) + frames) / fps);
+  }
+
+  /** Goes to the contact of the next stroke, or the one before; false if there is none. */
+  stepStroke(step: number): boolean {
+    const strokes = this.rally?.strokes ?? [];
+    const next = this.stroke + step;
+    if (next < 0 || next >= strokes.length) {
+      return false;
+    }
+    this.playing = false;
+    this.seek(strokes[next]!.time);
+    return true;
+  }
+
+  /** Shows the last stroke again, slowly, and then continues as before. */
+  replayLast(): void {
+    const stroke = this.rally?.strokes[Math.max(this.stroke, 0)];
+    if (!stroke) {
+      return;
+    }
+    const resume = { time: Math.max(this.time, stroke.end_time), speed: this.until?.speed ?? this.speed };
+    this.time = Math.max(0, stroke.time - 0.7);
+    this.speed = 0.25;
+    this.playing = true;
+    this.until = resume;
+  }
+
+  private endReplay(): void {
+    if (this.until) {
+      this.speed = this.until.speed;
+      this.until = null;
+    }
+  }
+}

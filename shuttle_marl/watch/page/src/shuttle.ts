@@ -1,0 +1,145 @@
+// The shuttle, the trail behind it, and the marks on the floor.
+
+import * as THREE from "three";
+import { at, joined } from "./hall";
+import type { Motion } from "./motion";
+import type { Vec3 } from "./wire";
+
+const TRAIL = 0.42; // [s]
+const POINTS = 40;
+const FORWARD = new THREE.Vector3(0, 1, 0);
+
+export class Shuttle {
+  readonly root = new THREE.Group();
+  readonly trail: THREE.Mesh;
+  readonly shade: THREE.Mesh;
+  private readonly position: THREE.BufferAttribute;
+  private readonly colours: THREE.BufferAttribute;
+  private readonly place: Vec3 = [0, 0, 0];
+  private readonly way: Vec3 = [0, 0, 0];
+
+  constructor(scale: number) {
+    // The cork points along y; the origin lies in the cork.
+    const cork = new THREE.Mesh(
+      joined([new THREE.SphereGeometry(0.0132, 14, 10), new THREE.CylinderGeometry(0.0132, 0.0132, 0.012, 14).translate(0, -0.007, 0)]),
+      new THREE.MeshStandardMaterial({ color: 0xf3ecd9, roughness: 0.6 }),
+    );
+    const feathers: THREE.BufferGeometry[] = [];
+    for (let i = 0; i < 16; i++) {
+      const vane = new THREE.PlaneGeometry(0.0125, 0.066, 1, 1).translate(0, -0.033, 0);
+      const p = vane.getAttribute("position");
+      for (let k = 0; k < p.count; k++) {
+        if (p.getY(k) > -0.01) {
+          p.setX(k, 0.25 * p.getX(k));
+        }
+      }
+      feathers.push(vane.rotateX(0.3).translate(0, -0.011, 0.0118).rotateY((i * Math.PI) / 8));
+    }
+    const skirt = new THREE.Mesh(
+      joined(feathers),
+      new THREE.MeshStandardMaterial({ color: 0xffffff, roughness: 0.9, side: THREE.DoubleSide, emissive: 0x6a6a6a }),
+    );
+    cork.castShadow = skirt.castShadow = true;
+    this.root.add(cork, skirt);
+    this.root.scale.setScalar(scale);
+    this.shade = new THREE.Mesh(
+      new THREE.CircleGeometry(0.075, 20).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ color: 0x000000, transparent: true, opacity: 0.5, depthWrite: false }),
+    );
+    const geometry = new THREE.BufferGeometry();
+    this.position = new THREE.BufferAttribute(new Float32Array(POINTS * 6), 3);
+    this.colours = new THREE.BufferAttribute(new Float32Array(POINTS * 8), 4);
+    geometry.setAttribute("position", this.position);
+    geometry.setAttribute("color", this.colours);
+    const order: number[] = [];
+    for (let i = 0; i < POINTS - 1; i++) {
+      order.push(2 * i, 2 * i + 1, 2 * i + 2, 2 * i + 1, 2 * i + 3, 2 * i + 2);
+    }
+    geometry.setIndex(order);
+    this.trail = new THREE.Mesh(
+      geometry,
+      new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, depthWrite: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending, fog: false }),
+    );
+    this.trail.frustumCulled = false;
+  }
+
+  /** Moves to where the shuttle is at a time; the trail begins where it was struck last. */
+  show(motion: Motion, time: number, since: number, moving: boolean, colour: THREE.Color, eye: THREE.Vector3): void {
+    this.root.position.copy(at(...motion.shuttleAt(time, this.place)));
+    const heading = at(...motion.headingAt(time, this.way)).normalize();
+    this.root.quaternion.setFromUnitVectors(FORWARD, heading);
+    this.shade.position.set(this.root.position.x, 0.006, this.root.position.z);
+    const height = this.root.position.y;
+    this.shade.scale.setScalar(1 + 0.12 * height);
+    (this.shade.material as THREE.MeshBasicMaterial).opacity = 0.55 / (1 + 0.35 * height);
+    this.trail.visible = moving;
+    if (moving) {
+      this.drawTrail(motion, time, Math.max(since, time - TRAIL), colour, eye);
+    }
+  }
+
+  private drawTrail(motion: Motion, time: number, start: number, colour: THREE.Color, eye: THREE.Vector3): void {
+    const point: Vec3 = [0, 0, 0];
+    const here = new THREE.Vector3();
+    const before = new THREE.Vector3();
+    const along = new THREE.Vector3();
+    const aside = new THREE.Vector3();
+    for (let i = 0; i < POINTS; i++) {
+      const u = i / (POINTS - 1);
+      here.copy(at(...motion.shuttleAt(start + u * (time - start), point)));
+      before.copy(at(...motion.shuttleAt(start + u * (time - start) - 0.004, point)));
+      along.subVectors(here, before);
+      aside.crossVectors(along, before.subVectors(eye, here)).normalize().multiplyScalar(0.032 * (0.12 + 0.88 * u));
+      this.position.setXYZ(2 * i, here.x + aside.x, here.y + aside.y, here.z + aside.z);
+      this.position.setXYZ(2 * i + 1, here.x - aside.x, here.y - aside.y, here.z - aside.z);
+      for (const k of [2 * i, 2 * i + 1]) {
+        this.colours.setXYZW(k, colour.r, colour.g, colour.b, 0.75 * u * u);
+      }
+    }
+    this.position.needsUpdate = this.colours.needsUpdate = true;
+  }
+}
+
+/** The area that a stroke is meant for, and the place where a rally ended. */
+export class Marks {
+  readonly area: THREE.Group;
+  readonly landing: THREE.Mesh;
+  private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
+  private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
+
+  constructor() {
+    this.fill = new THREE.Mesh(
+      new THREE.PlaneGeometry(1, 1).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.25, depthWrite: false }),
+    );
+    const corners = [-0.5, 0, -0.5, 0.5, 0, -0.5, 0.5, 0, 0.5, -0.5, 0, 0.5];
+    const outline = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
+    this.edge = new THREE.LineLoop(outline, new THREE.LineBasicMaterial({ transparent: true, opacity: 0.9 }));
+    this.area = new THREE.Group().add(this.fill, this.edge);
+    this.landing = new THREE.Mesh(
+      new THREE.RingGeometry(0.12, 0.17, 32).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.95, depthWrite: false }),
+    );
+    this.landing.visible = false;
+  }
+
+  /** Shows an area `[x0, x1, y0, y1]` of the court, or none. */
+  showArea(box: [number, number, number, number] | null, colour: THREE.Color): void {
+    this.area.visible = box !== null;
+    if (box) {
+      const [x0, x1, y0, y1] = box;
+      this.area.position.copy(at((x0 + x1) / 2, (y0 + y1) / 2, 0.01));
+      this.area.scale.set(x1 - x0, 1, y1 - y0);
+      this.fill.material.color.copy(colour);
+      this.edge.material.color.copy(colour);
+    }
+  }
+
+  showLanding(place: Vec3 | null, good: boolean): void {
+    this.landing.visible = place !== null;
+    if (place) {
+      this.landing.position.copy(at(place[0], place[1], 0.012));
+      (this.landing.material as THREE.MeshBasicMaterial).color.set(good ? 0xfbbf24 : 0xf97316);
+    }
+  }
+}

@@ -1,0 +1,98 @@
+// Who plays, and how: pickers of both sides, bars of their style.
+
+import { h, percent, replaceChildren, words } from "./dom";
+import { COLOURS } from "./stage";
+import type { Side } from "./wire";
+
+export interface Styles {
+  figures: { name: string; values: [number, number]; reference: number | null; unit: string }[];
+  shots: { name: string; values: [number, number]; reference: number | null }[];
+}
+
+export class SideCard {
+  readonly element: HTMLElement;
+  private readonly select: HTMLSelectElement;
+  private readonly slider: HTMLInputElement;
+  private readonly output = h("output");
+  private readonly take: HTMLButtonElement;
+
+  constructor(seat: number, policies: string[], change: (side: Side) => void, takeOver: () => void) {
+    const name = "AB"[seat]!;
+    this.select = h("select", { "aria-label": `Player of side ${name}` }, ...policies.map((policy) => h("option", { value: policy }, policy)));
+    this.slider = h("input", { type: "range", min: 0, max: 2, step: 0.1, value: 1, "aria-label": `Temperature of side ${name}` });
+    const changed = () => {
+      this.output.textContent = label(Number(this.slider.value));
+      change({ policy: this.select.value, temperature: Number(this.slider.value) });
+    };
+    this.select.addEventListener("change", changed);
+    this.slider.addEventListener("change", changed);
+    this.slider.addEventListener("input", () => (this.output.textContent = label(Number(this.slider.value))));
+    this.take = h("button", { class: "take", onclick: takeOver, "aria-pressed": "false" }, h("span", {}, "Take over"), h("kbd", {}, seat ? "T" : "t"));
+    this.element = h(
+      "section",
+      { class: "panel side", style: `--mine:${COLOURS[seat]}`, "aria-label": `Side ${name}` },
+      h("h2", {}, h("span", {}, `Side ${name}`), h("b", {}, seat ? "far court" : "near court")),
+      this.select,
+      h("label", {}, "temperature", this.slider, this.output),
+      this.take,
+    );
+  }
+
+  show(side: Side, person: boolean): void {
+    if (![...this.select.options].some((option) => option.value === side.policy)) {
+      this.select.append(h("option", { value: side.policy }, side.policy));
+    }
+    this.select.value = side.policy;
+    this.slider.value = String(side.temperature);
+    this.output.textContent = label(side.temperature);
+    this.take.setAttribute("aria-pressed", String(person));
+    this.take.firstElementChild!.textContent = person ? "Hand back" : "Take over";
+  }
+
+  set disabled(value: boolean) {
+    this.select.disabled = this.slider.disabled = this.take.disabled = value;
+  }
+}
+
+function label(temperature: number): string {
+  return temperature === 0 ? "greedy" : temperature.toFixed(1);
+}
+
+function bar(name: string, values: [number, number], reference: number | null, most: number, text: (value: number) => string): HTMLElement {
+  const width = (value: number) => `${Math.min(100, (100 * value) / most)}%`;
+  const tick = (edge: string) => (reference === null ? null : h("u", { style: `${edge}:${width(reference)}` }));
+  return h(
+    "div",
+    { class: "bar" },
+    h("span", { class: "name" }, name),
+    h("span", { class: "a" }, text(values[0])),
+    h("span", { class: "left" }, h("i", { style: `width:${width(values[0])}` }), tick("right")),
+    h("span", { class: "right" }, h("i", { style: `width:${width(values[1])}` }), tick("left")),
+    h("span", { class: "b" }, text(values[1])),
+  );
+}
+
+export class StylePanel {
+  readonly element = h("section", { class: "panel", "aria-label": "Style of both players" });
+
+  show(styles: Styles | null): void {
+    if (!styles) {
+      replaceChildren(this.element, h("h2", {}, "Style"), h("p", { class: "quiet" }, "being computed …"));
+      return;
+    }
+    const most = Math.max(...styles.shots.flatMap(({ values, reference }) => [...values, reference ?? 0]));
+    replaceChildren(
+      this.element,
+      h("h2", {}, h("span", {}, "Style"), h("span", {}, "A | B")),
+      h(
+        "div",
+        { class: "bars" },
+        ...styles.figures.map(({ name, values, reference, unit }) =>
+          bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), (value) => (unit === "%" ? percent(value) : value.toFixed(1))),
+        ),
+      ),
+      h("h3", { style: "margin-top:10px" }, h("span", {}, "Shot mix"), h("span", { style: "color:var(--gold)" }, "| elite")),
+      h("div", { class: "bars" }, ...styles.shots.map(({ name, values, reference }) => bar(words(name), values, reference, most, percent))),
+    );
+  }
+}

@@ -1,0 +1,225 @@
+// Draws a rally at a time, from a camera.
+
+import * as THREE from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { clone } from "three/addons/utils/SkeletonUtils.js";
+import { Athlete, type Kit } from "./athlete";
+import { at, buildHall } from "./hall";
+import type { Motion } from "./motion";
+import { Marks, Shuttle } from "./shuttle";
+import type { HallFacts, RallyFacts, Vec3 } from "./wire";
+
+export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free"] as const;
+export type Camera = (typeof CAMERAS)[number];
+
+export const COLOURS: [string, string] = ["#38bdf8", "#fb7185"];
+const KITS: [Kit, Kit] = [
+  { shirt: 0x0b4fd6, shorts: 0x0b1020, racket: 0x38bdf8 },
+  { shirt: 0xc1122f, shorts: 0x14141c, racket: 0xfb7185 },
+];
+
+interface View {
+  eye: THREE.Vector3;
+  look: THREE.Vector3;
+  fov: number;
+}
+
+/** Whether the renderer draws with the processor alone. */
+function isSlow(gl: WebGLRenderingContext | WebGL2RenderingContext): boolean {
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+export class Stage {
+  readonly canvas: HTMLCanvasElement;
+  readonly lite: boolean;
+  camera: Camera = "broadcast";
+  flipped = false;
+  private readonly renderer: THREE.WebGLRenderer;
+  private readonly scene = new THREE.Scene();
+  private readonly eye = new THREE.PerspectiveCamera(40, 1, 0.1, 120);
+  private readonly controls: OrbitControls;
+  private readonly shuttle: Shuttle;
+  private readonly marks = new Marks();
+  private readonly colours = COLOURS.map((colour) => new THREE.Color(colour)) as [THREE.Color, THREE.Color];
+  private readonly models = new Map<string, THREE.Object3D>();
+  private athletes: [Athlete, Athlete] | null = null;
+  private shades: THREE.Mesh[] = [];
+  private cast = "";
+  private aim: View = { eye: at(0, -13, 7.5), look: at(0, 1, 0.5), fov: 36 };
+  private shownCamera: Camera | null = null;
+  private area: [number, number, number, number] | null = null;
+
+  constructor(
+    private readonly facts: HallFacts,
+    private readonly load: (athlete: string) => Promise<ArrayBuffer>,
+    quality: "auto" | "full" | "lite",
+    private readonly still: boolean,
+  ) {
+    this.canvas = document.createElement("canvas");
+    const context = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+    if (!context) {
+      throw new Error("this browser draws no 3D (WebGL 2); the rally is told in words below");
+    }
+    this.lite = quality === "lite" || (quality === "auto" && isSlow(context));
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context, antialias: true });
+    this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
+    this.renderer.toneMappingExposure = 1.08;
+    this.renderer.shadowMap.enabled = !this.lite;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
+    buildHall(this.scene, facts, this.lite);
+    this.shuttle = new Shuttle(facts.shuttle_scale);
+    this.scene.add(this.shuttle.root, this.shuttle.trail, this.shuttle.shade, this.marks.area, this.marks.landing);
+    this.controls = new OrbitControls(this.eye, this.canvas);
+    this.controls.enabled = false;
+    this.controls.maxPolarAngle = 0.495 * Math.PI;
+    this.controls.minDistance = 2;
+    this.controls.maxDistance = 22;
+    this.controls.addEventListener("start", () => (this.camera = "free"));
+    if (this.lite) {
+      this.shades = [0, 1].map(() => {
+        const shade = new THREE.Mesh(
+          new THREE.CircleGeometry(0.42, 24).rotateX(-Math.PI / 2),
+          new THREE.MeshBasicMaterial({ color: 0, transparent: true, opacity: 0.38, depthWrite: false }),
+        );
+        this.scene.add(shade);
+        return shade;
+      });
+    }
+  }
+
+  /** Puts the right athletes on the court; to be awaited before their first rally is drawn. */
+  async prepare(rally: RallyFacts): Promise<void> {
+    const cast = JSON.stringify(rally.players);
+    if (cast === this.cast) {
+      return;
+    }
+    for (const name of new Set(rally.players.map((player) => player.athlete))) {
+      if (!this.models.has(name)) {
+        const loaded = await new GLTFLoader().parseAsync(await this.load(name), "");
+        this.models.set(name, loaded.scene);
+      }
+    }
+    for (const old of this.athletes ?? []) {
+      this.scene.remove(old.root);
+    }
+    const made = rally.players.map(({ athlete, hand }, seat) => {
+      const me = this.facts.athletes[athlete]![hand]!;
+      return new Athlete(clone(this.models.get(athlete)!), this.facts, me, KITS[seat]!);
+    });
+    this.athletes = made as [Athlete, Athlete];
+    this.scene.add(...made.map((one) => one.root));
+    this.cast = cast;
+  }
+
+  resize(width: number, height: number): void {
+    this.renderer.setSize(width, height, false);
+    this.eye.aspect = width / height;
+    this.eye.updateProjectionMatrix();
+  }
+
+  /** Draws a rally at a time [s]; `target` replaces the area that is shown, null leaves it as it is played. */
+  draw(rally: RallyFacts, motion: Motion, time: number, target: [number, number, number, number] | null): void {
+    if (!this.athletes) {
+      return;
+    }
+    this.athletes.forEach((athlete, seat) => athlete.pose(motion, time, seat));
+    const hips: Vec3 = [0, 0, 0];
+    this.shades.forEach((shade, seat) => {
+      motion.hipsAt(time, seat, hips);
+      shade.position.copy(at(hips[0], hips[1], 0.005));
+    });
+    const current = rally.strokes.findLastIndex((stroke) => stroke.time <= time + 1e-6);
+    const stroke = rally.strokes[current];
+    const flying = stroke !== undefined && time < stroke.end_time + 0.25;
+    const colour = this.colours[stroke?.seat ?? 0]!;
+    this.aimAt(rally, motion, time);
+    this.shuttle.show(motion, time, stroke?.time ?? 0, flying, colour, this.eye.position);
+    this.area = target ?? (flying ? stroke.box : null);
+    this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
+    const last = rally.strokes.at(-1);
+    const over = last !== undefined && rally.winner !== null && time >= last.end_time;
+    this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
+    this.renderer.render(this.scene, this.eye);
+  }
+
+  private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
+    const changed = this.shownCamera !== this.camera;
+    this.shownCamera = this.camera;
+    this.controls.enabled = true;
+    if (this.camera === "free") {
+      if (changed) {
+        this.controls.target.copy(this.aim.look);
+      }
+      this.controls.update();
+      return;
+    }
+    const wanted = this.view(rally, motion, time);
+    const share = changed || this.still || this.lite ? 1 : 0.14;
+    this.aim.eye.lerp(wanted.eye, this.camera === "follow" ? Math.min(share, 0.2) || 1 : share);
+    this.aim.look.lerp(wanted.look, share);
+    this.aim.fov += share * (wanted.fov - this.aim.fov);
+    this.eye.position.copy(this.aim.eye);
+    this.controls.target.copy(this.aim.look);
+    this.eye.fov = this.aim.fov;
+    this.eye.updateProjectionMatrix();
+    this.eye.lookAt(this.aim.look);
+  }
+
+  private view(rally: RallyFacts, motion: Motion, time: number): View {
+    const end = this.flipped ? -1 : 1;
+    // A narrow window needs a wider angle to hold the whole court.
+    const wide = Math.max(1, 1.45 / this.eye.aspect);
+    switch (this.camera) {
+      case "side":
+        return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
+      case "corner":
+        return { eye: at(-end * 6.2, -end * 9.2, 3.6), look: at(end * 0.5, end * 0.6, 0.9), fov: 40 * Math.min(wide, 1.6) };
+      case "top":
+        return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
+      case "follow": {
+        const seat = this.flipped ? 1 : 0;
+        const hips = motion.hipsAt(time, seat, [0, 0, 0]);
+        const away = seat ? 1 : -1;
+        return { eye: at(hips[0] * 0.85, hips[1] + away * 4.4, 2.55), look: at(hips[0] * 0.5, -away * 2.5, 1.35), fov: 50 };
+      }
+      default: {
+        const shuttle = motion.shuttleAt(time, [0, 0, 0]);
+        const sway = rally.strokes.length ? 0.1 * shuttle[0] : 0;
+        return { eye: at(sway, -end * 13.2, 6.6), look: at(0.4 * sway, -end * 0.15, 0.75), fov: 37 * Math.min(wide, 1.5) };
+      }
+    }
+  }
+
+  /** Where the middle of the strings of a player is, in the axes of the court. */
+  sweetSpot(seat: number): Vec3 | null {
+    const athlete = this.athletes?.[seat];
+    if (!athlete) {
+      return null;
+    }
+    const v = athlete.sweetSpot.getWorldPosition(new THREE.Vector3());
+    return [-v.x, v.z, v.y];
+  }
+
+  /** Point of the floor under a place of the window, or null. */
+  floorAt(clientX: number, clientY: number): [number, number] | null {
+    const box = this.canvas.getBoundingClientRect();
+    const point = new THREE.Vector2((2 * (clientX - box.left)) / box.width - 1, 1 - (2 * (clientY - box.top)) / box.height);
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(point, this.eye);
+    const hit = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 1, 0), 0), new THREE.Vector3());
+    return hit ? [-hit.x, hit.z] : null;
+  }
+
+  get targetArea(): [number, number, number, number] | null {
+    return this.area;
+  }
+
+  get figures(): { draw_calls: number; triangles: number; geometries: number; textures: number } {
+    const { render, memory } = this.renderer.info;
+    return { draw_calls: render.calls, triangles: render.triangles, geometries: memory.geometries, textures: memory.textures };
+  }
+}
