@@ -9,9 +9,10 @@ from shuttle_marl.policy import registry
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import Match, Person
 from shuttle_marl.watch.plan import MOST_CHOSEN, MOST_RALLIES, Plan, Side, whole
-from shuttle_marl.watch.stager import Stager, packed
+from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.tables import Kept, Tables
 from shuttle_marl.watch.telling import hall_facts, message, rally_facts
+from shuttle_marl.watch.worth import Worth
 
 _MOST_MATCHES: Final = 64
 
@@ -34,11 +35,14 @@ class Answers:
     ) -> None:
         self._game, self._sides, self._seed = game, sides, seed
         self._tables = Tables(game, [side.policy for side in sides])
+        self._worth = Worth(self._tables)
         self._stager = Stager(game, athletes, hands)
         self._matches = Kept(_MOST_MATCHES)
         self._known: dict[str, Callable[[Mapping[str, Any]], tuple[Facts, list[bytes]]]] = {
             "hello": self._hello,
             "rally": self._rally,
+            "analysis": self._analysis,
+            "styles": self._styles,
         }
 
     def __call__(self, request: Mapping[str, Any]) -> bytes:
@@ -54,7 +58,7 @@ class Answers:
         return message({"id": request["id"], **facts}, parts)
 
     def _hello(self, _: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        shown = dict.fromkeys([*(side.policy for side in self._sides), *registry.names()])
+        shown = dict.fromkeys([*(side.policy for side in self._sides), *registry.names(self._game)])
         facts = {
             "version": __version__,
             "game": self._game.hash[:12],
@@ -65,16 +69,26 @@ class Answers:
         return facts, []
 
     def _rally(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        rally = self._match(request).rally(
-            whole(request.get("rally"), "the number of a rally", MOST_RALLIES), _person(request.get("person"))
-        )
+        rally = self._match(request).rally(_number(request), _person(request.get("person")))
         motion = self._stager.motion(rally)
-        return {"rally": rally_facts(self._game, rally, motion)}, [] if motion is None else packed(motion)
+        return {"rally": rally_facts(self._game, rally, motion)}, [] if motion is None else [motion.pack()]
+
+    def _analysis(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
+        rally = self._match(request).rally(_number(request), _person(request.get("person")))
+        plan = Plan.parse(request.get("plan"))
+        return self._worth.analysis(rally, self._worth.players(plan.sides_in(rally.number))), []
+
+    def _styles(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
+        return self._worth.styles(Plan.parse(request.get("plan")).sides_in(_number(request))), []
 
     def _match(self, request: Mapping[str, Any]) -> Match:
         plan = Plan.parse(request.get("plan"))
         found: Match = self._matches.get(plan, lambda: Match(plan, self._game, self._tables))
         return found
+
+
+def _number(request: Mapping[str, Any]) -> int:
+    return whole(request.get("rally"), "the number of a rally", MOST_RALLIES)
 
 
 def _person(raw: Any) -> Person | None:

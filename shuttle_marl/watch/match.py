@@ -19,6 +19,7 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.tables import Tables
 
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Score:
     """The score before a rally.

@@ -22,7 +22,7 @@ from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -62,7 +62,7 @@ def application(answer: Answer, page: Path, *, hosts: tuple[str, ...] = _LOOPBAC
         page: folder of the built page.
         hosts: names by which this machine may be called; one that is ``*`` stands for every address in numbers.
     """
-    routes = [Route("/", _file(page / "index.html"))]
+    routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
     routes.append(WebSocketRoute("/ws", _Pages(answer).attend))
@@ -118,7 +118,8 @@ def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...]) -> s
     """
     host = _name(f"//{hosts[0]}") if len(hosts) == 1 else None
     if host is None or not (host in allowed or ("*" in allowed and _is_address(host))):
-        return f"refused a request to the host {printable(', '.join(hosts))[:100] or 'of no name'}: open the address that was printed"
+        name = printable(", ".join(hosts))[:100] or "of no name"
+        return f"refused a request to the host {name}: open the address that was printed"
     if len(origins) > 1 or (origins and urllib.parse.urlsplit(origins[0]).netloc != hosts[0]):
         return f"refused a page of {printable(', '.join(origins))[:100]}: only the page of this server may connect"
     return None

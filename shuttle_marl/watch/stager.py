@@ -1,7 +1,7 @@
 """Rallies as motion, staged once for all who watch them."""
 
 import threading
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -50,14 +50,3 @@ class Stager:
         )
         with self._one:
             return stage(played, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)
-
-
-def packed(motion: Motion) -> list[bytes]:
-    """Numbers of a motion: hips, shuttle and its velocity as 32-bit floats, then rotations as 16-bit integers."""
-    parts: list[Any] = [
-        motion.position[:, :, 0].astype("<f4"),
-        motion.shuttle.astype("<f4"),
-        motion.shuttle_velocity.astype("<f4"),
-        np.rint(motion.rotation * 32767).astype("<i2"),
-    ]
-    return [np.ascontiguousarray(part).tobytes() for part in parts]

@@ -185,7 +185,7 @@ export class OptionTable {
         "button",
         { onclick: () => this.tryOut(option.stroke), title: `What if: ${name}, ${words(option.technique)}` },
         h("i", { style: `width:${(100 * (option.probability ?? 0)) / most}%` }),
-        h("span", {}, name, option.technique === "forehand" ? "" : ` (${words(option.technique)})`),
+        h("span", {}, name, option.technique === "forehand" ? "" : option.technique === "backhand" ? " · bh" : " · ath"),
       );
       return h(
         "tr",

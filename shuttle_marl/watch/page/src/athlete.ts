@@ -21,9 +21,7 @@ export class Athlete {
   private readonly bones: (THREE.Object3D | undefined)[];
   private readonly racketBone: number;
   private readonly racket: THREE.Group;
-  private readonly parents: number[];
   private readonly rotations: Float64Array;
-  private readonly world: THREE.Quaternion[];
   private readonly hips: Vec3 = [0, 0, 0];
 
   constructor(model: THREE.Object3D, facts: HallFacts, me: AthleteFacts, kit: Kit) {
@@ -45,16 +43,14 @@ export class Athlete {
     });
     this.bones = facts.bones.map((name) => model.getObjectByName(name));
     this.racketBone = facts.bones.indexOf("Racket");
-    this.parents = me.parents;
     this.rotations = new Float64Array(facts.bones.length * 4);
-    this.world = facts.bones.map(() => new THREE.Quaternion());
     for (const [name, turn] of Object.entries(me.fingers)) {
       const finger = model.getObjectByName(name);
       if (finger) {
         turned(turn, 0, finger.quaternion);
       }
     }
-    const hand = this.parents[this.racketBone]!;
+    const hand = me.parents[this.racketBone]!;
     const [grip, wrist] = [me.rest[this.racketBone]!, me.rest[hand]!];
     this.racket = makeRacket(facts, me, kit.racket);
     this.racket.position.copy(at(grip[0] - wrist[0], grip[1] - wrist[1], grip[2] - wrist[2]));
@@ -67,16 +63,7 @@ export class Athlete {
   pose(motion: Motion, time: number, seat: number): void {
     motion.rotationsAt(time, seat, this.rotations);
     this.bones[0]!.position.copy(at(...motion.hipsAt(time, seat, this.hips)));
-    const inverse = new THREE.Quaternion();
-    for (let i = 0; i < this.bones.length; i++) {
-      const world = turned(this.rotations, i * 4, this.world[i]!);
-      const bone = i === this.racketBone ? this.racket : this.bones[i]!;
-      const parent = this.parents[i]!;
-      bone.quaternion.copy(world);
-      if (parent >= 0) {
-        bone.quaternion.premultiply(inverse.copy(this.world[parent]!).invert());
-      }
-    }
+    this.bones.forEach((bone, i) => turned(this.rotations, i * 4, (i === this.racketBone ? this.racket : bone!).quaternion));
   }
 }
 

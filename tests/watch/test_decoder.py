@@ -1,0 +1,49 @@
+"""The page's reader of packed motions, on the file that every reader has to read."""
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.staging.packing import from_parents
+from shuttle_marl.watch.building import SOURCE, node
+
+GOLDEN = Path(__file__).parents[1] / "staging" / "golden"
+
+pytestmark = pytest.mark.slow
+
+
+def decoded(page_folder: Path, tmp_path: Path, frames: list[int]) -> Any:
+    script = Path(__file__).parent / "decoder" / "read.ts"
+    program, built = str(node()), tmp_path / "read.mjs"
+    options = {"entryPoints": [str(script)], "outfile": str(built), "bundle": True, "platform": "node", "format": "esm"}
+    code = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)});"
+    subprocess.run([program, "--input-type=module", "-e", code], cwd=SOURCE, check=True, capture_output=True)
+    command = [program, str(built), str(GOLDEN / "rally.smot"), *map(str, frames)]
+    return json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+
+
+def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path, tmp_path: Path) -> None:
+    wanted = json.loads((GOLDEN / "rally.json").read_text(encoding="utf-8"))
+    found = decoded(page_folder, tmp_path, [row["frame"] for row in wanted["at"]])
+    assert (found["fps"], found["frames"], found["players"]) == (wanted["fps"], wanted["frames"], wanted["players"])
+    for row, seen in zip(wanted["at"], found["at"], strict=True):
+        assert np.abs(np.array(seen["shuttle"]) - row["shuttle"]).max() < 1e-4
+        for seat in (0, 1):
+            me = seen["seats"][seat]
+            assert me["planted"] == row["planted"][seat]
+            local = np.array(me["local"]).reshape(1, -1, 4)
+            turn, place = from_parents(
+                np.array([me["hips"]]), local, np.array(wanted["parents"][seat]), np.array(wanted["rest"][seat])
+            )
+            assert np.abs(place[0] - row["position"][seat]).max() < 1e-4
+            assert np.abs(np.abs((turn[0] * row["rotation"][seat]).sum(axis=-1)) - 1).max() < 1e-5
+
+
+def test_the_page_has_no_type_errors(page_folder: Path) -> None:
+    tsc = SOURCE / "node_modules" / "typescript" / "bin" / "tsc"
+    done = subprocess.run([str(node()), str(tsc), "-p", str(SOURCE)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout

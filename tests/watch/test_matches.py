@@ -1,0 +1,140 @@
+"""Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
+
+import numpy as np
+import pytest
+
+from shuttle_marl.game import default_game
+from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.rally import RETURNED_BELOW, ROOT, strike
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.match import Match, Person
+from shuttle_marl.watch.plan import Change, Plan, Side
+from shuttle_marl.watch.tables import Tables
+
+BC = {"policy": "bc"}
+PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
+
+
+@pytest.fixture(scope="module")
+def tables() -> Tables:
+    return Tables(default_game())
+
+
+def match(tables: Tables, **fields: object) -> Match:
+    return Match(Plan.parse({**PLAN, **fields}), tables.game, tables)
+
+
+def test_a_rally_follows_from_its_draws(tables: Tables) -> None:
+    game = tables.game
+    played = match(tables)
+    for number in range(6):
+        rally = played.rally(number)
+        key, state = stream(3, 0, number), ROOT
+        for i, stroke in enumerate(rally.stroke):
+            assert rally.state[i] == state
+            table = tables.of(Plan.parse(PLAN).sides[rally.striker(i)])
+            bits = draw(key, i)
+            rank = game.rank(state, stroke)
+            assert int(rank) == int(
+                table.choose(np.array([state]), ((bits >> np.uint64(32)) * np.uint64(65535)) >> np.uint64(32))[0]
+            )
+            outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
+            assert (outcome[0] < RETURNED_BELOW) == (i == len(rally.stroke) - 1)
+            state = int(following[0])
+        assert played.rally(number + 1).score == rally.score.after(rally.winner or 0)
+
+
+def test_a_match_ends_by_the_rules(tables: Tables) -> None:
+    played = match(tables)
+    number = 0
+    while True:
+        score = played.rally(number).score.after(played.rally(number).winner or 0)
+        if score.over:
+            break
+        number += 1
+    assert max(score.games) == 2
+    assert all(max(points) >= 21 for points in score.finished)
+    with pytest.raises(WatchError, match="the match was over before"):
+        played.rally(number + 1)
+
+
+def test_a_change_leaves_what_was_played_before(tables: Tables) -> None:
+    before = match(tables)
+    after = match(tables, changes=[{"rally": 3, "seat": 0, "side": {"policy": "random"}}])
+    assert [before.rally(k).stroke for k in range(3)] == [after.rally(k).stroke for k in range(3)]
+    assert after.rally(3).names == ("random", "attacking@0.5")
+    assert [before.rally(k).stroke for k in range(3, 8)] != [after.rally(k).stroke for k in range(3, 8)]
+
+
+def test_a_person_is_waited_for_and_their_stroke_is_played(tables: Tables) -> None:
+    game = tables.game
+    seat = match(tables).rally(0).server
+    person = Person(seat=seat, rally=0, stroke=0)
+    asked = match(tables).rally(0, person)
+    assert (asked.stroke, asked.ending, asked.turn) == ((), None, ROOT)
+    serve = int(game.legal_strokes(ROOT)[-1])
+    then = match(tables, chosen={"0": {"0": serve}}).rally(0, person)
+    assert then.stroke[0] == serve
+    assert then.chosen == (0,)
+    if then.ending is None:
+        assert len(then.stroke) % 2 == 0
+        assert then.turn is not None
+    with pytest.raises(WatchError, match="rally 0 is not finished"):
+        match(tables).rally(1, person)
+    with pytest.raises(WatchError, match="chosen as number 1 is not legal"):
+        match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
+
+
+def test_a_stroke_that_is_tried_out_leaves_those_before(tables: Tables) -> None:
+    game = tables.game
+    played = match(tables)
+    number = next(k for k in range(40) if len(played.rally(k).stroke) > 4)
+    old = played.rally(number)
+    other = next(int(s) for s in game.legal_strokes(old.state[2]) if s != old.stroke[2])
+    new = match(tables, chosen={str(number): {"2": other}}).rally(number)
+    assert new.stroke[:3] == (*old.stroke[:2], other)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        None,
+        [],
+        {"seed": 1},
+        {**PLAN, "more": 1},
+        {**PLAN, "seed": -1},
+        {**PLAN, "seed": 1.0},
+        {**PLAN, "seed": True},
+        {**PLAN, "sides": [BC]},
+        {**PLAN, "sides": [BC, {"policy": ""}]},
+        {**PLAN, "sides": [BC, {"policy": "bc", "temperature": float("nan")}]},
+        {**PLAN, "sides": [BC, {"policy": "bc", "temperature": -1}]},
+        {**PLAN, "sides": [BC, {"policy": "x" * 300}]},
+        {**PLAN, "changes": [{"rally": 1, "seat": 2, "side": BC}]},
+        {**PLAN, "changes": [{"rally": 1, "seat": 0, "side": BC}] * 300},
+        {**PLAN, "chosen": []},
+        {**PLAN, "chosen": {"x": {}}},
+        {**PLAN, "chosen": {"1": {"0": -1}}},
+        {**PLAN, "chosen": {"²": {"0": 1}}},
+        {**PLAN, "chosen": {"99999999999": {"0": 1}}},
+    ],
+)
+def test_a_plan_that_is_none_is_refused(raw: object) -> None:
+    with pytest.raises(WatchError):
+        Plan.parse(raw)
+
+
+def test_a_plan_is_read_as_it_was_meant() -> None:
+    plan = Plan.parse({**PLAN, "changes": [{"rally": 4, "seat": 1, "side": BC}], "chosen": {"2": {"1": 7, "0": 3}}})
+    assert plan.changes == (Change(rally=4, seat=1, side=Side(policy="bc")),)
+    assert [side.policy for side in plan.sides_in(3)] == ["bc", "attacking"]
+    assert [side.policy for side in plan.sides_in(4)] == ["bc", "bc"]
+    assert plan.chosen_in(2) == {0: 3, 1: 7}
+    assert plan.chosen_in(3) == {}
+
+
+def test_a_page_may_not_name_code_or_files(tables: Tables) -> None:
+    for name in ("os:getcwd", "table:/etc/passwd", "agent:/tmp", "tests.watch:x"):
+        plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})
+        with pytest.raises(Exception, match="no modules and no files"):
+            Match(plan, tables.game, tables).rally(0)

@@ -1,0 +1,177 @@
+"""The server against strangers: who may connect, what they may send, and how it stops."""
+
+import contextlib
+import http.client
+import json
+import random
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+from tests.watch.conftest import Served, serving
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from shuttle_marl.watch.server import LARGEST, hosts_of, refusal
+
+PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
+
+
+def port_of(served: Served) -> int:
+    return int(served.address.rstrip("/").rpartition(":")[2])
+
+
+def connected(served: Served, **options: Any) -> ClientConnection:
+    return connect(f"ws://127.0.0.1:{port_of(served)}/ws", max_size=None, proxy=None, **options)
+
+
+def asked(socket: ClientConnection, request: object) -> tuple[dict[str, Any], bytes]:
+    socket.send(request if isinstance(request, str) else json.dumps(request))
+    return parsed(socket.recv(timeout=60))
+
+
+def parsed(message: str | bytes) -> tuple[dict[str, Any], bytes]:
+    assert isinstance(message, bytes)
+    (length,) = struct.unpack_from("<I", message)
+    return json.loads(message[4 : 4 + length]), message[4 + length :]
+
+
+def got(served: Served, path: str, **headers: str) -> tuple[int, http.client.HTTPResponse]:
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(served), timeout=20)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    answer.read()
+    connection.close()
+    return answer.status, answer
+
+
+@pytest.mark.parametrize(
+    ("hosts", "origins", "allowed"),
+    [
+        (["localhost:80"], [], True),
+        (["127.0.0.1:8090"], ["http://127.0.0.1:8090"], True),
+        (["127.0.0.1:8090"], ["http://localhost:8090"], False),
+        (["127.0.0.1:8090"], ["http://127.0.0.1:8091"], False),
+        (["127.0.0.1:8090"], ["null"], False),
+        (["127.0.0.1:8090"], ["http://127.0.0.1:8090", "http://evil.example"], False),
+        (["evil.example"], [], False),
+        (["127.0.0.1.evil.example:8090"], [], False),
+        ([], [], False),
+        (["127.0.0.1", "127.0.0.1"], [], False),
+        (["[::1"], [], False),
+    ],
+)
+def test_only_the_page_of_this_server_may_connect(hosts: list[str], origins: list[str], allowed: bool) -> None:
+    assert (refusal(hosts, origins, hosts_of("127.0.0.1")) is None) == allowed
+
+
+def test_an_open_server_is_called_by_its_addresses_alone() -> None:
+    names = hosts_of("0.0.0.0")
+    assert refusal(["192.0.2.7:8090"], [], names) is None
+    assert refusal(["evil.example:8090"], [], names) is not None
+    assert refusal(["192.0.2.7:8090"], [], hosts_of("127.0.0.1")) is not None
+
+
+@pytest.mark.slow
+def test_files_are_served_and_nothing_else(served: Served) -> None:
+    for path, kind in {"/": "text/html", "/watch.js": "text/javascript", "/watch.css": "text/css", "/male.glb": "model/"}.items():
+        status, answer = got(served, path)
+        assert status == 200
+        assert (answer.getheader("content-type") or "").startswith(kind)
+        assert "default-src 'none'" in (answer.getheader("content-security-policy") or "")
+    for path in ("/../pyproject.toml", "/..%2f..%2fpyproject.toml", "//etc/passwd", "/male.glb/../skeletons.json", "/built/index.html"):
+        assert got(served, path)[0] == 404
+    assert got(served, "/", Host="evil.example")[0] == 403
+    assert got(served, "/", Origin="http://evil.example")[0] == 403
+    with pytest.raises(InvalidStatus):
+        connected(served, origin="http://evil.example")
+
+
+@pytest.mark.slow
+def test_malformed_messages_are_answered_and_others_served(served: Served) -> None:
+    drawn = random.Random(0)
+    words = ["rally", "analysis", "hello", "styles", "x", ""]
+    pieces: list[Any] = [None, -1, 1.5, "a", [], {}, True, PLAN, {**PLAN, "seed": "x"}, {"seat": 3, "rally": 0, "stroke": 0}]
+    requests: list[str] = ["", "{", "[]", "null", "1", "[" * 5000, '{"id": 1e999, "op": "rally"}', '"\ud800"'.encode("utf-8", "replace").decode()]
+    while len(requests) < 10_000:
+        fields = {"id": drawn.choice([1, -1, "1", None]), "op": drawn.choice(words)}
+        fields |= {drawn.choice(["plan", "rally", "person", "z"]): drawn.choice(pieces) for _ in range(3)}
+        if fields["op"] in ("hello", "") or (fields.get("plan") == PLAN and fields.get("rally") == 0):
+            continue  # these are well-formed
+        requests.append(json.dumps(fields))
+    with connected(served) as other:
+        for start in range(0, len(requests), 100):
+            # A connection may send a hundred at once, and then has to wait.
+            with connected(served) as stranger:
+                for request in requests[start : start + 100]:
+                    stranger.send(request)
+                for _ in requests[start : start + 100]:
+                    assert parsed(stranger.recv(timeout=60))[0]["error"]
+        facts, motion = asked(other, {"id": 7, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
+    assert facts["id"] == 7
+    assert motion[:4] == b"SMOT"
+
+
+@pytest.mark.slow
+def test_large_messages_and_bytes_end_the_connection(served: Served) -> None:
+    for content in ("x" * (LARGEST + 1), b"\x00" * 10):
+        with connected(served) as stranger, contextlib.suppress(ConnectionClosed):
+            stranger.send(content)
+            with pytest.raises(ConnectionClosed):
+                stranger.recv(timeout=20)
+
+
+@pytest.mark.slow
+def test_pages_that_vanish_or_never_read_do_not_hold_up_others(served: Served) -> None:
+    request = json.dumps({"id": 1, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
+    with contextlib.ExitStack() as stack:
+        readers = [stack.enter_context(connected(served, max_queue=1)) for _ in range(5)]
+        for reader in readers:
+            for _ in range(60):
+                reader.send(request)
+        for _ in range(20):
+            with connected(served) as stranger:
+                stranger.send(request)
+                stranger.socket.shutdown(socket.SHUT_RDWR)
+        began = time.monotonic()
+        with connected(served) as other:
+            facts, _ = asked(other, {"id": 9, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
+        assert facts["id"] == 9
+        assert time.monotonic() - began < 10
+        for reader in readers:
+            reader.socket.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.slow
+def test_it_stops_at_once_and_its_port_is_free_again(page_folder: Any) -> None:
+    with serving() as first, contextlib.ExitStack() as stack:
+        port = port_of(first)
+        open_ones = [stack.enter_context(connected(first)) for _ in range(3)]
+        first.process.send_signal(signal.SIGINT)
+        began = time.monotonic()
+        first.process.wait(10)
+        assert time.monotonic() - began < 5
+        assert first.process.returncode == 0
+        for each in open_ones:
+            with contextlib.suppress(ConnectionClosed):
+                each.recv(timeout=5)
+        with serving("--port", str(port)) as second:
+            assert port_of(second) == port
+            with serving("--port", str(port)) as third:
+                assert port_of(third) != port
+
+
+@pytest.mark.slow
+def test_a_wrong_option_is_said_without_a_traceback() -> None:
+    for flags, words in ((["--port", "99999"], "expected 0"), (["--host", "nowhere.invalid"], "give an address")):
+        done = subprocess.run(
+            [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", *flags], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 1
+        assert words in done.stderr
+        assert "Traceback" not in done.stderr
