@@ -13,11 +13,11 @@ import time
 from typing import Any
 
 import pytest
-from tests.watch.conftest import Served, serving
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from shuttle_marl.watch.server import LARGEST, hosts_of, refusal
+from tests.watch.conftest import Served, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
 
@@ -84,7 +84,13 @@ def test_files_are_served_and_nothing_else(served: Served) -> None:
         assert status == 200
         assert (answer.getheader("content-type") or "").startswith(kind)
         assert "default-src 'none'" in (answer.getheader("content-security-policy") or "")
-    for path in ("/../pyproject.toml", "/..%2f..%2fpyproject.toml", "//etc/passwd", "/male.glb/../skeletons.json", "/built/index.html"):
+    for path in (
+        "/../pyproject.toml",
+        "/..%2f..%2fpyproject.toml",
+        "//etc/passwd",
+        "/male.glb/../skeletons.json",
+        "/built/index.html",
+    ):
         assert got(served, path)[0] == 404
     assert got(served, "/", Host="evil.example")[0] == 403
     assert got(served, "/", Origin="http://evil.example")[0] == 403
@@ -97,7 +103,16 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
     drawn = random.Random(0)
     words = ["rally", "analysis", "hello", "styles", "x", ""]
     pieces: list[Any] = [None, -1, 1.5, "a", [], {}, True, PLAN, {**PLAN, "seed": "x"}, {"seat": 3, "rally": 0, "stroke": 0}]
-    requests: list[str] = ["", "{", "[]", "null", "1", "[" * 5000, '{"id": 1e999, "op": "rally"}', '"\ud800"'.encode("utf-8", "replace").decode()]
+    requests: list[str] = [
+        "",
+        "{",
+        "[]",
+        "null",
+        "1",
+        "[" * 5000,
+        '{"id": 1e999, "op": "rally"}',
+        '"\ud800"'.encode("utf-8", "replace").decode(),
+    ]
     while len(requests) < 10_000:
         fields = {"id": drawn.choice([1, -1, "1", None]), "op": drawn.choice(words)}
         fields |= {drawn.choice(["plan", "rally", "person", "z"]): drawn.choice(pieces) for _ in range(3)}
@@ -170,7 +185,11 @@ def test_it_stops_at_once_and_its_port_is_free_again(page_folder: Any) -> None:
 def test_a_wrong_option_is_said_without_a_traceback() -> None:
     for flags, words in ((["--port", "99999"], "expected 0"), (["--host", "nowhere.invalid"], "give an address")):
         done = subprocess.run(
-            [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", *flags], capture_output=True, text=True, timeout=60, check=False
+            [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", *flags],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
         assert done.returncode == 1
         assert words in done.stderr
