@@ -89,9 +89,13 @@ def ours(seed: int, target: float) -> Reached:
         done = train(config)
         seconds = time.perf_counter() - begun
     match_win = done.evaluation.match_win
-    strokes = done.iterations * config.frames
     return Reached(
-        learner="shuttle_marl PPO", seed=seed, reached=match_win >= target, seconds=seconds, strokes=strokes, match_win=match_win
+        learner="shuttle_marl PPO",
+        seed=seed,
+        reached=match_win >= target,
+        seconds=seconds,
+        strokes=done.strokes,
+        match_win=match_win,
     )
 
 

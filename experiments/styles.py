@@ -38,13 +38,13 @@ from shuttle_marl.training import PPOConfig
 
 OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {
-    "plain": PPOConfig(strokes=1_500_000),
+    "plain": PPOConfig(strokes=15_000_000),
     "attacking": PPOConfig(
-        strokes=1_500_000,
+        strokes=15_000_000,
         bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.1", "push=-0.05", "lift=-0.05"),
     ),
     "defensive": PPOConfig(
-        strokes=1_500_000,
+        strokes=15_000_000,
         bonus=(
             "lift=0.07",
             "clear=0.07",
@@ -56,7 +56,7 @@ STYLES: Final[dict[str, PPOConfig]] = {
             "net-kill=-0.07",
         ),
     ),
-    "cautious": PPOConfig(strokes=1_500_000, fault_cost=0.5, risk_aversion=1.0),
+    "cautious": PPOConfig(strokes=15_000_000, fault_cost=0.5, risk_aversion=1.0),
 }
 """Training settings by name; `plain` learns for the point alone."""
 QUICK_STROKES: Final = 200_000

@@ -55,7 +55,8 @@ from shuttle_marl.training import PPOConfig, train
 def play():
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        sizes = dict(rows=2, steps=2, strokes=8, width=4, minibatch=2, checkpoint_every=1)
+        sizes = dict(batch=4, rows=2, steps=2, minibatch=2, strokes=8, width=4, checkpoint_every=1)
+        sizes = {name: size for name, size in sizes.items() if hasattr(PPOConfig, name)}
         config = PPOConfig(opponent=("self",), record="none", out=out, **sizes)
         traced(lambda: train(config), begin="collect", end="save_checkpoint")
 """

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.kernel.batch_log import BatchLog
     from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
+    from shuttle_marl.kernel.sampling import Distinct, RallySampler
     from shuttle_marl.kernel.uncompiled import KernelError, Matches, PlayedMatches, SingleRallies
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
-    "BatchLog",
+    "Distinct",
     "KernelError",
     "Matches",
     "PlayedMatches",
     "Players",
     "RallyBatch",
+    "RallySampler",
     "SingleRallies",
     "Tally",
     "VersusBatch",
@@ -32,10 +33,10 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "batch_log": ("BatchLog",),
         "core": ("Players", "pack"),
         "matches": ("play_matches",),
         "rally": ("RallyBatch", "Tally"),
+        "sampling": ("Distinct", "RallySampler"),
         "uncompiled": ("KernelError", "Matches", "PlayedMatches", "SingleRallies"),
         "versus": ("VersusBatch",),
     },

@@ -93,7 +93,7 @@ class RallyRecorder:
             self._enqueue(_Work(strokes=len(chosen.stroke), make=lambda: chosen))
 
     def add_later(self, make: Callable[[], Rallies], strokes: int) -> None:
-        """Record rallies that the thread itself makes, such as those of :class:`shuttle_marl.kernel.BatchLog`.
+        """Record rallies that the thread itself makes, such as those of :class:`shuttle_marl.kernel.RallySampler`.
 
         Args:
             make: makes the finished rallies; called once, in the order in which it was handed over, in the thread.

@@ -5,10 +5,10 @@ belongs to the opponent, whose value is minus ours: gamma = -1 makes the same re
 """
 
 import dataclasses
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, FractionOrZero, Positive, TrainingConfig, Weight
+from shuttle_marl.training.config import Count, Positive, TrainingConfig, Weight, Within
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner
@@ -20,20 +20,20 @@ class A2CConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "a2c"
 
-    strokes: Count = 6_000_000
+    strokes: Count = 40_000_000
     """Strokes of the learner to train on."""
-    rows: Count = 2048
-    """Rallies that are played side by side."""
-    steps: Count = 4
-    """Strokes of each row that are collected before the learner learns."""
+    batch: Count = 16_384
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.02
+    """Strokes by which each iteration is longer than the one before, as a share of the first."""
+    age: Count = 8
+    """Iterations for which what the network says of a state that is met now and then is played without asking again."""
     evaluate_every: Count = 50
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 100
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
     learning_rate: Positive = 2e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
-    lmbda: FractionOrZero = 0.7
-    """Lambda of the generalised advantages."""
     entropy: Weight = 0.03
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: Positive = 1.0
@@ -46,36 +46,40 @@ def make_a2c(config: A2CConfig, game: Game) -> "Learner":
     """Networks, loss and update of A2C."""
     import torch
     from tensordict import TensorDictBase
-    from torchrl.objectives import A2CLoss, ValueEstimators
+    from torchrl.objectives import A2CLoss
 
-    from shuttle_marl.training.learner import Learner, Mean, set_rate
-    from shuttle_marl.training.networks import make_actor, make_critic
+    from shuttle_marl.training.learner import Learner, Mean, set_rate, weighted_sums
+    from shuttle_marl.training.networks import logit_network, make_actor, make_critic
 
-    actor = make_actor(game, width=config.width, hidden=config.hidden).to(config.device)
+    actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
     critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
-    loss = A2CLoss(actor, critic, entropy_coeff=config.entropy, critic_coeff=config.critic)
+    # The gradient of l2 at equal states depends on the mean of the returns alone.
+    loss = A2CLoss(
+        actor, critic, entropy_coeff=config.entropy, critic_coeff=config.critic, loss_critic_type="l2", reduction="none"
+    )
     loss.entropy_bonus = True  # with a weight of 0 it would leave the entropy out
-    # A vectorised estimator fails on a negative gamma.
-    loss.make_value_estimator(ValueEstimators.GAE, gamma=config.discount, lmbda=config.lmbda, vectorized=False)
-    optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate)
+    network, value = logit_network(actor), critic.module
+    optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate, fused=True)
 
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
-        """Compute the advantages, then take one gradient step."""
+        """Take one gradient step."""
         set_rate(optimizer, config.learning_rate, remaining)
         loss.entropy_coeff.fill_(config.entropy * remaining)
-        with torch.no_grad():
-            loss.value_estimator(data)
-        strokes = data.reshape(-1)
-        advantage = strokes["advantage"]
-        strokes["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp_min(1e-6)
-        terms = loss(strokes)
+        terms = weighted_sums(loss(data), data["weight"])
         total = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
         optimizer.zero_grad()
         total.backward()
         torch.nn.utils.clip_grad_norm_(loss.parameters(), config.gradient_norm)
         optimizer.step()
-        logged = Mean("loss_objective", "loss_critic", "entropy")
+        logged = Mean("loss_objective", "loss_critic", "loss_entropy")
         logged.add(terms)
         return logged.values()
 
-    return Learner(actor=actor, learn=learn, modules={"loss": loss}, optimizers={"optimizer": optimizer})
+    return Learner(
+        actor=actor,
+        assess=lambda observation: (network(observation), value(observation).squeeze(-1)),
+        distinct=True,
+        learn=learn,
+        modules={"loss": loss},
+        optimizers={"optimizer": optimizer},
+    )

@@ -4,10 +4,11 @@ The defaults reach the figures of ``docs/training.md`` on two cores; ``benchmark
 """
 
 import dataclasses
+import functools
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, get_args, get_type_hints
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import Profile
@@ -80,8 +81,9 @@ class TrainingConfig:
     """Continue the run in --out (or the default folder) from its last checkpoint."""
     overwrite: bool = False
     """Replace the run in --out."""
-    record: str = "all"
-    """Rallies for the run's rally log: all, none, or sample:N for one rally in N; never changes the weights."""
+    record: str = "sample:100"
+    """Rallies for the run's rally log: all, none, or sample:N for one rally in N; never changes the weights. All of them can
+    fill gigabytes in a minute."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     profile: Profile | None = None
@@ -96,10 +98,14 @@ class TrainingConfig:
     """Weight b of the entropic risk measure of the return of a rally; changes nothing without --fault-cost."""
     target: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
     """Stop once the exact probability of winning a match against the opponent reaches this."""
-    rows: Count = 1024
-    """Rallies that are played side by side."""
-    steps: Count = 16
-    """Strokes of each row that are collected before the learner learns."""
+    batch: Count = 32_768
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.0
+    """Strokes by which each iteration is longer than the one before, as a share of the first."""
+    age: Count = 1
+    """Iterations for which what the network says of a state that is met now and then is played without asking again."""
+    lmbda: FractionOrZero = 0.7
+    """Lambda of the generalised advantages."""
     width: Count = 128
     """Numbers in a layer of the networks."""
     hidden: CountOrZero = 1
@@ -108,10 +114,6 @@ class TrainingConfig:
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 20
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    processes: Count = 1
-    """Processes that collect; with more than one, each plays its share of the rows."""
-    collector: Literal["local", "ray"] = "local"
-    """Place of the processes: on this machine, or on those of a Ray cluster."""
     device: str = "cpu"
     """Device of the networks, such as cuda; the rallies stay on the CPU."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
@@ -125,8 +127,6 @@ class TrainingConfig:
             value = getattr(self, name)
             if value is not None and (value not in bounds or (whole and not isinstance(value, int))):
                 raise TrainingError(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")
-        if self.rows % self.processes:
-            raise TrainingError(f"--rows {self.rows}: expected a multiple of --processes {self.processes}")
         if not self.opponent:
             raise TrainingError("--opponent: expected a policy or more, or self")
         if SELF in self.opponent and len(self.opponent) > 1:
@@ -169,15 +169,18 @@ class TrainingConfig:
         """Whether the learner's rewards differ from those of the rules: by a bonus, or by a cost of faults."""
         return any(self.bonuses().values()) or self.fault_cost > 0
 
-    @property
-    def frames(self) -> int:
-        """Strokes that are collected in an iteration."""
-        return self.rows * self.steps
-
-    @property
+    @functools.cached_property
     def iterations(self) -> int:
         """Iterations of the whole run."""
-        return -(-self.strokes // self.frames)
+        # The strokes of n iterations are batch (n + growth n (n - 1) / 2).
+        batches, half = self.strokes / self.batch, self.growth / 2
+        return max(
+            1, math.ceil(batches if not half else (half - 1 + math.sqrt((1 - half) ** 2 + 4 * half * batches)) / (2 * half))
+        )
+
+    def batch_of(self, iteration: int) -> int:
+        """Least number of strokes of an iteration, counted from 0."""
+        return round(self.batch * (1 + self.growth * iteration))
 
     @property
     def segments(self) -> int:
@@ -190,11 +193,11 @@ class TrainingConfig:
         Args:
             n_strokes: size n of the catalogue.
         """
-        # A row holds the observation and mask of two states and the logits; a weight, its gradient and two moments.
+        # A state has a mask and logits with their gradients; a weight, its gradient and two moments.
         return {
-            "--rows times --steps": self.frames * (6 * n_strokes + 50),
+            "--batch and --growth": 60 * self.batch_of(self.iterations - 1),
             "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
-            "--strokes with so small --rows, --steps and --checkpoint-every": 100 * self.segments * self.processes,
+            "--strokes with so small --batch and --checkpoint-every": 100 * self.segments,
         }
 
     def fixed(self) -> dict[str, Any]:

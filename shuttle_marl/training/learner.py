@@ -44,7 +44,9 @@ class Learner:
 
     Attributes:
         actor: the policy that collects.
-        learn: learns from the ``[rows, steps]`` strokes of one iteration, as the collector gives them; its second argument is
+        assess: ``[U, 6]`` observations to its ``[U, n]`` logits and the ``[U]`` values of the critic.
+        distinct: whether it learns from distinct states or from strokes one by one (:mod:`shuttle_marl.training.collecting`).
+        learn: learns from the strokes of one iteration, as the collector gives them; its second argument is
             the share of the run that remains, from 1 to 0. Returns what to log; raises :class:`DivergedError`.
         modules: networks and losses with weights, by name.
         optimizers: by name.
@@ -53,6 +55,8 @@ class Learner:
     """
 
     actor: ProbabilisticActor
+    assess: Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+    distinct: bool
     learn: Callable[[TensorDictBase, float], dict[str, float]]
     modules: dict[str, nn.Module]
     optimizers: dict[str, Optimizer]
@@ -110,6 +114,18 @@ def set_rate(optimizer: Optimizer, rate: float, remaining: float) -> None:
     """Let the learning rate fall linearly to a fiftieth."""
     for group in optimizer.param_groups:
         group["lr"] = rate * max(remaining, 0.02)
+
+
+def weighted_sums(terms: TensorDictBase, weight: torch.Tensor) -> TensorDictBase:
+    """The terms of a loss over distinct states, as they are over all strokes.
+
+    Args:
+        terms: of a loss of TorchRL without reduction: the objective of every row, whose advantages are divided by the number of
+            strokes, and what else there is of every state.
+        weight: ``[U]`` share of the strokes that were played in each state.
+    """
+    summed = {name: (terms[name].reshape(-1) * weight).sum() for name in ("loss_critic", "loss_entropy")}
+    return terms.copy().update({**summed, "loss_objective": terms["loss_objective"].sum()})
 
 
 class Mean:

@@ -68,6 +68,24 @@ class LegalStrokes(Categorical):
         return -(self.probs * self.logits).sum(-1)
 
 
+class DistinctStrokes(LegalStrokes):
+    """The same over U distinct states, for R strokes of which each says in which of the states it was played.
+
+    Args:
+        logits: ``[U, n]`` of all strokes.
+        mask: ``[U, n]`` bool, which strokes are legal.
+        row: ``[R]`` state of each stroke.
+    """
+
+    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor, row: torch.Tensor) -> None:
+        super().__init__(logits, mask=mask)
+        self._row = row
+
+    def log_prob(self, value: torch.Tensor) -> torch.Tensor:
+        """``[R]`` log-probability of ``[R]`` strokes; of ``[K, U]`` strokes, one in each state, that of :class:`LegalStrokes`."""
+        return self.logits[self._row, value] if value.dim() == 1 else super().log_prob(value)
+
+
 class StateEncoder(nn.Module):
     """Turns ``[..., 6]`` observations into ``[..., width]`` numbers, then through hidden layers of the same width.
 
@@ -126,15 +144,23 @@ def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float) -> 
     return nn.Sequential(StateEncoder(game, width, hidden), last)
 
 
-def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True) -> ProbabilisticActor:
-    """A stochastic policy: observation and action mask to action (and its log-probability)."""
+def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, distinct: bool = False) -> ProbabilisticActor:
+    """A stochastic policy: observation and action mask to action (and its log-probability).
+
+    Args:
+        game: the tables.
+        width: numbers in a layer.
+        hidden: layers behind the embedding.
+        log_prob: whether it gives the log-probability.
+        distinct: whether strokes say by ``row`` in which of some distinct states they were played (:class:`DistinctStrokes`).
+    """
     network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=["observation"], out_keys=["logits"]),
-        in_keys={"logits": "logits", "mask": "action_mask"},
+        in_keys={"logits": "logits", "mask": "action_mask", **({"row": "row"} if distinct else {})},
         out_keys=["action"],
-        distribution_class=LegalStrokes,
+        distribution_class=DistinctStrokes if distinct else LegalStrokes,
         **keywords,
     )
 

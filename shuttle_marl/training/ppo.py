@@ -5,10 +5,10 @@ belongs to the opponent, whose value is minus ours: gamma = -1 makes the same re
 """
 
 import dataclasses
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, Fraction, FractionOrZero, Positive, TrainingConfig, Weight
+from shuttle_marl.training.config import Count, Fraction, Positive, TrainingConfig, Weight, Within
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner
@@ -20,28 +20,28 @@ class PPOConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
-    strokes: Count = 4_000_000
+    strokes: Count = 40_000_000
     """Strokes of the learner to train on."""
-    rows: Count = 2048
-    """Rallies that are played side by side."""
-    evaluate_every: Count = 5
+    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.05
+    """Strokes by which each iteration is longer than the one before, as a share of the first."""
+    age: Count = 8
+    """Iterations for which what the network says of a state that is met now and then is played without asking again."""
+    evaluate_every: Count = 20
     """Iterations between two exact evaluations."""
-    checkpoint_every: Count = 10
+    checkpoint_every: Count = 40
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 2e-3
+    learning_rate: Positive = 3e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
     clip: Fraction = 0.2
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    lmbda: FractionOrZero = 0.7
-    """Lambda of the generalised advantages."""
     entropy: Weight = 0.01
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: Positive = 1.0
     """Weight of the value loss."""
     epochs: Count = 1
     """Passes over what was collected."""
-    minibatch: Count = 4096
-    """Strokes in one gradient step."""
+    minibatches: Count = 4
+    """Gradient steps in a pass; each takes its share of the states, with all that was played there."""
     gradient_norm: Positive = 0.5
     """Gradients are scaled down to this norm."""
 
@@ -50,12 +50,13 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     """Networks, loss and update of PPO."""
     import torch
     from tensordict import TensorDictBase
-    from torchrl.objectives import ClipPPOLoss, ValueEstimators
+    from torchrl.objectives import ClipPPOLoss
 
-    from shuttle_marl.training.learner import Learner, Mean, set_rate
-    from shuttle_marl.training.networks import make_actor, make_critic
+    from shuttle_marl.training.collecting import minibatches
+    from shuttle_marl.training.learner import Learner, Mean, set_rate, weighted_sums
+    from shuttle_marl.training.networks import logit_network, make_actor, make_critic
 
-    actor = make_actor(game, width=config.width, hidden=config.hidden).to(config.device)
+    actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
     critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
     loss = ClipPPOLoss(
         actor,
@@ -63,24 +64,21 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
         clip_epsilon=config.clip,
         entropy_coeff=config.entropy,
         critic_coeff=config.critic,
-        normalize_advantage=True,
+        loss_critic_type="l2",  # whose gradient at equal states depends on the mean of the returns alone
+        normalize_advantage=False,
+        reduction="none",
     )
-    # A vectorised estimator fails on a negative gamma.
-    loss.make_value_estimator(ValueEstimators.GAE, gamma=config.discount, lmbda=config.lmbda, vectorized=False)
-    optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate)
+    network, value = logit_network(actor), critic.module
+    optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate, fused=True)
 
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
-        """Compute the advantages, then pass over them several times in random order."""
+        """Pass over the strokes, some of the states at a time."""
         set_rate(optimizer, config.learning_rate, remaining)
         loss.entropy_coeff.fill_(config.entropy * remaining)
-        with torch.no_grad():
-            loss.value_estimator(data)
-        strokes = data.reshape(-1)
-        logged = Mean("loss_objective", "loss_critic", "entropy", "clip_fraction", "kl_approx")
+        logged = Mean("loss_objective", "loss_critic", "loss_entropy", "clip_fraction", "kl_approx")
         for _ in range(config.epochs):
-            order = torch.randperm(len(strokes), device=strokes.device)
-            for chosen in torch.split(order, config.minibatch):
-                terms = loss(strokes[chosen])
+            for part in minibatches(data, config.minibatches):
+                terms = weighted_sums(loss(part), part["weight"])
                 total = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
                 optimizer.zero_grad()
                 total.backward()
@@ -89,4 +87,11 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
                 logged.add(terms)
         return logged.values()
 
-    return Learner(actor=actor, learn=learn, modules={"loss": loss}, optimizers={"optimizer": optimizer})
+    return Learner(
+        actor=actor,
+        assess=lambda observation: (network(observation), value(observation).squeeze(-1)),
+        distinct=True,
+        learn=learn,
+        modules={"loss": loss},
+        optimizers={"optimizer": optimizer},
+    )

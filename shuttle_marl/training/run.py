@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 from safetensors.numpy import save
-from tensordict import TensorDictBase
 from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact, runs
@@ -28,7 +28,7 @@ from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.a2c import make_a2c
-from shuttle_marl.training.collecting import RALLIES, Collector, RewardShaping, RunLog, open_log, seeds
+from shuttle_marl.training.collecting import SEEDS, RallyCollector
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.learner import (
@@ -41,6 +41,7 @@ from shuttle_marl.training.learner import (
 )
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.run_log import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import make_sac
 
 AGENT: Final = "agent"
@@ -58,12 +59,14 @@ class TrainingRun:
     Attributes:
         folder: the run folder; the agent lies in ``agent`` there.
         iterations: how many were run.
+        strokes: of the learner.
         evaluation: of the final weights.
         policy: the agent on every state.
     """
 
     folder: Path
     iterations: int
+    strokes: int
     evaluation: Evaluation
     policy: TabulatedPolicy
 
@@ -155,11 +158,10 @@ class _Run:
         self.evaluator = Evaluator(game, measured)
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
-        self.shaping = RewardShaping(config, game) if config.shapes_rewards else None
-        self.collector = Collector(config, game, opponents, self.learner.actor)
+        self.collector = RallyCollector(config, game, opponents, self.learner.assess, distinct=self.learner.distinct)
         self.metrics = _Metrics(folder / METRICS)
         self.opponents = opponents
-        self.iteration, self.saved, self.seconds = 0, 0, 0.0
+        self.iteration, self.strokes, self.saved, self.seconds = 0, 0, 0, 0.0
         self.stopped = False
         self.evaluation: Evaluation | None = None
         """The latest one; a run ends with one."""
@@ -200,8 +202,6 @@ class _Run:
                 if log is not None:
                     log.abort()
                 raise
-            finally:
-                self.collector.close()
             if log is not None:
                 log.close()
         return self._finish(about)
@@ -210,32 +210,28 @@ class _Run:
         config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
         if ended and (self.folder / RALLIES).exists():
             return None
-        environments = [seeds(self._seed(_SEGMENT, segment), config.processes) for segment in range(config.segments)]
-        return open_log(self.folder, config, self.game, self.opponents, environments, rallies=self.rallies)
+        seeds = [self._segment_seed(segment) for segment in range(config.segments)]
+        return open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.rallies)
 
     def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
         """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
         config = self.config
         segment = self.iteration // config.checkpoint_every
-        self.collector.begin(self._seed(_SEGMENT, segment))
-        if log is not None:
-            log.begin(segment)
+        self.collector.begin(self._segment_seed(segment))
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
-            data = self._collect()
-            rewards = data["next", "reward"]
-            if self.shaping is not None:
-                data["next", "reward"] = self.shaping.rewards(data)
+            with self._diverging(self.iteration):
+                data = self.collector.collect()
+            if log is not None:
+                log.add(self.collector.sampler, segment, self.iteration)
             with self._diverging(self.iteration + 1):
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
                 self.learner.check_weights()
-            data["next", "reward"] = rewards
-            if log is not None:
-                log.add(data, self.iteration)
+            self.strokes += self.collector.strokes
             self.iteration += 1
             after(losses)
             if self.stopped:
                 break
-        state = self.learner.state()
+        state = self.learner.state() | {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
         with self._diverging(self.iteration):
             check_finite(state.values())
         # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
@@ -243,21 +239,13 @@ class _Run:
         about = {
             "game": self.game.hash,
             "seconds": self.seconds,
+            "strokes": self.strokes,
             "stopped": self.stopped,
             "rallies": self.rallies,
             "metrics": self.metrics.mark(),
         }
         save_checkpoint(self.folder, self.iteration, state, about)
         self.saved = self.iteration
-
-    def _collect(self) -> TensorDictBase:
-        """The strokes of an iteration; an actor that diverged plays illegal ones, about which the environment complains."""
-        try:
-            return self.collector.collect()
-        except Exception:
-            with self._diverging(self.iteration):
-                tabulated(self.learner.actor, self.game)
-            raise
 
     @contextlib.contextmanager
     def _diverging(self, iteration: int) -> Iterator[None]:
@@ -275,7 +263,7 @@ class _Run:
         with self._diverging(self.iteration):
             policy = tabulated(self.learner.actor, self.game)
         evaluation = self.evaluator.evaluate(policy)
-        strokes = self.iteration * self.config.frames
+        strokes = self.strokes
         figures = {**dataclasses.asdict(evaluation), **losses}
         line = {"iteration": self.iteration, "strokes": strokes, "seconds": round(self.seconds, 2), **figures}
         self.metrics.append(line)
@@ -289,7 +277,7 @@ class _Run:
         return evaluation
 
     def _now(self, evaluation: Evaluation) -> str:
-        speed = self.iteration * self.config.frames / max(self.seconds, 1e-9)
+        speed = self.strokes / max(self.seconds, 1e-9)
         return (
             f"{speed / 1e3:.0f} k strokes/s · wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of "
             f"matches · {evaluation.score_text} · exploitability {evaluation.exploitability:.3f}"
@@ -309,9 +297,10 @@ class _Run:
             )
         try:
             self.iteration, self.seconds, self.stopped = int(about["iteration"]), float(about["seconds"]), bool(about["stopped"])
-            self.saved, self.rallies = self.iteration, int(about["rallies"])
+            self.saved, self.rallies, self.strokes = self.iteration, int(about["rallies"]), int(about["strokes"])
             mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
             self.learner.restore(state)
+            self.collector.load_state_dict(OrderedDict((name, state[f"collector.{name}"]) for name in ("known", "iteration")))
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             found = f"{self.folder / CHECKPOINTS}: the last checkpoint is of another kind of run"
             raise TrainingError(f"{found} ({type(error).__name__}: {error}); train again with --overwrite") from error
@@ -333,14 +322,19 @@ class _Run:
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),
             "iterations": self.iteration,
-            "strokes": self.iteration * self.config.frames,
+            "strokes": self.strokes,
             "seconds": round(self.seconds, 1),
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": about["packages"],
         }
         save_agent(self.folder / AGENT, self.game, save(weights_of(self.learner.actor)), card)
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
-        return TrainingRun(folder=self.folder, iterations=self.iteration, evaluation=evaluation, policy=policy)
+        return TrainingRun(
+            folder=self.folder, iterations=self.iteration, strokes=self.strokes, evaluation=evaluation, policy=policy
+        )
+
+    def _segment_seed(self, segment: int) -> int:
+        return self._seed(_SEGMENT, segment) % SEEDS
 
     def _seed(self, *numbers: int) -> int:
         return int(draws.stream(self.config.seed, *numbers)[0] >> np.uint64(1))

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 _LEAST_SHARE: Final = 0.02
 """Share of the entropy that is left at the end."""
-_STORED: Final = ("observation", "action", "following", "reward", "terminated")
-"""Entries of the replay buffer: 12 + 8 + 12 + 4 + 1 bytes a stroke."""
+_STORED: Final = ("state", "action", "following", "reward")
+"""Entries of the replay buffer: 4 + 8 + 4 + 4 bytes a stroke."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,10 +31,10 @@ class SACConfig(TrainingConfig):
 
     strokes: Count = 1_500_000
     """Strokes of the learner to train on."""
-    rows: Count = 512
-    """Rallies that are played side by side."""
-    steps: Count = 2
-    """Strokes of each row that are collected before the learner learns."""
+    batch: Count = 4096
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    age: Count = 8
+    """Iterations for which what the network says of a state that is met now and then is played without asking again."""
     evaluate_every: Count = 100
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 200
@@ -60,7 +60,7 @@ class SACConfig(TrainingConfig):
 
     def memory(self, n_strokes: int) -> dict[str, int]:
         """Bytes that a run needs at least, by the flags that decide how many; see :class:`TrainingConfig`."""
-        return {**super().memory(n_strokes), "--buffer": 37 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
+        return {**super().memory(n_strokes), "--buffer": 20 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
 
 
 def make_sac(config: SACConfig, game: Game) -> "Learner":
@@ -71,7 +71,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
     from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 
     from shuttle_marl.training.learner import Learner, Mean, set_rate
-    from shuttle_marl.training.networks import make_actor, make_q_network
+    from shuttle_marl.training.networks import logit_network, make_actor, make_q_network
 
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports that a buffer was made
     actor = make_actor(game, width=config.width, hidden=config.hidden, log_prob=False).to(config.device)
@@ -95,12 +95,14 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
     mean_entropy = float(np.log(counts[counts > 0]).mean())
     # Masks are read off the incoming stroke and the contact when they are needed; stored, they would be nine tenths.
     masks = torch.tensor(game.reply_mask).to(config.device)
+    observations = torch.from_numpy(game.observation(np.arange(game.n_states))).to(config.device)
+    network = logit_network(actor)
     collected = 0
 
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Store what was collected, then take a few gradient steps on strokes of the buffer."""
         nonlocal collected
-        store(data.reshape(-1))
+        store(data)
         collected += data.numel()
         if collected < config.warm_up:
             return {}
@@ -121,38 +123,27 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         return logged.values()
 
     def store(strokes: TensorDictBase) -> None:
-        entries = {
-            "observation": strokes["observation"],
-            "action": strokes["action"],
-            "following": strokes["next", "observation"],
-            "reward": strokes["next", "reward"],
-            "terminated": strokes["next", "terminated"],
-        }
-        buffer.extend(TensorDict(entries, batch_size=strokes.batch_size))
+        buffer.extend(strokes.select(*_STORED))
 
     def sample() -> TensorDict:
-        """Draw a minibatch of the buffer, with masks."""
-        drawn = buffer.sample().to(config.device)
+        """Draw a minibatch of the buffer, with observations and masks."""
+        drawn = buffer.sample()
+        over = drawn["following"] < 0
+        ended = over.unsqueeze(-1).to(config.device)
         following = {
-            "observation": drawn["following"],
-            "action_mask": mask(drawn["following"]),
-            "reward": drawn["reward"],
-            "done": drawn["terminated"],
-            "terminated": drawn["terminated"],
+            **seen(drawn["following"].clamp_min(0)),
+            "reward": drawn["reward"].unsqueeze(-1).to(config.device),
+            "done": ended,
+            "terminated": ended,
         }
         return TensorDict(
-            {
-                "observation": drawn["observation"],
-                "action_mask": mask(drawn["observation"]),
-                "action": drawn["action"],
-                "next": following,
-            },
-            batch_size=drawn.batch_size,
+            {**seen(drawn["state"]), "action": drawn["action"].to(config.device), "next": following}, batch_size=drawn.batch_size
         )
 
-    def mask(observation: torch.Tensor) -> torch.Tensor:
-        """``[..., n]`` legal strokes of ``[..., 6]`` observations."""
-        return masks[observation[..., 1].long(), observation[..., 2].long()]
+    def seen(states: torch.Tensor) -> dict[str, torch.Tensor]:
+        """``[..., 6]`` observations of states, and ``[..., n]`` their legal strokes."""
+        observation = observations[states.long().to(config.device)]
+        return {"observation": observation, "action_mask": masks[observation[..., 1].long(), observation[..., 2].long()]}
 
     def remembered() -> "Tensors":
         """The buffer as tensors."""
@@ -176,6 +167,8 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
 
     return Learner(
         actor=actor,
+        assess=lambda observation: (network(observation), torch.zeros(len(observation))),
+        distinct=False,
         learn=learn,
         modules={"loss": loss},
         optimizers={"optimizer": optimizer, "temperature": temperature},

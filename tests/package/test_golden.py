@@ -6,6 +6,7 @@ If a change is meant to change one of them, the models and every number in the d
 import dataclasses
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,12 +22,12 @@ GAME_HASH = "df38861dbcf7"
 VALUE_AT_SERVE = -0.0256635
 TOURNAMENT = "2c6f706d769efe69"
 WINS = {"minimax": 19, "ppo": 16, "safe@greedy": 13, "attacking": 8, "bc": 2, "random": 2}
-SMALL = {"rows": 64, "steps": 8, "strokes": 1536, "width": 16, "threads": 1}
+SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 1, "record": "all"}
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
-    "ppo": (PPOConfig(**SMALL, minibatch=128), "be0868ceaa30129e"),
-    "a2c": (A2CConfig(**SMALL), "2f56ebd59d7c4f00"),
-    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "79e7a125f479fdd8"),
-    "self-play": (PPOConfig(**SMALL, minibatch=128, opponent=("self",)), "aa67144e78126118"),
+    "ppo": (PPOConfig(**SMALL), "7ad4ea0a7b9913d4"),
+    "a2c": (A2CConfig(**SMALL), "f37c8b9c9490bf8e"),
+    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "f53d0e2deaa2ec09"),
+    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "85686e6fa45745ad"),
 }
 """Settings of a run, and the digest of its strokes."""
 

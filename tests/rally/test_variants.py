@@ -164,7 +164,7 @@ def test_commands_play_the_game_of_a_discipline(model: Path, tmp_path: Path, cap
     with pytest.raises(SystemExit):
         recording.main(["check", log, "--profile", "mixed"])
     assert exact.main(["best-response", "bc", "--json", *flags]) == 0
-    config = PPOConfig(game=str(model), profile="men", strokes=128, rows=16, steps=4, record="none", out=tmp_path / "trained")
+    config = PPOConfig(game=str(model), profile="men", strokes=128, batch=64, growth=0.0, record="none", out=tmp_path / "trained")
     train(config)
     assert read_card(tmp_path / "trained" / "agent")["game"] == men.hash
 

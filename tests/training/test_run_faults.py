@@ -30,7 +30,7 @@ from shuttle_marl.training.learner import DivergedError, last_checkpoint
 from shuttle_marl.training.run import _Metrics
 
 GAME = default_game()
-TINY: dict[str, Any] = {"rows": 16, "steps": 4, "width": 4, "evaluate_every": 1, "checkpoint_every": 1, "record": "none"}
+TINY: dict[str, Any] = {"batch": 64, "growth": 0.0, "width": 4, "evaluate_every": 1, "checkpoint_every": 1, "record": "none"}
 CONFIG = PPOConfig(**TINY, strokes=64 * 2)
 FLIPS = 1000
 
@@ -210,10 +210,10 @@ def test_a_device_that_is_not_there_is_refused(device: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (PPOConfig(rows=10**12), "--rows times --steps"),
-        (PPOConfig(rows=10**15, steps=10**15), "--rows times --steps"),
-        (PPOConfig(steps=10**10), "--rows times --steps"),
-        (PPOConfig(strokes=10**15, rows=16, steps=1, checkpoint_every=1), "--strokes with so small"),
+        (PPOConfig(batch=10**12), "--batch and --growth"),
+        (PPOConfig(batch=10**15, growth=1000), "--batch and --growth"),
+        (PPOConfig(batch=10**8, growth=1000, strokes=10**15), "--batch and --growth"),
+        (PPOConfig(strokes=10**15, batch=16, growth=0, checkpoint_every=1), "--strokes with so small"),
         (PPOConfig(width=10**7), "--width and --hidden"),
         (PPOConfig(hidden=10**12), "--width and --hidden"),
         (SACConfig(buffer=10**13), "--buffer"),
@@ -227,7 +227,7 @@ def test_a_run_that_does_not_fit_into_the_memory_is_refused(config: TrainingConf
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("strokes", 10**400), ("rows", 10**16), ("rows", 2.5), ("seed", 1.5), ("threads", 10**9)]
+    ("name", "value"), [("strokes", 10**400), ("batch", 10**16), ("batch", 2.5), ("seed", 1.5), ("threads", 10**9)]
 )
 def test_numbers_that_no_machine_can_hold(name: str, value: Any) -> None:
     with pytest.raises(TrainingError, match=f"--{name} .*: expected a whole number"):
@@ -247,12 +247,6 @@ def test_a_network_that_diverged_is_named(config: type[TrainingConfig], tmp_path
     changes: dict[str, Any] = {"warm_up": 0, "minibatch": 64} if config is SACConfig else {}
     with pytest.raises(DivergedError, match=r"learning diverged in iteration [1-4]: .+ with a lower --learning-rate"):
         train(config(**TINY, **changes, strokes=64 * 8, learning_rate=1e30, out=tmp_path / "run"))
-
-
-@pytest.mark.slow
-def test_a_network_that_diverged_is_named_by_several_processes(tmp_path: Path) -> None:
-    with pytest.raises(DivergedError, match=r"learning diverged in iteration [1-4]: .+ with a lower --learning-rate"):
-        train(PPOConfig(**TINY, strokes=64 * 8, learning_rate=1e30, processes=2, out=tmp_path / "run"))
 
 
 # The normalised score.
@@ -282,7 +276,7 @@ def test_a_run_without_a_score_says_so(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(evaluation, "normalised_score", lambda *_, **__: None)
-    sizes = ["--rows", "16", "--steps", "4", "--width", "4", "--strokes", "64"]
+    sizes = ["--batch", "64", "--width", "4", "--strokes", "64"]
     flags = [*sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
     assert command.main(["ppo", *flags]) == 0
     printed = capsys.readouterr().out

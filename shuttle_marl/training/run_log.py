@@ -1,0 +1,117 @@
+"""The rally log of a training run, without a share in what is learned.
+
+Rallies are played to their end in the iteration in which they begin, from draws that the seed of their segment and their number
+name. So a pairing of the log is what is played between two checkpoints, and its key is the seed of that segment.
+"""
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.kernel import RallySampler
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyRecorder, Sampling
+from shuttle_marl.recording.kernel_rallies import single_rallies_of
+from shuttle_marl.recording.recover import resume
+from shuttle_marl.training.config import TrainingConfig
+
+RALLIES: Final = "rallies.mcap"
+"""The rally log in the folder of a run."""
+_FIGURES: Final = ("log_probability", "value")
+_COLUMNS: Final = {"ppo": ("update", *_FIGURES), "a2c": ("update", *_FIGURES), "sac": ("update",)}
+
+
+class RunLog:
+    """Log of the rallies of a run.
+
+    Args:
+        recorder: writes them.
+        header: of the log.
+        seat: the learner's; None in self-play.
+    """
+
+    def __init__(self, recorder: RallyRecorder, header: LogHeader, *, seat: int | None) -> None:
+        self._recorder, self._header, self._seat = recorder, header, seat
+        self._sampling = Sampling.parse(header.record)
+        self._figures = tuple(name for name in header.columns if name in _FIGURES)
+
+    def add(self, sampler: RallySampler, segment: int, update: int) -> None:
+        """Record what a sampler played in its last iteration.
+
+        Args:
+            sampler: before its next iteration.
+            segment: part of the run that ends with a checkpoint, counted from 0.
+            update: iterations before this one.
+
+        Raises:
+            RecordingError: the log cannot be written any further; every rally before is there.
+        """
+        numbers = np.arange(sampler.numbers.start, sampler.numbers.stop)
+        pairing = np.full(len(numbers), segment)
+        numbers = numbers[self._sampling.keeps(self._header, pairing, numbers)]
+        if not len(numbers):
+            return
+        played = sampler.record(numbers, figures=bool(self._figures))
+        make = functools.partial(
+            single_rallies_of, played, pairing=segment, seat=self._seat, update=update, columns=self._figures
+        )
+        self._recorder.add_later(make, len(played.stroke))
+
+    def flush(self) -> int:
+        """Have everything on the disk; returns the number of rallies there."""
+        return self._recorder.flush()
+
+    def close(self) -> None:
+        """Move the log into place."""
+        self._recorder.close()
+
+    def abort(self) -> None:
+        """Leave the log unfinished, for a run that continues it."""
+        self._recorder.abort()
+
+
+def open_log(
+    folder: Path,
+    config: TrainingConfig,
+    game: Game,
+    opponents: Sequence[TabulatedPolicy],
+    seeds: Sequence[int],
+    *,
+    rallies: int,
+) -> RunLog | None:
+    """The log of a run, or of the rest of one; None where nothing is recorded.
+
+    Args:
+        folder: of the run.
+        config: of the run.
+        game: the tables.
+        opponents: in the order of ``config.opponent``.
+        seeds: of the segments.
+        rallies: number in the log at the checkpoint from which the run continues.
+
+    Raises:
+        RecordingError: the log cannot be written, or holds fewer rallies than that.
+    """
+    if not Sampling.parse(config.record).every:
+        return None
+    names = () if config.self_play else config.opponent
+    header = LogHeader(
+        seed=config.seed,
+        game=game.hash,
+        strokes=game.catalogue.names,
+        policies=(
+            Player(name=f"{config.algorithm}-{config.seed}"),
+            *(Player(name=name, hash=policy.hash) for name, policy in zip(names, opponents, strict=True)),
+        ),
+        pairings=tuple(seeds),
+        matches_per_draw=1,
+        rules=SINGLE_RALLY,
+        draws="training",
+        record=config.record,
+        columns=_COLUMNS[config.algorithm],
+    )
+    return RunLog(RallyRecorder(resume(folder / RALLIES, header, rallies)), header, seat=0 if opponents else None)

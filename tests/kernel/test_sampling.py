@@ -1,0 +1,224 @@
+"""Rallies of a learner that acts from a table: the rules, the draws, the network's numbers, and the sums."""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from shuttle_marl import exact
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.kernel import KernelError, RallySampler
+from shuttle_marl.policy.registry import resolve
+from tests.kernel.episodes import compare_with_rally_v0
+
+GAME = default_game()
+RANDOM = tabulate(resolve("random", GAME), GAME, "random")
+BC = tabulate(resolve("bc", GAME), GAME, "bc")
+Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def network(seed: int) -> Assess:
+    """Logits and values that are fixed numbers for each state."""
+    rng = np.random.default_rng(seed)
+    logits = rng.normal(size=(512, GAME.n_strokes)).astype(np.float32)
+    value = rng.uniform(-0.5, 0.5, size=GAME.n_states).astype(np.float32)
+    return lambda states: (logits[states % 512], value[states])
+
+
+def probabilities(assess: Assess, states: np.ndarray) -> np.ndarray:
+    """``[M]`` of all legal pairs of the states."""
+    row, pairs = GAME.pairs(states)
+    logits = assess(states)[0].astype(np.float64)
+    weight = np.exp(logits[row, GAME.base_pair_stroke[pairs % GAME.n_base_pairs]])
+    return weight / np.bincount(row, weight)[row]
+
+
+def policy_of(assess: Assess) -> TabulatedPolicy:
+    states = np.flatnonzero(GAME.playable).astype(np.int32)
+    return from_pair_probabilities(GAME, probabilities(assess, states))
+
+
+@pytest.mark.parametrize("opponents", [(), (RANDOM,), (RANDOM, BC)], ids=["self-play", "one", "two"])
+def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPolicy, ...]) -> None:
+    sampler = RallySampler(GAME, opponents)
+    sampler.reset(5)
+    sampler.collect(1000, network(0))
+    played = sampler.record(np.array(sampler.numbers)[:300])
+    columns = {name: getattr(played, name) for name in ("server", "winner", "reason", "length", "stroke")}
+    compare_with_rally_v0(5, played.rally, **columns)
+    if opponents:
+        assert (played.opponent == played.rally % len(opponents)).all()
+
+
+def test_what_is_won_and_played_is_what_the_tables_say() -> None:
+    assess = network(1)
+    sampler = RallySampler(GAME, [RANDOM])
+    sampler.collect(100_000, assess)
+    found = sampler.take()
+    expected = exact.evaluate(policy_of(assess), RANDOM).odds().rally
+    assert abs(found.won / found.rallies - expected) < 4 * np.sqrt(0.25 / found.rallies)
+    visits = exact.visits(policy_of(assess), RANDOM).states[0] * found.rallies
+    often = np.flatnonzero(visits > 100)
+    assert len(often) > 10
+    counted = dict(zip(found.state.tolist(), found.visits.tolist(), strict=True))
+    for s in often.tolist():
+        assert abs(counted[s] - visits[s]) < 5 * np.sqrt(visits[s])
+    assert found.log_probability == pytest.approx(
+        np.log(policy_of(assess).probability_of(GAME.pair(found.state[found.row], found.stroke))), abs=0.05
+    )
+
+
+def gae_by_hand(sampler: RallySampler, assess: Assess, decay: float, both: bool) -> dict[int, float]:
+    """Sum of the advantages by legal pair, rally by rally from the log."""
+    played = sampler.record(np.array(sampler.numbers))
+    total: dict[int, float] = {}
+    at = 0
+    for server, winner, length in zip(played.server, played.winner, played.length, strict=True):
+        strokes = played.stroke[at : at + length].astype(int)
+        at += length
+        seen = [ROOT]
+        for stroke, following in itertools.pairwise(strokes.tolist()):
+            # The contact offered is that of the stroke that was played from it.
+            seen.append(int(GAME.arrivals(GAME.pair(seen[-1], stroke))[GAME.catalogue.height[following]]))
+        learner = [t for t in range(length) if both or (server + t) % 2 == 0]
+        a, after = 0.0, 0.0
+        for position, t in enumerate(reversed(learner)):
+            seat = (server + t) % 2
+            reward = (1.0 if winner == seat else -1.0) if position == 0 else 0.0
+            sign = -1.0 if both else 1.0
+            v = float(assess(np.array([seen[t]]))[1][0])
+            a = reward + sign * after - v + sign * decay * a
+            after = v
+            pair = int(GAME.pair(seen[t], strokes[t]))
+            total[pair] = total.get(pair, 0.0) + a
+    return total
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_advantages_are_those_of_the_recursion(both: bool) -> None:
+    assess = network(2)
+    sampler = RallySampler(GAME, () if both else (RANDOM,), decay=0.7)
+    sampler.collect(3000, assess)
+    expected = gae_by_hand(sampler, assess, 0.7, both)
+    found = sampler.take()
+    total: dict[int, float] = {}
+    for pair, advantage in zip(GAME.pair(found.state[found.row], found.stroke).tolist(), found.advantage.tolist(), strict=True):
+        total[pair] = total.get(pair, 0.0) + advantage
+    assert total.keys() == expected.keys()
+    assert [total[pair] for pair in expected] == pytest.approx(list(expected.values()), abs=1e-3)
+
+
+@pytest.mark.parametrize("opponents", [(), (RANDOM,)], ids=["self-play", "fixed"])
+def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[TabulatedPolicy, ...]) -> None:
+    sampler = RallySampler(GAME, opponents, decay=0.6)
+    sampler.collect(5000, network(3), keep=True)
+    strokes, found = sampler.strokes, sampler.take()
+    assert len(strokes.state) == found.strokes == sampler.count
+    states, counts = np.unique(strokes.state, return_counts=True)
+    assert (found.state == states).all()
+    assert (found.visits == counts).all()
+    value = network(3)(states)[1]
+    returns = np.bincount(np.searchsorted(states, strokes.state), strokes.advantage) / counts + value
+    np.testing.assert_allclose(found.returns, returns, atol=1e-4)
+    for sign in (1, -1):
+        rows = np.sign(found.advantage) == sign
+        chosen = np.sign(strokes.advantage) == sign
+        pair = GAME.pair(found.state[found.row[rows]], found.stroke[rows])
+        assert len(np.unique(pair)) == len(pair)
+        expected = np.bincount(strokes.pair[chosen], strokes.advantage[chosen], GAME.n_pairs)
+        np.testing.assert_allclose(found.advantage[rows], expected[pair], rtol=1e-4, atol=1e-4)
+        assert set(np.flatnonzero(expected)) == set(pair.tolist())
+    assert found.deviation == pytest.approx(strokes.advantage.std(), rel=1e-4)
+    ended = strokes.following < 0
+    assert (np.abs(strokes.reward[ended]) == 1).all()
+    assert (strokes.reward[~ended] == 0).all()
+    again = sampler.take()
+    assert not again.visits.size or not np.isfinite(again.returns).any()
+
+
+def test_every_state_is_played_as_the_network_then_was() -> None:
+    """With an age of 1; older entries are played with the probabilities that they say."""
+    for age in (1, 5):
+        sampler = RallySampler(GAME, [RANDOM], age=age)
+        stale = 0
+        for iteration in range(4):
+            assess = network(iteration)
+            sampler.collect(2000, assess)
+            found = sampler.take()
+            pairs = GAME.pairs(found.state)[1]
+            table = dict(zip(pairs.tolist(), probabilities(assess, found.state).tolist(), strict=True))
+            pair = GAME.pair(found.state[found.row], found.stroke).tolist()
+            stale += (~np.isclose(np.exp(found.log_probability), [table[p] for p in pair], atol=1e-5)).sum()
+        assert (stale == 0) == (age == 1)
+
+
+def test_the_same_seed_and_network_play_the_same() -> None:
+    found = []
+    for _ in range(2):
+        sampler = RallySampler(GAME, [RANDOM], age=3)
+        for number in range(3):
+            sampler.collect(1500, network(number))
+        sampler.reset(7, sampler.known)
+        sampler.collect(1500, network(9))
+        found.append(sampler.take())
+    assert found[0].strokes == found[1].strokes
+    assert (found[0].advantage == found[1].advantage).all()
+    other = RallySampler(GAME, [RANDOM], age=3)
+    other.reset(7, np.unique(found[0].state))
+    other.collect(1500, network(9))
+    assert other.take().strokes == found[0].strokes
+
+
+def test_some_rallies_may_be_of_self_play() -> None:
+    sampler = RallySampler(GAME, [RANDOM, BC])
+    sampler.assign(np.array([-1, 1]))
+    sampler.collect(500, network(0))
+    played = sampler.record(np.array(sampler.numbers))
+    assert set(played.opponent[played.rally % 2 == 1]) == {1}
+    sampler.replace_opponent(1, RANDOM)
+    with pytest.raises(KernelError, match="opponents: -1 to 2"):
+        sampler.assign(np.array([-1, 2]))
+    with pytest.raises(KernelError, match="expected 0 or more"):
+        sampler.replace_opponent(-1, BC)
+
+
+def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = RallySampler(GAME, [RANDOM])
+    usual.collect(4000, network(0), keep=True)
+    narrow = RallySampler(GAME, [RANDOM])
+    narrow._rally = narrow._rally._make([np.empty(1, np.int32)] * 3)
+    from shuttle_marl.kernel import sampling
+
+    monkeypatch.setattr(
+        sampling, "_no_strokes", lambda room=0: sampling.Strokes._make([np.empty(min(room, 9), t) for t in "iiiff"])
+    )
+    narrow.collect(4000, network(0), keep=True)
+    assert narrow.take().strokes == usual.take().strokes
+    assert np.sort(narrow.strokes.pair).tolist() == np.sort(usual.strokes.pair).tolist()
+
+
+def test_numbers_that_cannot_be_meant_are_refused() -> None:
+    with pytest.raises(KernelError, match="decay"):
+        RallySampler(GAME, decay=1.5)
+    with pytest.raises(KernelError, match="age"):
+        RallySampler(GAME, age=0)
+    with pytest.raises(KernelError, match="shaping"):
+        RallySampler(GAME, shaping=np.zeros(3, np.float32))
+    sampler = RallySampler(GAME)
+    with pytest.raises(KernelError, match="no finite numbers"):
+        sampler.collect(
+            10, lambda states: (np.full((len(states), GAME.n_strokes), np.nan, np.float32), np.zeros(len(states), "f4"))
+        )
+    with pytest.raises(KernelError, match="logits"):
+        sampler.collect(10, lambda states: (np.zeros((len(states), 2), np.float32), np.zeros(len(states), "f4")))
+    with pytest.raises(KernelError, match="states"):
+        sampler.reset(0, np.array([GAME.n_states]))
+    with pytest.raises(KernelError, match="no legal strokes"):
+        sampler.reset(0, np.array([1]))
+    sampler.reset(0)
+    sampler.collect(10, network(0))
+    with pytest.raises(KernelError, match="rallies"):
+        sampler.record(np.array([10**6]))

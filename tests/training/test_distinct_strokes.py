@@ -1,0 +1,130 @@
+"""Learning from distinct states: the gradient of a loss over them is that over all strokes, and games may be large."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.collectors import BaseCollector
+from torchrl.objectives import A2CLoss, ClipPPOLoss
+
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rally import ONE
+from shuttle_marl.game.table import tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.training import A2CConfig, PPOConfig, TrainingConfig
+from shuttle_marl.training.collecting import RallyCollector, minibatches
+from shuttle_marl.training.learner import weighted_sums
+from shuttle_marl.training.networks import logit_network, make_actor, make_critic
+from shuttle_marl.training.ppo import make_ppo
+
+GAME = default_game()
+BC = tabulate(resolve("bc", GAME), GAME, "bc")
+TERMS = ("loss_objective", "loss_critic", "loss_entropy")
+LOSSES: dict[str, tuple[type[TrainingConfig], Callable[..., Any]]] = {
+    "ppo": (PPOConfig, lambda *nets, **options: ClipPPOLoss(*nets, clip_epsilon=0.2, normalize_advantage=False, **options)),
+    "a2c": (A2CConfig, A2CLoss),
+}
+
+
+def gradients(loss: Any, total: torch.Tensor) -> torch.Tensor:
+    loss.zero_grad()
+    total.backward()
+    return torch.cat([weight.grad.flatten() for weight in loss.parameters()])
+
+
+def one_by_one(collector: RallyCollector, data: TensorDictBase) -> TensorDictBase:
+    """The strokes that were played, in the form of TorchRL's own collectors."""
+    sampler = collector.sampler
+    strokes, learned = sampler.strokes, sampler._learned
+    scale = 1 / float(data["deviation"])
+    state = torch.from_numpy(strokes.state).long()
+    entries = {
+        "observation": torch.from_numpy(GAME.observation(strokes.state)),
+        "action_mask": torch.from_numpy(GAME.mask(strokes.state)),
+        "action": torch.from_numpy(GAME.base_pair_stroke[strokes.pair % GAME.n_base_pairs].astype(np.int64)),
+        "action_log_prob": torch.from_numpy(learned.log_probability[strokes.pair]),
+        "advantage": torch.from_numpy(strokes.advantage * scale)[:, None],
+        "value_target": torch.from_numpy(strokes.advantage + learned.value[strokes.state])[:, None],
+    }
+    return TensorDict(entries, [len(state)])
+
+
+@pytest.mark.parametrize("opponents", [(), (BC,)], ids=["self-play", "fixed"])
+@pytest.mark.parametrize("algorithm", LOSSES)
+def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
+    algorithm: str, opponents: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch.manual_seed(0)
+    make_config, make_loss = LOSSES[algorithm]
+    config = make_config(opponent=("bc",) if opponents else ("self",), batch=4096, width=16)
+    actor, critic = make_actor(GAME, width=16, hidden=1, distinct=True), make_critic(GAME, width=16, hidden=1)
+    network = logit_network(actor)
+    collector = RallyCollector(
+        config, GAME, opponents, lambda seen: (network(seen), critic.module(seen).squeeze(-1)), distinct=True
+    )
+    collect = collector.sampler.collect
+    monkeypatch.setattr(collector.sampler, "collect", lambda *args, keep: collect(*args, keep=True))
+    data = next(iter(collector))
+    raw = one_by_one(collector, data)
+    assert len(raw) == data["strokes"] > 4 * len(data["weight"]) / 3
+    # Weights that moved on, so that some ratios are clipped.
+    with torch.no_grad():
+        for weight in (*actor.parameters(), *critic.parameters()):
+            weight.add_(torch.randn_like(weight), alpha=0.1)
+    options = {"entropy_coeff": 0.02, "critic_coeff": 0.7, "loss_critic_type": "l2"}
+    distinct = make_loss(actor, critic, reduction="none", **options)
+    found = weighted_sums(distinct(data), data["weight"])
+    ours = gradients(distinct, sum(found[name] for name in TERMS))
+    usual = make_actor(GAME, width=16, hidden=1)
+    usual.load_state_dict(actor.state_dict())
+    plain = make_loss(usual, critic, **options)
+    terms = plain(raw)
+    if algorithm == "ppo":
+        assert terms["clip_fraction"] > 0.1
+    theirs = gradients(plain, sum(terms[name] for name in TERMS))
+    assert theirs.abs().max() > 1e-3
+    assert (ours - theirs).abs().max() < 1e-6
+    for name in TERMS[::2]:
+        assert found[name].item() == pytest.approx(terms[name].item(), abs=1e-6)
+    # The parts weigh as much as the whole on average.
+    parts = [weighted_sums(distinct(part), part["weight"]) for part in minibatches(data, 3)]
+    for name in TERMS:
+        assert np.mean([part[name].item() for part in parts]) == pytest.approx(found[name].item(), abs=1e-5)
+
+
+def test_the_collector_is_one_of_torchrl() -> None:
+    config = PPOConfig(opponent=("self",), batch=64, strokes=64 * 3, growth=0.0, width=4)
+    learner = make_ppo(config, GAME)
+    collector = RallyCollector(config, GAME, [], learner.assess, distinct=True)
+    assert isinstance(collector, BaseCollector)
+    sizes = [int(data["strokes"]) for data in collector]
+    assert len(sizes) == 3
+    assert min(sizes) >= 64
+    again = RallyCollector(config, GAME, [], learner.assess, distinct=True)
+    again.load_state_dict(collector.state_dict())
+    assert len(again) == 0
+    assert list(again) == []
+
+
+def test_a_game_of_a_million_states_is_learned_where_play_leads() -> None:
+    """Nothing is computed for states that no rally comes to."""
+    game = dataclasses.replace(GAME, fault_odds=np.linspace(ONE, 2 * ONE, 8).astype(np.int32))
+    assert game.n_states >= 10**6
+    config = PPOConfig(opponent=("self",), batch=4096, strokes=4096 * 3, growth=0.0, width=16)
+    learner = make_ppo(config, game)
+    asked = 0
+
+    def assess(seen: torch.Tensor) -> Any:
+        nonlocal asked
+        asked += len(seen)
+        return learner.assess(seen)
+
+    collector = RallyCollector(config, game, [], assess, distinct=True)
+    for data in collector:
+        learner.learn(data, 1.0)
+        assert int(game.effort(collector.sampler.known).max()) > GAME.levels
+    assert asked < game.n_states / 20
