@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.kernel.batch_log import BatchLog
     from shuttle_marl.kernel.core import Players, pack
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
+    "BatchLog",
     "Distinct",
     "KernelError",
     "Matches",
@@ -33,6 +35,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "batch_log": ("BatchLog",),
         "core": ("Players", "pack"),
         "matches": ("play_matches",),
         "rally": ("RallyBatch", "Tally"),
