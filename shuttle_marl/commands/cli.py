@@ -9,6 +9,7 @@ import os
 import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import tyro
@@ -119,6 +120,17 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         console(stderr=True).print("interrupted; what was written is whole")
         return 130
     return 0
+
+
+def check_free(path: Path, *, overwrite: bool = False) -> None:
+    """Refuse to write where something is, unless that was asked for.
+
+    Raises:
+        ShuttleError: there is a file, or a folder that is not empty.
+    """
+    taken = path.is_file() or (path.is_dir() and any(path.iterdir()))
+    if taken and not overwrite:
+        raise ShuttleError(f"{path}: is there already; --overwrite replaces it, --out names another")
 
 
 def facts(rows: Mapping[str, str]) -> Table:

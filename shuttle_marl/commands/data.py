@@ -13,11 +13,15 @@ from rich.table import Table
 
 from shuttle_marl.commands import cli
 from shuttle_marl.data import upstream
+from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
+from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import DROP_REASONS, Account, clean_matches, load_account, provenance_of, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split
 from shuttle_marl.data.validate import Report
 from shuttle_marl.data.validate import validate as check
+from shuttle_marl.errors import printable
+from shuttle_marl.files import replace_file
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
     f"  {citation}" for citation in upstream.CITATIONS
@@ -25,6 +29,7 @@ _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you 
 
 
 Root = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(name="root")]
+File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(name="file")]
 
 
 def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> None:
@@ -45,17 +50,49 @@ def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> 
     sys.stdout.write(f"{out}: {total} files, all as published ({fetched} fetched, {total - fetched} were there)\n{_NOTE}\n")
 
 
-def convert(root: Root, *, out: Path) -> None:
+def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
     """Clean the raw files and write them as one Parquet file; tells where dropped rows went.
 
     Args:
         root: Folder with the raw files.
         out: The Parquet file.
+        overwrite: Replace a file that is there.
     """
+    cli.check_free(out, overwrite=overwrite)
     cleaned = clean_matches(root)
     write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned))
     _show(cleaned.account)
     sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
+
+
+def import_own(file: File, *, columns: Path, out: Path, overwrite: bool = False) -> None:
+    """Read matches of your own from a CSV file with a row for every stroke, and write them as a Parquet file.
+
+    Args:
+        file: The CSV file, in UTF-8.
+        columns: The map from its headers and words to those used here, a TOML file; `data template` writes one.
+        out: The Parquet file.
+        overwrite: Replace a file that is there.
+    """
+    cli.check_free(out, overwrite=overwrite)
+    cleaned, provenance = import_matches(file, columns)
+    write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance)
+    _show(cleaned.account)
+    sys.stdout.write(f"{printable(str(out))}: {cleaned.strokes.num_rows} strokes\n")
+
+
+def template(*, out: Path) -> None:
+    """Write a CSV file and a map of its columns to start from: strokes.csv and columns.toml.
+
+    Args:
+        out: Folder for both.
+    """
+    contents = {"strokes.csv": TEMPLATE_CSV, "columns.toml": template_map()}
+    for name in contents:
+        cli.check_free(out / name)
+    for name, content in contents.items():
+        replace_file(out / name, content.encode())
+    sys.stdout.write(f"{printable(str(out))}: {', '.join(contents)}; try `python -m shuttle_marl.data import`\n")
 
 
 def summary(root: Root, *, json: bool = False) -> None:
@@ -72,15 +109,16 @@ def summary(root: Root, *, json: bool = False) -> None:
         _show(account)
 
 
-def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, json: bool = False) -> None:
-    """Check files against the published hashes and read them strictly, or check a Parquet file; names every problem.
+def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | None = None, json: bool = False) -> None:
+    """Check files against the published hashes and read them strictly, or check a file; names every problem.
 
     Args:
-        root: Folder with the raw files, or a Parquet file made by `convert`.
+        root: Folder with the raw files; a Parquet file made by `convert` or `import`; or, with --columns, a CSV file.
         splits: Splits whose files must be there.
+        columns: The map of the columns of a CSV file.
         json: Print JSON.
     """
-    report = check(root, splits)
+    report = check(root, splits, columns)
     if json:
         values = {
             "problems": [str(problem) for problem in report.problems],
@@ -127,6 +165,8 @@ def _show(account: Account) -> None:
 COMMANDS: Final[dict[str, cli.Command]] = {
     "download": download,
     "convert": convert,
+    "import": import_own,
+    "template": template,
     "summary": summary,
     "validate": validate,
 }
@@ -137,6 +177,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     return cli.run(
         COMMANDS,
         prog="python -m shuttle_marl.data",
-        description="Annotated matches: download, convert, summarise and check them.",
+        description="Annotated matches, published ones and your own: download, convert, import, summarise and check them.",
         argv=argv,
     )

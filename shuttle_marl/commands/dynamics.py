@@ -9,32 +9,47 @@ from typing import Annotated, Any, Final
 import tyro
 from rich.table import Table
 
-from shuttle_marl.commands.cli import Command, console, run
+from shuttle_marl.commands.cli import Command, check_free, console, run
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.game.shipped import REFITS, model_folder, read_model_card
+from shuttle_marl.game.shipped import model_folder, read_model_card
 
 
 def _report(line: str) -> None:
     console(stderr=True).print(f"{line} …", style="dim")
 
 
-def fit(data: Path, out: Path, seed: int = 0, refits: int = REFITS) -> None:
+def fit(
+    data: Path,
+    out: Path,
+    seed: int = 0,
+    refits: int | None = None,
+    validation_share: float | None = None,
+    prior: str | None = None,
+    overwrite: bool = False,
+) -> None:
     """Fit the models on the train matches and compile the game; a few minutes, and a few more for each refit.
 
     Args:
-        data: folder of the download, or a Parquet file of `data convert`.
+        data: folder of the download, or a Parquet file of `data convert` or `data import`.
         out: model folder to write.
         seed: of all random numbers; the same seed gives the same weights.
-        refits: number of refits on resampled matches, which show how sure a figure is; they are the variants OUT:1, OUT:2, …
+        refits: number of refits on resampled matches, which show how sure a figure is; they are the variants OUT:1, OUT:2, …;
+            default 8, or none for fewer than 8 train matches.
+        validation_share: share of your own matches that are set aside to choose on, such as 0.2; the published ones have a fixed
+            split.
+        prior: model that is corrected instead of a fit from nothing, such as default: for few matches, in seconds.
+        overwrite: replace a model that is in the folder.
     """
     from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
 
-    card = make_model(data, out, seed=seed, refits=refits, report=_report)
+    check_free(out, overwrite=overwrite)
+    card = make_model(data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, report=_report)
     warnings = card["health"]["warnings"]
+    variants = f", variants {', '.join(card['variants'])}" if card["variants"] else ""
     console().print(
         f"{printable(str(out))}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
-        f"game {card['game_hash'][:16]}, variants {', '.join(card['variants'])}"
+        f"game {card['game_hash'][:16]}{variants}"
     )
     for warning in warnings:
         console().print(printable(f"warning: {warning}"))

@@ -42,7 +42,6 @@ OUTCOMES: Final = tuple(outcome.name.lower() for outcome in Outcome)
 REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown")
 """Reasons of an outcome: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent."""
 
-SOURCES: Final = ("ShuttleSet", "ShuttleSet22", "simulated")
 DISCIPLINES: Final = ("MS", "WS")
 """Men's singles, women's singles."""
 
@@ -53,7 +52,7 @@ FAR_OFF: Final = 5.0
 
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("match", pa.string(), False, "Name of the match, the folder name of the data set."),
-    ("source", pa.string(), False, "Data set: ShuttleSet, ShuttleSet22, or simulated."),
+    ("source", pa.string(), False, "Data set: ShuttleSet, ShuttleSet22, simulated, or one's own."),
     ("discipline", pa.string(), False, "MS (men's singles) or WS (women's singles)."),
     ("game", pa.int8(), False, "Game within the match, from 1."),
     ("rally", pa.int16(), False, "Rally within the game, as numbered by the annotators."),
@@ -183,7 +182,7 @@ class _Columns:
 
 def _rules(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
     """Yield (rule, columns it is about, rows that break it)."""
-    yield f"source is one of {', '.join(SOURCES)}", ("source",), ~t.one_of("source", SOURCES)
+    yield "source is named", ("source",), t.one_of("source", ("",))
     yield f"discipline is one of {', '.join(DISCIPLINES)}", ("discipline",), ~t.one_of("discipline", DISCIPLINES)
     for name, (low, high) in RANGES.items():
         yield f"{name} lies between {low} and {high}", (name,), (t[name] < low) | (t[name] > high)
@@ -280,10 +279,11 @@ def _points(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
         ("landing_y", "outcome"),
         over & (lands < -REACH_OVER),
     )
-    yield "only faults have no landing", ("landing_y", "outcome"), over & np.isnan(lands)
+    yield "only faults have neither a landing nor an area", ("landing_y", "area", "outcome"), over & np.isnan(t["area"])
     # In the precision of the file: a point on a line must fall on the same side of it.
     x, y = t["landing_x"].astype(np.float32), lands.astype(np.float32)
+    known = ~np.isnan(lands)
     area = np.where(np.isnan(t["area"]), -1, t["area"])
-    yield "area is the area of the landing", ("area", "landing_x", "landing_y"), area != court.area_of(x, y)
+    yield "area is the area of the landing", ("area", "landing_x", "landing_y"), known & (area != court.area_of(x, y))
     inside = np.where(np.isnan(t["in_court"]), np.isnan(lands), t["in_court"] == court.in_court(x, y))
     yield "in_court tells whether the landing lies in court", ("in_court", "landing_x", "landing_y"), ~inside.astype(bool)

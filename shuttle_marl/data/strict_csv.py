@@ -47,12 +47,15 @@ class DataError(ShuttleError):
         super().__init__(str(self.problems[0]))
 
     @classmethod
-    def of(cls, problems: Sequence[Problem]) -> "DataError":
-        """One error that carries several problems."""
+    def of(cls, problems: Sequence[Problem], advice: str = "") -> "DataError":
+        """One error that carries several problems; ``advice``: a flag with which ``validate`` has to be called."""
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems = tuple(problems)
         if len(problems) > 1:
-            error.args = (f"{problems[0]} (and {len(problems) - 1} more; `python -m shuttle_marl.data validate` lists them all)",)
+            command = " ".join(
+                filter(None, ("python -m shuttle_marl.data validate", f"{problems[0].path}" if advice else "", advice))
+            )
+            error.args = (f"{problems[0]} (and {len(problems) - 1} more; `{command}` lists them all)",)
         return error
 
 
@@ -74,19 +77,26 @@ class StrictCsv:
         unreadable: ``[n]`` rows with a value that cannot be what it should be.
     """
 
-    def __init__(self, path: Path, required: Sequence[str]) -> None:
+    def __init__(self, path: Path, required: Sequence[str], *, delimiter: str = ",", decimal: str = ".") -> None:
         """Read a file.
+
+        Args:
+            path: the file.
+            required: headers of the columns that are read.
+            delimiter: between two values.
+            decimal: mark of decimals.
 
         Raises:
             DataError: it cannot be opened or decoded, a required column is missing, or it holds no rows.
         """
         self.path = path
+        self._decimal = decimal
         try:
             with open_file(path) as file:
                 self.content = file.read()
         except (OSError, ValueError) as error:
             raise DataError(path, f"cannot be read ({problem(error)})") from error
-        reader = csv.reader(io.StringIO(_decode(path, self.content), newline=""))
+        reader = csv.reader(io.StringIO(_decode(path, self.content), newline=""), delimiter=delimiter)
         header = next(reader, [])
         if not header:
             raise DataError(path, "the file is empty")
@@ -133,7 +143,8 @@ class StrictCsv:
     def numbers(self, column: str) -> npt.NDArray[np.float64]:
         """``[n]`` numbers, NaN where the value is empty or no finite number (the latter is a problem)."""
         text = self._columns[column]
-        values = np.array([_float(t) for t in text]) if any(text) else np.full(len(text), np.nan)
+        plain = text if self._decimal == "." else tuple(t.replace(self._decimal, ".") for t in text)
+        values = np.array([_float(t) for t in plain]) if any(text) else np.full(len(text), np.nan)
         for row in np.flatnonzero(~np.isfinite(values)):
             if text[row]:
                 self.mark(row, f"{column} {text[row]!r} is not a number")

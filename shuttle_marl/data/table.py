@@ -374,7 +374,8 @@ def _open(path: Path) -> pq.ParquetFile:
     except FileNotFoundError as error:
         raise DataError(path, "no such file or folder; give a folder with the data or a Parquet file") from error
     except pa.ArrowException as error:
-        raise DataError(path, f"no readable Parquet file ({error})") from error
+        own = "; `python -m shuttle_marl.data import` makes one of a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
+        raise DataError(path, f"no readable Parquet file ({error}){own}") from error
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
 

@@ -4,15 +4,22 @@ import collections
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import pooch
 
 from shuttle_marl.data import upstream
+from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.table import Account, clean_matches, load_account, read_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
+
+_ADVICE: Final = (
+    "`python -m shuttle_marl.data download` fetches them, and matches of your own become a Parquet file with "
+    "`python -m shuttle_marl.data import`"
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,14 +40,19 @@ class Report:
     account: Account | None
 
 
-def validate(path: Path, splits: Sequence[Split] = SPLITS) -> Report:
-    """Check a folder with the raw files, or a Parquet file made by ``convert``.
+def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
+    """Check a folder with the raw files, a Parquet file made by ``convert`` or ``import``, or a CSV file of one's own.
 
     Args:
         path: folder or file.
         splits: only the files of these splits must be there.
+        columns: the map of the columns of a CSV file.
     """
     try:
+        if columns is not None:
+            return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
+        if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
+            raise DataError(path, f"holds none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:
         return Report(problems=error.problems, notes=(), splits={}, account=None)

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file, seal
@@ -100,6 +101,13 @@ def as_markdown(card: dict[str, Any]) -> str:
             "| observed | " + " | ".join(f"{b['observed']:.3f}" for b in bins) + " |",
             "",
         ]
+    if prior := card["chosen"].get("prior"):
+        shifts = ", ".join(f"{name} {shift:+.3f}" for name, shift in prior["shifts"].items())
+        lines += [
+            f"The models of game `{prior['game'][:16]}`, corrected: log-odds of a fault (success), of a return and of a contact "
+            f"above the net moved by {shifts}. Scores are those of the corrected models.",
+            "",
+        ]
     lines += _situations(card)
     lines += _solved(health)
     if "truth" in card:
@@ -153,8 +161,8 @@ def _solved(health: dict[str, Any]) -> list[str]:
         f"{100 * health['best_response_to_bc_wins']:.1f} % of rallies. BC against BC: {health['bc']['mean_rally']:.2f} strokes. "
         f"Strokes with fewer than five real ones in their innermost cell of data: {thin}.",
         "",
-        *(f"- **Warning**: {warning}" for warning in health["warnings"]),
-        *([""] if health["warnings"] else []),
+        *(f"- {'' if kept else '**Warning**: '}{told}" for told, kept in criteria(health).values()),
+        "",
         "These figures are reported, and no fit was chosen by them.",
         "",
         "| share of strokes | " + " | ".join(SHOTS) + " |",

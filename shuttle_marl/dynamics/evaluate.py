@@ -229,8 +229,9 @@ def tree_predictions(
     lgb = lightgbm()
     x = np.stack([train[name] for name in names], axis=1).astype(np.int32)
     categorical = list(range(len(names)))
-    fold = fold_of_match(match, _FOLDS)
-    folds = [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(_FOLDS)]
+    # A single match cannot be left out, so its rows are dealt to the folds.
+    fold = fold_of_match(match if len(np.unique(match)) > 1 else np.arange(len(match)), _FOLDS)
+    folds = [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in np.unique(fold)]
     best: tuple[float, int, int] | None = None
     for leaves in _LEAVES:
         data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
@@ -310,21 +311,21 @@ def health(bc: StatePolicy, strokes: Floats) -> dict[str, Any]:
         "bc": play_statistics(bc),
         "thin": shares,
     }
-    return {**figures, "warnings": _warnings(figures)}
+    return {**figures, "warnings": [told for told, kept in criteria(figures).values() if not kept]}
 
 
-def _warnings(figures: dict[str, Any]) -> list[str]:
+def criteria(figures: dict[str, Any]) -> dict[str, tuple[str, bool]]:
+    """Every figure of :func:`health` that has limits: the figure with them in words, and whether it is within."""
     limited = {
         **figures,
         "minimax_mean_rally": figures["minimax"]["mean_rally"],
         "minimax_thin": figures["thin"]["minimax"],
         "best_response_thin": figures["thin"]["best_response"],
     }
-    return [
-        f"{name.replace('_', ' ')}: {limited[name]:.4g}, expected {low:g} to {high:g}"
+    return {
+        name: (f"{name.replace('_', ' ')}: {limited[name]:.4g}, expected {low:g} to {high:g}", low <= limited[name] <= high)
         for name, (low, high) in LIMITS.items()
-        if not low <= limited[name] <= high
-    ]
+    }
 
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:

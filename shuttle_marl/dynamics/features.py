@@ -179,7 +179,8 @@ def _target_areas(strokes: pa.Table) -> Codes:
     landing = np.where(told[:, None], np.stack([x["landing"], y["landing"]], axis=1), np.nan)
     begun = ~np.isnan(x["contact"])
     start = np.stack([np.where(begun, at["contact"], at["striker"]) for at in (x, y)], axis=1)
-    met = met_points(landing, start, shot, height, winner & annotated, out & annotated)
+    fell = ~np.isnan(landing).any(axis=1)
+    met = met_points(landing, start, shot, height, winner & fell, out & fell)
     moved = (winner | out) & ~np.isnan(met[:, 1])
     return np.where(moved, area_of(*met.T), recorded).astype(np.int16)
 

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
 from shuttle_marl.dynamics.compiled import (
+    LEAST_STROKES,
     PairProbabilities,
     Support,
     catalogue_of,
@@ -47,7 +48,7 @@ from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import Game, GameError
 from shuttle_marl.game.stroke import N_TECHNIQUES
 
 Floats = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ _SUCCESS_EPOCHS: Final = 2 / 3
 _CORRECTIONS: Final = 75
 _CORRECTION_RATE: Final = 0.03
 _PLAYER_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-_CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
+CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,8 +184,8 @@ def fit(
             "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
             "receiver": (good, calibration[1, 0] * blind_return + calibration[1, 1], returned),
         }
-        profiles, pooled = _player_shifts(average, blind, validation)
-        choices, pooled["choices"] = _player_choices(networks, train, validation, config)
+        profiles, pooled = player_shifts(average, blind, validation)
+        choices, pooled["choices"] = player_choices(networks, train, validation, config.folds)
         models = dataclasses.replace(average, striker=profiles["striker"], receiver=profiles["receiver"], choices=choices)
         chosen = {**pooled, **chosen}
 
@@ -198,9 +199,19 @@ def fit(
 
 
 def layout_of(rows: Rows) -> Game:
-    """The layout of the game that strokes give: their catalogue and which may answer which; probabilities are not filled in."""
+    """The layout of the game that strokes give: their catalogue and which may answer which; probabilities are not filled in.
+
+    Raises:
+        ShuttleError: too few kinds of stroke were played often enough.
+    """
     catalogue = catalogue_of(rows)
-    return empty_game(catalogue, replies_of(rows, catalogue))
+    try:
+        return empty_game(catalogue, replies_of(rows, catalogue))
+    except GameError as error:
+        raise ShuttleError(
+            f"these strokes make no game ({error}): of each stroke of a game at least {LEAST_STROKES} were played; add matches, "
+            "or give --prior default, which takes the strokes of the shipped model"
+        ) from error
 
 
 def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
@@ -260,6 +271,8 @@ def _blind_blend(
     fold = fold_of_match(rows.match, _BLIND_FOLDS)
     for k in range(_BLIND_FOLDS):
         inside = fold == k
+        if not inside.any():
+            continue
         seen, blind, happened = rows.take(~inside).codes, rows.take(inside).codes, label[~inside]
         others = [fit_trees(seen, happened).logits(blind)]
         if ridge is not None:
@@ -278,7 +291,7 @@ def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Fl
     return np.asarray(minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-4}).x)
 
 
-def _player_shifts(
+def player_shifts(
     models: FittedModels, blind: dict[str, tuple[Rows, Floats, npt.NDArray[np.bool_]]], validation: Rows
 ) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
     """Logit shifts of strikers and receivers; the precision of the prior is the best one on validation."""
@@ -310,16 +323,28 @@ def _player_shifts(
     return shifts, chosen
 
 
-def _player_choices(
-    networks: dict[str, Ensemble], train: Rows, validation: Rows, config: TrainingConfig
+def player_choices(
+    networks: dict[str, Ensemble], train: Rows, validation: Rows, folds: int | None
 ) -> tuple[pooling.PlayerChoices, dict[str, Any]]:
-    """Shifts of single players' choices; the precision of the prior is the best one on validation."""
+    """Shifts of single players' choices; the precision of the prior is the best one on validation.
+
+    Args:
+        networks: the ensembles by name.
+        train, validation: strokes in context.
+        folds: of the matches of train that members of the networks left out; None: no member saw any of them.
+
+    Returns:
+        The shifts of players with enough strokes, and what was chosen. Without a stroke of theirs in validation the strongest
+        prior is taken.
+    """
     names = tuple(pooling.with_enough_strokes(train.striker))
     empty = pooling.PlayerChoices(
         players=names,
         style=np.zeros((len(names), SLOTS["incoming_shot"], SLOTS["contact"], networks["choice"].spec.outputs)),
         area=np.zeros((len(names), SLOTS["shot"], SLOTS["technique"], N_AREAS)),
     )
+    if not names:
+        return empty, {}
     chosen: dict[str, Any] = {}
     shifts: dict[str, Floats] = {}
     for kind, network, cell_slots in (
@@ -332,18 +357,23 @@ def _player_choices(
         first, second = cell_slots
         cell = [rows.codes[first].astype(np.int64) * SLOTS[second] + rows.codes[second] for rows in usable]
         cells = SLOTS[cell_slots[0]] * SLOTS[cell_slots[1]]
-        base = unseen(softmax(predict(network, encode(network.spec, ours.codes))), ours.match, config.folds)
+        members = softmax(predict(network, encode(network.spec, ours.codes)))
+        base = members.mean(axis=0) if folds is None else unseen(members, ours.match, folds)
         judge = softmax(predict(network, encode(network.spec, theirs.codes))).mean(axis=0)
         losses: list[tuple[float, float, Floats]] = []
-        for precision in _CHOICE_PRECISIONS:
+        for precision in CHOICE_PRECISIONS:
             shift = pooling.fit_choice_shifts(base, cell[0], cells, empty.index(ours.striker), len(names), label[0], precision)
             moved = judge * np.exp(shift[empty.index(theirs.striker), cell[1]])
             moved /= moved.sum(axis=1, keepdims=True)
-            losses.append((float(-np.log(moved[np.arange(len(moved)), label[1]]).mean()), precision, shift))
-        average = float(-np.log(judge[np.arange(len(judge)), label[1]]).mean())
+            losses.append((_cross_entropy(moved, label[1]) if len(moved) else -precision, precision, shift))
+        average = _cross_entropy(judge, label[1]) if len(judge) else None
         loss, precision, shift = min(losses, key=lambda candidate: candidate[0])
         shifts[kind] = shift
-        chosen[kind] = {"precision": precision, "cross_entropy": loss, "cross_entropy_of_average": average}
+        chosen[kind] = {
+            "precision": precision,
+            "cross_entropy": None if average is None else loss,
+            "cross_entropy_of_average": average,
+        }
     return (
         dataclasses.replace(
             empty, style=shifts["style"].reshape(empty.style.shape), area=shifts["area"].reshape(empty.area.shape)
@@ -360,6 +390,10 @@ def _label(rows: Rows, kind: str) -> npt.NDArray[np.int64]:
     if kind == "area":
         return rows.codes["area"].astype(np.int64)
     return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+
+
+def _cross_entropy(p: Floats, label: npt.NDArray[np.int64]) -> float:
+    return float(-np.log(p[np.arange(len(p)), label]).mean())
 
 
 def _log_loss(label: npt.NDArray[np.bool_], p: Floats) -> float:

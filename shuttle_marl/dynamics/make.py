@@ -12,7 +12,7 @@ from safetensors.numpy import save
 
 from shuttle_marl import __version__
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.upstream import Split, matches_of
+from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.compiled import (
     CREDIBLE,
@@ -29,11 +29,24 @@ from shuttle_marl.dynamics.fit import THREADS, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.network import QUICK, TrainingConfig
 from shuttle_marl.dynamics.players import PlayerChoices
+from shuttle_marl.dynamics.prior import Prior, fit_from
+from shuttle_marl.dynamics.splits import LEAST_FOR_REFITS, require_enough, rows_of, train_and_validation
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import BC, GAME, PROFILES, REFITS, SUPPORT, VARIANTS, read_model, read_model_card
+from shuttle_marl.game.shipped import (
+    BC,
+    GAME,
+    PROFILES,
+    REFITS,
+    SUPPORT,
+    VARIANTS,
+    load_game,
+    model_folder,
+    read_model,
+    read_model_card,
+)
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.variants import packed
 from shuttle_marl.tensor_files import checked
@@ -47,16 +60,7 @@ _RULE: Final = (
 )
 
 
-def rows_of(rows: Rows, split: Split) -> Rows:
-    """The strokes of a split.
-
-    Raises:
-        ShuttleError: there are none of its matches.
-    """
-    chosen = rows.in_matches(matches_of(split))
-    if not len(chosen):
-        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return chosen
+_CITATIONS: Final = {"ShuttleSet": "arXiv:2306.04948 (ShuttleSet)", "ShuttleSet22": "arXiv:2306.15664 (ShuttleSet22)"}
 
 
 def make_model(
@@ -64,7 +68,9 @@ def make_model(
     out: Path,
     *,
     seed: int,
-    refits: int = REFITS,
+    refits: int | None = None,
+    validation_share: float | None = None,
+    prior: str | None = None,
     config: TrainingConfig | None = None,
     report: Callable[[str], None],
 ) -> dict[str, Any]:
@@ -74,23 +80,37 @@ def make_model(
         data: folder of the download, or a Parquet file.
         out: folder to write.
         seed: of all random numbers.
-        refits: number of fits on resampled matches, whose games become variants.
+        refits: number of fits on resampled matches, whose games become variants; None: the usual number, none for few matches.
+        validation_share: of the matches of no published data set that are for validation; None: there are none of those.
+        prior: model that is corrected instead of a fit from nothing: a shipped one or a folder.
         config: of the networks; None: the default, and quick refits.
         report: called with a line before each stage.
 
     Returns:
         The model card.
+
+    Raises:
+        ShuttleError: the data are too few, or their matches have no split.
     """
     report("reading strokes")
     strokes = load_strokes(data)
     rows = rows_from_strokes(strokes)
-    train, validation = rows_of(rows, "train"), rows_of(rows, "validation")
-    fitted = fit(train, validation, seed=seed, config=config, report=report)
+    train, validation = train_and_validation(rows, validation_share)
+    require_enough(train, validation, prior=prior is not None)
+    refits = _checked_refits(refits, len(np.unique(train.match)))
+    start = None if prior is None else _prior(prior)
+    fitted = (
+        fit(train, validation, seed=seed, config=config, report=report)
+        if start is None
+        else fit_from(start, train, validation, report=report)
+    )
     report("compiling the game")
     game, probabilities = fitted.compiled()
     log_choice = pair_log_choices(fitted.models, game)
     report("compiling the games of men's and women's singles")
-    profiles = {name: fitted.profile(discipline) for discipline, name in enumerate(PROFILES)}
+    # Of one discipline alone, the game is that of this discipline already.
+    played = np.flatnonzero(fitted.models.share).tolist()
+    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
     variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
     of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
     report("solving the game")
@@ -112,6 +132,8 @@ def make_model(
             "train_strokes": len(train),
             "validation_matches": len(np.unique(validation.match)),
             "validation_strokes": len(validation),
+            "validation_share": validation_share,
+            "sources": sorted(set(strokes["source"].unique().to_pylist())),
         },
         "game": {
             "strokes": game.n_strokes,
@@ -127,19 +149,45 @@ def make_model(
         "health": solved,
         "support_rule": _RULE,
         "extremes": extremes(game, fitted.support),
-        "citations": ["arXiv:2306.04948 (ShuttleSet)", "arXiv:2306.15664 (ShuttleSet22)"],
+        "citations": [
+            citation for source, citation in _CITATIONS.items() if prior or source in set(strokes["source"].to_pylist())
+        ],
     }
     save_variants(out, game, variants, card)
     for number in range(1, refits + 1):
         told = _behind(f"refit {number} of {refits}: ", report)
-        refit = fit(
-            resampled(train, [seed, number]), None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=told
+        drawn = resampled(train, [seed, number])
+        refit = (
+            fit(drawn, None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=told)
+            if start is None
+            else fit_from(start, drawn, None, report=told)
         )
         told("compiling")
         variants[str(number)] = refit.compiled()[0]
         # After each one, so that what is there is whole if the command is interrupted.
         save_variants(out, game, variants, card)
     return read_model_card(out)
+
+
+def _checked_refits(refits: int | None, matches: int) -> int:
+    """The number of refits for a number of train matches.
+
+    Raises:
+        ShuttleError: refits were asked for, and the matches are too few.
+    """
+    if refits is None:
+        return REFITS if matches >= LEAST_FOR_REFITS else 0
+    if refits and matches < LEAST_FOR_REFITS:
+        raise ShuttleError(
+            f"--refits {refits}: {matches} train matches, at least {LEAST_FOR_REFITS} needed: a resample of fewer holds hardly "
+            "more than a half of them; give --refits 0"
+        )
+    return refits
+
+
+def _prior(name: str) -> Prior:
+    folder = model_folder(name)
+    return Prior(folder=folder, models=FittedModels.load(folder), game=load_game(str(folder)), support=load_support(folder))
 
 
 def _behind(words: str, report: Callable[[str], None]) -> Callable[[str], None]:
@@ -183,16 +231,32 @@ def save_clones(
 
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
     """Write the variants of a model, and its card with them."""
-    replace_file(folder / VARIANTS, packed(game, variants))
+    if variants:
+        replace_file(folder / VARIANTS, packed(game, variants))
+    else:
+        (folder / VARIANTS).unlink(missing_ok=True)  # of a model that is replaced
     write_card(folder, {**card, "variants": list(variants)})
 
 
 def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:
-    """Scores of a model folder on a split; see :func:`shuttle_marl.dynamics.evaluate.evaluate`."""
+    """Scores of a model folder on a split; see :func:`shuttle_marl.dynamics.evaluate.evaluate`.
+
+    Matches of no published data set are split as they were for the fit.
+
+    Raises:
+        ShuttleError: the data hold no match of the split.
+    """
     torch.set_num_threads(THREADS)
     report("reading strokes")
     rows = rows_from_strokes(load_strokes(data))
-    train, test = rows_of(rows, "train"), rows_of(rows, split)
+    share = read_model_card(folder)["data"].get("validation_share")
+    if share is None:
+        train, test = rows_of(rows, "train"), rows_of(rows, split)
+    elif split == "test":
+        raise ShuttleError("--split test: only the published matches have one; choose train or validation")
+    else:
+        train, validation = train_and_validation(rows, share)
+        test = train if split == "train" else validation
     return evaluate(FittedModels.load(folder), train, test, report=report)
 
 

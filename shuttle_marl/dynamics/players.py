@@ -36,11 +36,15 @@ class PlayerChoices:
 
     def shifted_choice(self, choice: Floats, codes: dict[str, Codes], player: npt.NDArray[np.integer]) -> Floats:
         """``[N, 39]`` probabilities of the average moved to those of each row's player (-1: the average)."""
+        if not self.players:
+            return choice
         shift = self.style[player, codes["incoming_shot"], codes["contact"]]
         return _tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
 
     def shifted_targets(self, targets: Floats, codes: dict[str, Codes], player: npt.NDArray[np.integer]) -> Floats:
         """``[N, 9]`` likewise for the targets."""
+        if not self.players:
+            return targets
         shift = self.area[player, codes["shot"], codes["technique"]]
         return _tilted(targets, np.where((player < 0)[:, None], 0.0, shift))
 

@@ -156,7 +156,7 @@ def test_validate_forgives_published_files(
 def test_validate_an_empty_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", str(tmp_path), "--json"]) == 1
     report = json.loads(capsys.readouterr().out)
-    assert any("no match data here" in problem for problem in report["problems"])
+    assert any("holds none of the published data sets" in problem for problem in report["problems"])
     assert report["splits"]["test"] == {"whole": 0, "files": 30}
 
 

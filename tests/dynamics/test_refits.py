@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.data import load_strokes
-from shuttle_marl.dynamics import make
+from shuttle_marl.dynamics import splits
 from shuttle_marl.dynamics.card import add_truth, as_markdown
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.make import make_model, resampled
@@ -49,8 +49,9 @@ def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fo
 @pytest.mark.slow
 def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = rows_from_strokes(load_strokes(SAMPLE)).matches
-    splits = {"train": names[: len(names) // 4 * 3], "validation": names[len(names) // 4 * 3 :]}
-    monkeypatch.setattr(make, "matches_of", splits.get)
+    parts = {"train": names[: len(names) // 4 * 3], "validation": names[len(names) // 4 * 3 :]}
+    monkeypatch.setattr(splits, "matches_of", parts.get)
+    monkeypatch.setattr(splits, "split_of", lambda name: "train")
     # Trees take minutes, and others test them.
     monkeypatch.setattr(
         "shuttle_marl.dynamics.evaluate.tree_predictions",

@@ -1,0 +1,185 @@
+"""The map from somebody's headers and words to those used here: a TOML file, and the template of one.
+
+:data:`COLUMNS` lists what can be mapped.
+"""
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from shuttle_marl.data.schema import DISCIPLINES
+from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.files import open_file, problem
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+
+COLUMNS: Final[dict[str, str]] = {
+    "match": "name of the match; its rows stand together",
+    "discipline": "MS or WS, by match; or the same for all: discipline = \"MS\" in the map",
+    "game": "game of the match, from 1; without it all are game 1",
+    "rally": "rally of the game, from 1",
+    "stroke": "stroke of the rally, the serve is 1; without it strokes are counted in the order of the rows",
+    "player": "who struck it",
+    "opponent": "the other player; without it the other name in the match",
+    "shot": f"one of {', '.join(SHOTS)}; or unknown: the row is left out",
+    "height": "above or below the net at contact; without it smashes, half smashes, clears, drops and net kills are above",
+    "technique": "forehand, backhand or around-the-head; without it all are forehand",
+    "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; may be empty for faults, and where there is a landing",
+    "ending": "of the last stroke of a rally: out, net, short, foul (faults), landed, misjudged (winners); empty: returned",
+    "winner": "who won the rally, in any of its rows; needed where no ending is given",
+    "points": "points of the striker in this game after the rally",
+    "points_opponent": "points of the opponent in this game after the rally",
+    "seconds": "time in the video [s]",
+    "side": "near or far: the striker's half; only for coordinates = \"court\"",
+    **{
+        f"{name}_{axis}": f"{text}, {axis} [m]"
+        for name, text in (
+            ("landing", "where the shuttle was met or fell"),
+            ("contact", "where the striker met the shuttle; empty for serves"),
+            ("striker", "where the striker stood"),
+            ("receiver", "where the receiver stood"),
+        )
+        for axis in "xy"
+    },
+}  # fmt: skip
+"""What a column can hold, by the name used here."""
+REQUIRED: Final = ("match", "rally", "player", "shot")
+_COORDINATES: Final = ("striker", "court")
+FAULTS: Final = ("out", "net", "short", "foul")
+WINNERS: Final = ("landed", "misjudged")
+WORDS: Final[dict[str, tuple[str, ...]]] = {
+    "shot": (*SHOTS, "unknown"),
+    "height": HEIGHTS,
+    "technique": TECHNIQUES,
+    "area": court.AREAS,
+    "ending": ("returned", *FAULTS, *WINNERS, "unknown"),
+    "discipline": DISCIPLINES,
+    "side": ("near", "far"),
+}
+"""Words of the columns that hold words."""
+_SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "delimiter", "decimal", "columns", "values")
+
+TEMPLATE_CSV: Final = """\
+match,game,rally,stroke,player,shot,height,technique,area,ending,points,points_opponent
+club final 2026,1,1,1,Anna Example,short-serve,below,backhand,front-centre,,1,0
+club final 2026,1,1,2,Berta Sample,lift,below,forehand,back-left,,0,1
+club final 2026,1,1,3,Anna Example,smash,above,forehand,middle-right,landed,1,0
+club final 2026,1,2,1,Anna Example,short-serve,below,backhand,front-centre,,1,1
+club final 2026,1,2,2,Berta Sample,push,below,forehand,back-right,,1,1
+club final 2026,1,2,3,Anna Example,clear,above,forehand,back-centre,out,1,1
+"""
+"""The first rows of a file, without positions."""
+
+
+def template_map() -> str:
+    """The map of :data:`TEMPLATE_CSV`, with a line about everything that can be set."""
+    used = TEMPLATE_CSV.partition("\n")[0].split(",")
+    lines = [
+        "# Where the matches come from, in your own words.",
+        'source = "my club"',
+        "# MS (men's singles) or WS (women's singles); leave it out if a column says it.",
+        'discipline = "WS"',
+        "# striker: x to the striker's right, y towards the opponent, from the floor under the middle of the net.",
+        "# court: x and y the same for both players, who are near (y < 0) or far: map the column side too.",
+        'coordinates = "striker"',
+        "# Left and right of areas as the receiver sees them, or the striker.",
+        'areas_seen_by = "receiver"',
+        'delimiter = ","',
+        'decimal = "."',
+        "",
+        "# Your headers behind the names used here. Leave out what you do not have.",
+        "[columns]",
+    ]
+    lines += [f'{"" if name in used else "# "}{name} = "{name}"  # {text}' for name, text in COLUMNS.items()]
+    lines += ["", "# Your words before those used here, by column; words used here need no line.", "[values.shot]"]
+    lines += ['# "Schmetterball" = "smash"', "", "[values.ending]", '# "Aus" = "out"', ""]
+    return "\n".join(lines)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ColumnMap:
+    """A map from somebody's headers and words to those used here.
+
+    Attributes:
+        source: where the matches come from.
+        columns: header by name of :data:`COLUMNS`.
+        values: word used here by somebody's word in lower case, by column.
+        discipline: of all matches; empty: a column says it, or the names of known players.
+        coordinates: ``striker``: as in the schema; ``court``: the same for both players.
+        areas_seen_by: ``receiver`` or ``striker``: whose left and right the areas have.
+        delimiter: between two values.
+        decimal: mark of decimals.
+    """
+
+    source: str
+    columns: Mapping[str, str]
+    values: Mapping[str, Mapping[str, str]]
+    discipline: str = ""
+    coordinates: str = "striker"
+    areas_seen_by: str = "receiver"
+    delimiter: str = ","
+    decimal: str = "."
+
+    @classmethod
+    def read(cls, path: Path) -> "ColumnMap":
+        """Read a TOML file.
+
+        Raises:
+            DataError: it cannot be read, or holds something that is not expected.
+        """
+        try:
+            with open_file(path) as file:
+                fields = tomllib.loads(file.read().decode())
+        except (OSError, ValueError, RecursionError) as error:
+            raise DataError(path, f"no readable TOML ({problem(error)})") from error
+        try:
+            return cls._checked(fields)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise DataError(path, f"{error}; `python -m shuttle_marl.data template` writes a map to start from") from error
+
+    @classmethod
+    def _checked(cls, fields: dict[str, Any]) -> "ColumnMap":
+        _known(fields, _SETTINGS, "setting")
+        columns, values = fields.get("columns", {}), fields.get("values", {})
+        _known(columns, COLUMNS, "column")
+        _known(values, WORDS, "column with words")
+        if missing := [name for name in REQUIRED if name not in columns]:
+            raise ValueError(f"[columns] lacks {', '.join(missing)}")
+        if not {"ending", "winner"} & set(columns):
+            raise ValueError("[columns] needs ending or winner: how a rally ended, or who won it")
+        if "area" not in columns and not {"landing_x", "landing_y"} <= set(columns):
+            raise ValueError("[columns] needs area, or landing_x and landing_y")
+        for name, words in values.items():
+            for word, meant in words.items():
+                if meant not in WORDS[name]:
+                    raise ValueError(f"[values.{name}] {word!r} = {meant!r}; expected one of {', '.join(WORDS[name])}")
+        lower = {name: {word.strip().casefold(): meant for word, meant in words.items()} for name, words in values.items()}
+        found = cls(**{**fields, "source": fields.get("source", "own matches"), "columns": columns, "values": lower})
+        for name, value, allowed in (
+            ("discipline", found.discipline, ("", *DISCIPLINES)),
+            ("coordinates", found.coordinates, _COORDINATES),
+            ("areas_seen_by", found.areas_seen_by, ("receiver", "striker")),
+            ("decimal", found.decimal, (".", ",")),
+        ):
+            if value not in allowed:
+                raise ValueError(f"{name} = {value!r}; expected one of {', '.join(map(repr, allowed))}")
+        if not isinstance(found.source, str) or not found.source.strip() or not found.source.isprintable():
+            raise ValueError(f"source = {found.source!r}; expected a line of text")
+        if not isinstance(found.delimiter, str) or len(found.delimiter) != 1 or found.delimiter == found.decimal:
+            raise ValueError(f"delimiter = {found.delimiter!r}; expected one character, another than decimal")
+        if found.coordinates == "court" and "side" not in columns:
+            raise ValueError('coordinates = "court" needs the column side')
+        return found
+
+
+def _known(fields: Any, allowed: Mapping[str, Any] | Sequence[str], what: str) -> None:
+    if not isinstance(fields, dict):
+        raise TypeError(f"expected a table, not {fields!r}")
+    for name in fields:
+        if name not in allowed:
+            close = difflib.get_close_matches(name, list(allowed), n=1)
+            hint = f"; did you mean {close[0]}?" if close else f"; expected one of {', '.join(allowed)}"
+            raise ValueError(f"no {what} {name!r}{hint}")

@@ -1,0 +1,243 @@
+"""Matches of one's own: simulated ones of a club, with foreign headers and words, and every way to get them wrong."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from shuttle_marl.commands.data import main
+from shuttle_marl.data import DataError, load_account, load_strokes
+from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV, ColumnMap, template_map
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import REASONS, Outcome, violations
+from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.game import court
+from tests.data.club_matches import strokes_of_club, write_club
+
+
+@pytest.fixture(scope="module")
+def strokes() -> pa.Table:
+    return strokes_of_club(2, seed=3)
+
+
+KEPT = (
+    "match",
+    "discipline",
+    "game",
+    "rally",
+    "stroke",
+    "player",
+    "opponent",
+    "shot",
+    "height",
+    "technique",
+    "outcome",
+    "reason",
+)
+
+
+@pytest.mark.parametrize("areas_only", [False, True])
+def test_a_club_writes_its_matches_down_in_its_own_words(strokes: pa.Table, areas_only: bool, tmp_path: Path) -> None:
+    file, columns = write_club(tmp_path, strokes, areas_only=areas_only)
+    out = tmp_path / "verein.parquet"
+    assert main(["import", str(file), "--columns", str(columns), "--out", str(out)]) == 0
+    assert main(["validate", str(out)]) == 0
+    found = load_strokes(out)
+    for name in set(KEPT) - {"discipline"}:
+        assert found[name].to_pylist() == strokes[name].to_pylist(), name
+    assert set(found["discipline"].to_pylist()) == {"WS"}
+    assert set(found["source"].to_pylist()) == {"our club"}
+    assert found["area"].to_pylist() == strokes["area"].to_pylist()
+    if areas_only:
+        assert found["landing_x"].null_count == found["in_court"].null_count == found.num_rows
+    else:
+        assert np.allclose(found["landing_y"].to_numpy(), strokes["landing_y"].to_numpy(), atol=1e-3)
+    assert load_account(out).strokes_kept == strokes.num_rows
+    # Without positions, areas are taken as they stand; winners are moved to where they would have been met otherwise.
+    areas = rows_from_strokes(found).codes["area"]
+    moved = areas != found["area"].to_numpy()
+    assert moved.any() != areas_only
+    assert not moved[found["outcome"].to_numpy() == Outcome.RETURNED].any()
+
+
+def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["template", "--out", str(tmp_path)]) == 0
+    files = [str(tmp_path / name) for name in ("strokes.csv", "columns.toml")]
+    assert main(["import", files[0], "--columns", files[1], "--out", str(tmp_path / "x.parquet")]) == 0
+    strokes = load_strokes(tmp_path / "x.parquet")
+    assert strokes["reason"].to_pylist() == [
+        REASONS.index(word) for word in ["returned"] * 2 + ["landed"] + ["returned"] * 2 + ["out"]
+    ]
+    assert set(COLUMNS) <= {line.lstrip("# ").split(" = ")[0] for line in template_map().splitlines()}
+    assert tomllib.loads(template_map())["columns"].keys() == set(TEMPLATE_CSV.splitlines()[0].split(","))
+    capsys.readouterr()
+    for again in (
+        ["template", "--out", str(tmp_path)],
+        ["import", *files[:1], "--columns", files[1], "--out", str(tmp_path / "x.parquet")],
+    ):
+        assert main(again) == 1
+        assert "is there already" in capsys.readouterr().err
+    assert main(["import", files[0], "--columns", files[1], "--out", str(tmp_path / "x.parquet"), "--overwrite"]) == 0
+
+
+MAP = """
+discipline = "MS"
+[columns]
+match = "match"
+rally = "rally"
+player = "who"
+shot = "shot"
+area = "area"
+ending = "end"
+{more}
+"""
+ROWS = """match,rally,who,shot,area,end,x,y,side,winner
+final,1,Ada,short serve,front-centre,,0.1,2.5,near,
+final,1,Bea,lift,back-left,,-2.0,-6.0,far,Ada
+final,1,Ada,SMASH,middle-right,landed,-2.0,4.0,near,
+final,2,Ada,short serve,front-centre,,0.1,2.5,near,Bea
+final,2,Bea,lift,,out,0.5,-7.5,far,
+"""
+
+
+def read(folder: Path, rows: str = ROWS, more: str = "", *, fields: str = MAP) -> pa.Table:
+    (folder / "own.csv").write_text(rows, encoding="utf-8")
+    (folder / "map.toml").write_text(fields.format(more=more), encoding="utf-8")
+    return import_matches(folder / "own.csv", folder / "map.toml")[0].strokes
+
+
+def test_what_is_not_written_down_is_filled_in(tmp_path: Path) -> None:
+    strokes = read(tmp_path)
+    assert list(violations(strokes)) == []
+    assert strokes["stroke"].to_pylist() == [1, 2, 3, 1, 2]
+    assert strokes["height"].to_pylist() == [0, 0, 1, 0, 0]
+    assert strokes["opponent"].to_pylist() == ["bea", "ada", "bea", "bea", "ada"]
+    assert strokes["game"].to_pylist() == [1] * 5
+    assert strokes["source"].to_pylist() == ["own matches"] * 5
+
+
+def test_areas_of_the_striker_are_mirrored(tmp_path: Path) -> None:
+    areas = read(tmp_path, fields='areas_seen_by = "striker"\n' + MAP)["area"].to_pylist()
+    assert [None if a is None else court.AREAS[a] for a in areas] == [
+        "front-centre",
+        "back-right",
+        "middle-left",
+        "front-centre",
+        None,
+    ]
+
+
+def test_coordinates_of_the_court_are_turned(tmp_path: Path) -> None:
+    more = 'landing_x = "x"\nlanding_y = "y"\nside = "side"'
+    strokes = read(tmp_path, more=more, fields='coordinates = "court"\n' + MAP)
+    assert strokes["landing_y"].to_pylist() == [2.5, 6.0, 4.0, 2.5, 7.5]
+    assert strokes["landing_x"].to_pylist() == pytest.approx([0.1, 2.0, -2.0, 0.1, -0.5])
+
+
+def test_the_winner_of_a_rally_says_how_it_ended(tmp_path: Path) -> None:
+    fields = MAP.replace('ending = "end"', 'winner = "winner"')
+    strokes = read(tmp_path, fields=fields, rows=ROWS.replace("lift,,out", "lift,back-left,out"))
+    assert strokes["outcome"].to_pylist() == [0, 0, Outcome.WINNER, 0, Outcome.WINNER]
+    assert set(strokes["reason"].to_pylist()) == {REASONS.index("returned"), REASONS.index("unknown")}
+
+
+def test_strokes_of_an_unknown_type_are_left_out(tmp_path: Path) -> None:
+    strokes = read(tmp_path, rows=ROWS.replace("lift,back-left", "unknown,back-left"))
+    assert strokes["stroke"].to_pylist() == [1, 3, 1, 2]
+    assert main(["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml"), "--out", str(tmp_path / "o")]) == 0
+    assert load_account(tmp_path / "o").dropped == {"unknown shot type": 1}
+    assert main(["validate", str(tmp_path / "o")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "says"),
+    [
+        ("SMASH", "smahs", 4, "unknown shot 'smahs'; did you mean smash"),
+        ("SMASH", "Schmetterball", 4, r"say in \[values.shot\] which of short-serve"),
+        ("back-left", "midfield", 3, "unknown area 'midfield'"),
+        ("final,1,Bea", "final,one,Bea", 3, "rally 'one' is not a number"),
+        ("final,2,Bea", "final,2,Cleo", 6, "match 'final' has 3 players"),
+        ("final,1,Bea", "final,1,", 3, "who ''; expected a name"),
+        ("final,1,Bea", "final,1,a:b", 3, "may not hold one of"),
+        ("lift,,out", "lift,,", 6, "neither an ending nor a winner"),
+        ("lift,back-left,", "lift,back-left,net", 3, "ending 'net' of a stroke that is not the last"),
+        ("lift,back-left,", "lift,,", 3, "only faults have neither a landing nor an area"),
+        ("final,1,Ada,short serve", "final,1,Ada,clear", 2, "the first stroke of a rally, and no other, is a serve"),
+        ("landed,-2.0,4.0,near,", "landed,-2.0", 4, "7 fields instead of 10"),
+        ("final,2,Ada", "final,2,Bea", 6, "players alternate in a rally"),
+    ],
+)
+def test_every_problem_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: int, says: str) -> None:
+    with pytest.raises(DataError, match=says) as caught:
+        read(tmp_path, rows=ROWS.replace(old, new, 1))
+    assert caught.value.problems[0].line == line
+
+
+def test_all_problems_are_listed_by_validate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(
+        DataError, match=r"and 1 more; `python -m shuttle_marl.data validate .*own.csv --columns .*map.toml` lists"
+    ):
+        read(tmp_path, rows=ROWS.replace("SMASH", "smahs").replace("lift,,out", "lift,,ouut"))
+    flags = ["--columns", str(tmp_path / "map.toml")]
+    assert main(["validate", str(tmp_path / "own.csv"), *flags]) == 1
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    read(tmp_path)
+    assert main(["validate", str(tmp_path / "own.csv"), *flags]) == 0
+
+
+def test_who_won_and_how_it_ended_agree(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="ending 'landed' contradicts who won") as caught:
+        read(tmp_path, rows=ROWS.replace(",far,Ada", ",far,Bea"), more='winner = "winner"')
+    assert caught.value.problems[0].line == 4
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ('gme = "x"', "no column 'gme'; did you mean game"),
+        ('game = "nowhere"', "missing column nowhere"),
+        ('[values.shot]\n"x" = "smsh"', "'x' = 'smsh'; expected one of short-serve"),
+        ("[values.rally]", "no column with words 'rally'"),
+        ("[[", "no readable TOML"),
+    ],
+)
+def test_maps_with_something_wrong(tmp_path: Path, more: str, says: str) -> None:
+    with pytest.raises(DataError, match=says):
+        read(tmp_path, more=more)
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ('delimeter = ";"\n' + MAP, "no setting 'delimeter'; did you mean delimiter"),
+        ('decimal = ";"\n' + MAP, "decimal = ';'"),
+        ('delimiter = ";;"\n' + MAP, "expected one character"),
+        ('coordinates = "court"\n' + MAP, "needs the column side"),
+        ('source = ""\n' + MAP, "expected a line of text"),
+        ("source = 3\n" + MAP, "expected a line of text"),
+        (MAP.replace('shot = "shot"', ""), "lacks shot"),
+        (MAP.replace('ending = "end"', ""), "needs ending or winner"),
+        (MAP.replace('area = "area"', ""), "needs area, or landing_x"),
+        (MAP.replace('discipline = "MS"', ""), "is it MS or WS"),
+        ("columns = 3", "expected a table"),
+    ],
+)
+def test_settings_with_something_wrong(tmp_path: Path, fields: str, says: str) -> None:
+    with pytest.raises(DataError, match=says):
+        read(tmp_path, fields=fields)
+
+
+def test_a_map_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no readable TOML"):
+        ColumnMap.read(tmp_path / "nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("own.csv", "data import` makes one of a CSV file"), ("", "holds none of the published")]
+)
+def test_a_csv_file_and_a_folder_say_what_to_do(tmp_path: Path, name: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "own.csv").write_text(ROWS)
+    assert main(["validate", str(tmp_path / name)]) == 1
+    assert says in capsys.readouterr().out

@@ -1,0 +1,163 @@
+"""Fits to matches of one's own: splits by share, the least that is needed, and corrections of the shipped model."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.commands import data, dynamics, league
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.upstream import matches_of
+from shuttle_marl.dynamics.compiled import Support
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.make import _checked_refits
+from shuttle_marl.dynamics.models import sigmoid
+from shuttle_marl.dynamics.prior import _moved, _shift
+from shuttle_marl.dynamics.splits import LEAST_STROKES, LEAST_WITH_PRIOR, require_enough, train_and_validation
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import load_game, read_model_card, variants
+from shuttle_marl.policy import registry
+from tests.data.club_matches import strokes_of_club, write_club
+
+
+@pytest.fixture(scope="module")
+def club() -> Rows:
+    return rows_from_strokes(strokes_of_club(5, seed=1))
+
+
+def matches(rows: Rows) -> set[str]:
+    return {rows.matches[i] for i in np.unique(rows.match)}
+
+
+def renamed(rows: Rows, *names: str) -> Rows:
+    """The same strokes under other names for the first matches."""
+    return dataclasses.replace(rows, matches=(*names, *rows.matches[len(names) :]))
+
+
+@pytest.mark.parametrize(("share", "aside"), [(0.2, 1), (0.21, 2), (0.4, 2), (0.01, 1), (0.99, 4)])
+def test_a_share_of_the_matches_is_set_aside(club: Rows, share: float, aside: int) -> None:
+    train, validation = train_and_validation(club, share)
+    assert len(matches(validation)) == aside
+    assert matches(train) == set(club.matches) - matches(validation)
+    # The order of the rows and other matches change nothing about which come first.
+    turned = club.take(np.argsort(-club.match, kind="stable"))
+    assert matches(train_and_validation(turned, share)[1]) == matches(validation)
+
+
+def test_published_matches_keep_their_split(club: Rows) -> None:
+    published = {split: matches_of(split)[0] for split in ("train", "validation", "test")}
+    train, validation = train_and_validation(renamed(club, *published.values()), 0.5)
+    own = set(club.matches[3:])
+    assert matches(train) - own == {published["train"]}
+    assert matches(validation) - own == {published["validation"]}
+    assert len(matches(train) & own) == len(matches(validation) & own) == 1
+
+
+@pytest.mark.parametrize(
+    ("share", "says"), [(None, "--validation-share 0.2 sets a fifth"), (0.0, "between 0 and 1"), (1.0, "between")]
+)
+def test_a_share_is_needed_for_own_matches(club: Rows, share: float | None, says: str) -> None:
+    with pytest.raises(ShuttleError, match=says):
+        train_and_validation(club, share)
+
+
+def test_a_share_without_own_matches(club: Rows) -> None:
+    published = renamed(club, *matches_of("train")[:5])
+    with pytest.raises(ShuttleError, match="all matches are published"):
+        train_and_validation(published, 0.2)
+    with pytest.raises(ShuttleError, match="no match of the split 'validation'"):
+        train_and_validation(published, None)
+
+
+def test_too_few_strokes_are_refused_with_the_reason(club: Rows) -> None:
+    train, validation = train_and_validation(club, 0.2)
+    few = train.take(np.arange(len(train)) % (len(train) // 200) == 0)
+    with pytest.raises(
+        ShuttleError, match=rf"{len(few)} strokes in 4 train matches, at least {LEAST_STROKES} needed: .* 117 kinds"
+    ):
+        require_enough(few, validation, prior=False)
+    with pytest.raises(ShuttleError, match=rf"at least {LEAST_WITH_PRIOR} needed: with fewer there are not twenty faults"):
+        require_enough(few, validation, prior=True)
+    require_enough(train, validation, prior=False)
+    require_enough(train.take(np.arange(LEAST_WITH_PRIOR)), validation, prior=True)
+
+
+def test_too_few_matches_are_refused_with_the_reason(club: Rows) -> None:
+    one = club.in_matches(club.matches[:1])
+    for prior, needed in ((False, 3), (True, 2)):
+        with pytest.raises(ShuttleError, match=f"1 matches: at least {needed} needed, of which one is set aside"):
+            require_enough(*train_and_validation(one, 0.2), prior=prior)
+
+
+def test_few_matches_are_not_resampled() -> None:
+    assert (_checked_refits(None, 7), _checked_refits(None, 8), _checked_refits(0, 3), _checked_refits(2, 8)) == (0, 8, 0, 2)
+    with pytest.raises(ShuttleError, match="--refits 4: 3 train matches, at least 8 needed"):
+        _checked_refits(4, 3)
+
+
+def test_shifts_are_shrunk_and_move_the_ranges() -> None:
+    rng = np.random.default_rng(0)
+    found = []
+    for number in (20, 20_000):
+        label = rng.random(number) < sigmoid(np.full(number, -1.5 + 0.8))
+        found.append(_shift(lambda b, number=number: sigmoid(np.full(number, -1.5 + b)), label))
+    assert found[1] == pytest.approx(0.8, abs=0.06)
+    assert _shift(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx(0, abs=1e-4)
+    nothing = np.zeros(2)
+    support = Support(
+        strokes=np.ones(2),
+        faults=nothing,
+        winners=nothing,
+        fault_range=np.array([[0.1, 0.2], [0.0, 1.0]]),
+        winner_range=np.array([[0.3, 0.4], [0.0, 1.0]]),
+    )
+    moved = _moved(support, {"success": 0.5, "return": 0.5, "contact": 0.0}, support)
+    assert (moved.fault_range[0] > support.fault_range[0]).all()
+    assert (moved.winner_range[0] < support.winner_range[0]).all()
+    assert moved.fault_range[1].tolist() == [0, 1]
+    assert moved.strokes.tolist() == [2, 2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "prior"), [(3, None), (3, "default"), (8, None)])
+def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, columns = write_club(tmp_path, strokes_of_club(number))
+    table, model = tmp_path / "club.parquet", tmp_path / "model"
+    assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
+    assert data.main(["validate", str(table)]) == 0
+    flags = ["--data", str(table), "--out", str(model), *(["--prior", prior] if prior else [])]
+    assert dynamics.main(["fit", *flags]) == 1
+    assert "--validation-share 0.2" in capsys.readouterr().err
+    assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 0
+    assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 1
+    assert "is there already" in capsys.readouterr().err
+    card = read_model_card(model)
+    assert card["data"]["sources"] == ["our club"]
+    assert variants(str(model)) == card["variants"] == []
+    assert dynamics.main(["card", "--model", str(model)]) == 0
+    printed = capsys.readouterr().out
+    for name in ("largest shot share", "shot types above 2 percent", "minimax mean rally", "minimax thin"):
+        assert f"{name}: " in printed
+    assert dynamics.main(["evaluate", "--data", str(table), "--model", str(model), "--json"]) == 0
+    game = load_game(str(model))
+    assert not any("axelsen" in name for name in registry.names(game))
+    assert league.main(["--game", str(model), "--matches", "2", "--out", str(tmp_path / "run")]) == 0
+    if prior:
+        # Players who play as those of the prior, and a correction that hardly moves it.
+        assert game.catalogue.version == load_game().catalogue.version
+        assert all(abs(shift) < 0.25 for shift in card["chosen"]["prior"]["shifts"].values())
+
+
+def test_259_strokes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    strokes = strokes_of_club(3)
+    few = strokes.filter(strokes["rally"].to_numpy() <= 4 * (strokes["game"].to_numpy() == 1)).slice(0, 259)
+    last_rally = few.num_rows - int((few["stroke"].to_numpy() == 1)[::-1].argmax()) - 1
+    file, columns = write_club(tmp_path, few.slice(0, last_rally))
+    table = tmp_path / "few.parquet"
+    assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
+    for prior in ([], ["--prior", "default"]):
+        flags = ["--data", str(table), "--out", str(tmp_path / "m"), "--validation-share", "0.2", *prior]
+        assert dynamics.main(["fit", *flags]) == 1
+        assert "needed: " in capsys.readouterr().err
+    assert 80 < load_strokes(table).num_rows <= 259
