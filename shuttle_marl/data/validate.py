@@ -52,7 +52,8 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
         if columns is not None:
             return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
-            raise DataError(path, f"holds none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
+            nothing = Problem(path, f"holds none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
+            return Report(problems=(nothing,), notes=(), splits=_compare(path, ())[0], account=None)
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:
         return Report(problems=error.problems, notes=(), splits={}, account=None)
