@@ -31,6 +31,7 @@ from shuttle_marl.staging.arm import (
 )
 from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS, hip_angles
+from shuttle_marl.staging.life import Life, measure_life, summary_of_life
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
@@ -208,6 +209,7 @@ class Metrics:
         landing: ``[n]`` end of each flight to the point that was drawn for it [m].
         timely: for each returned stroke, whether its flight time lies in the data's interquartile range of its shot type.
         true_end: ``[n]`` whether each stroke ends as it must: in the area it was meant for, out of court, or in the net.
+        life: how alive it is.
         seconds: length [s].
     """
 
@@ -222,6 +224,7 @@ class Metrics:
     landing: Floats
     timely: npt.NDArray[np.bool_]
     true_end: npt.NDArray[np.bool_]
+    life: Life
     seconds: float
 
 
@@ -250,11 +253,12 @@ def measure(motion: Motion) -> Metrics:
         landing=np.linalg.norm(motion.shuttle[ends] - trajectory.chosen_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
+        life=measure_life(motion),
         seconds=float(motion.time[-1]),
     )
 
 
-def summary(found: Sequence[Metrics]) -> dict[str, float]:
+def summary(found: Sequence[Metrics]) -> dict[str, Any]:
     """Figures over several motions.
 
     Args:
@@ -263,14 +267,20 @@ def summary(found: Sequence[Metrics]) -> dict[str, float]:
     Returns:
         ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
         ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
-        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``. Figures
-        without data (no stroke crosses the net, none is returned) are left out.
+        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``.
+
+        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms`` and ``impact_cosine`` (medians, and both
+        ``…_by_shot``). Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink`` (median of
+        jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
+        player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
+        2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
+        :class:`~shuttle_marl.staging.life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:
         return np.concatenate([np.atleast_1d(getattr(metrics, name)) for metrics in found])
 
-    figures: dict[str, float] = {
+    figures: dict[str, Any] = {
         "rallies": len(found),
         "strokes": len(every("contact")),
         "seconds": float(every("seconds").sum()),
@@ -289,7 +299,7 @@ def summary(found: Sequence[Metrics]) -> dict[str, float]:
         figures["net_clearance_min"] = float(clearance.min())
     if len(timely := every("timely")):
         figures["flight_times_in_quartiles"] = float(timely.mean())
-    return figures
+    return figures | summary_of_life([metrics.life for metrics in found])
 
 
 def _feet(motion: Motion) -> tuple[Floats, float]:
