@@ -267,6 +267,12 @@ def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
     return pose.position[4] + SWEET_SPOT * pose.rotation[4] @ arm.axis
 
 
+def sweet_spot_jacobian(arm: Arm, angles: Floats) -> Floats:
+    """``[N, 3, 10]`` how the middle of the strings moves with each angle."""
+    pose = arm.pose(angles)
+    return _columns(pose, sweet_spot(arm, pose))
+
+
 def _columns(pose: ArmPose, point: Floats) -> Floats:
     """``[N, 3, 10]`` how a point of the racket moves with each angle."""
     return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.arm import arm_of
-from shuttle_marl.staging.body import HELD, Performance, Prepared, perform, prepare
+from shuttle_marl.staging.body import HELD, Prepared, bones, course, prepare
+from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
@@ -69,11 +70,12 @@ def stage(
     contacts = np.rint(trajectory.time * fps).astype(np.int64)
     for seat in (0, 1):
         sign = own_frame(seat, right[seat])
-        played = perform(skeletons[seat], *ready[seat], shuttle * sign)
-        rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(played, sign)
+        found = course(skeletons[seat], ready[seat][1], shuttle * sign)
+        turn, place = bones(skeletons[seat], found)
+        rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(turn, place, found.feet, sign)
         if seat == rally.server:
             hand = BONE["LeftHand"]
-            palm = played.position[:, hand] + played.rotation[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
+            palm = place[:, hand] + turn[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
             release = int(contacts[0]) - round(HELD[trajectory.stance[0].motion][1] * fps)
             held(shuttle, palm * sign, int(contacts[0]), release, fps)
     velocity[: contacts[0]] = np.gradient(shuttle[: contacts[0] + 1], 1 / fps, axis=0)[:-1]
@@ -125,14 +127,13 @@ def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
     return Physique(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
 
 
-def _onto_court(played: Performance, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+def _onto_court(rotation: Floats, position: Floats, feet: Feet, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
     """Rotations, positions and plants of a player in the frame of the court.
 
     ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. Under a mirror the bones of
     the left and the right change places.
     """
-    rotation, position = played.rotation, played.position * sign
-    planted = played.feet.planted.T
+    position, planted = position * sign, feet.planted.T
     mirror = sign[0] * sign[1] < 0
     flip = np.diag([-1.0, 1.0, 1.0])
     if mirror:

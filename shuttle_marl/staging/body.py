@@ -5,10 +5,11 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
-from shuttle_marl.staging.feet import Feet, move, steps
+from shuttle_marl.staging.feet import Feet, Plant, move, steps
+from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.legs import legs, reach_of, settle
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
@@ -58,37 +59,54 @@ shot from a lunge would be played with the head of the racket hanging from a han
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Performance:
-    """Bones of one player over F frames, in the player's own frame, as a right-hander.
+class Keys:
+    """Key poses of a player, solved: K of them.
 
     Attributes:
-        rotation: ``[F, 23, 3, 3]`` how far each bone has turned since its rest.
-        position: ``[F, 23, 3]`` where each bone begins [m].
-        feet: the feet.
+        frame: ``[K]`` when each is taken, ascending.
+        pose: ``[K, 27]`` the poses.
+        slope: ``[K, 27]`` how fast they change there, for each frame.
     """
 
-    rotation: Floats
-    position: Floats
-    feet: Feet
+    frame: npt.NDArray[np.int64]
+    pose: Floats
+    slope: Floats
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Prepared:
-    """State before the bones are solved: F frames, K key poses, H hits.
+    """State before the bones are solved: F frames, H hits.
 
     Attributes:
         hips: ``[F, 3]`` where the hips are [m].
-        root: ``[F, 3, 3]`` how they are turned.
         feet: the feet.
-        poses: ``[K, 27]`` key poses, those at contacts bent towards the shuttle.
+        plants: times and places at which the left and the right foot are planted.
+        keys: the key poses, those at contacts bent towards the shuttle.
         miss: ``[H, 3]`` from the strings to the shuttle at each hit [m].
     """
 
     hips: Floats
-    root: Floats
     feet: Feet
-    poses: Floats
+    plants: tuple[list[Plant], list[Plant]]
+    keys: Keys
     miss: Floats
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Course:
+    """All that bones follow from, for one player over F frames, in the player's own frame, as a right-hander.
+
+    Attributes:
+        hips: ``[F, 3]`` where the hips are [m].
+        pose: ``[F, 27]`` trunk and arms.
+        feet: the feet.
+        gaze: ``[F, 2]`` how far the head turns left and bows against the chest [rad].
+    """
+
+    hips: Floats
+    pose: Floats
+    feet: Feet
+    gaze: Floats
 
 
 def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> Prepared:
@@ -100,45 +118,64 @@ def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> P
         hips: ``[F, 2]`` the hips over the floor [m].
         fps: frames a second.
     """
-    body = _between_keys(timeline, timeline.pose[:, TRUNK], len(hips))
+    body = _between(timeline.frame, timeline.pose[:, TRUNK], _slopes(timeline.frame, timeline.pose[:, TRUNK]), len(hips))
     place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
     root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
     feet = move(plants, timeline.lift, len(hips), fps)
     place, feet = settle(skeleton, place, root, feet)
-    poses, miss = _meet(skeleton, timeline, place, fps)
-    return Prepared(hips=place, root=root, feet=feet, poses=poses, miss=miss)
+    keys, miss = _meet(skeleton, timeline, place, fps)
+    return Prepared(hips=place, feet=feet, plants=plants, keys=keys, miss=miss)
 
 
-def perform(skeleton: Skeleton, timeline: Timeline, prepared: Prepared, shuttle: Floats) -> Performance:
-    """All bones in all frames.
+def course(skeleton: Skeleton, prepared: Prepared, shuttle: Floats) -> Course:
+    """All that bones follow from, in all frames.
 
     Args:
         skeleton: the athlete.
-        timeline: what to do.
         prepared: feet, hips and key poses.
         shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
     """
-    place, root, feet = prepared.hips, prepared.root, prepared.feet
-    pose = _between_keys(timeline, prepared.poses, len(place))
+    keys = prepared.keys
+    pose = _between(keys.frame, keys.pose, keys.slope, len(prepared.hips))
+    arm = arm_of(skeleton)
+    for part in (RACKET_ARM, FREE_ARM):
+        pose[:, part] = arm.clipped(pose[:, part])
+    spine = slice(SPINE_YAW, SPINE_YAW + 3)
+    pose[:, spine] = np.clip(pose[:, spine], SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
+    rotation, position = trunk(skeleton, prepared.hips, pose[:, TRUNK])
+    return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=_gaze(skeleton, rotation[-1], position[-1], shuttle))
+
+
+def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
+    """Bones of one player, in the player's own frame, as a right-hander.
+
+    Args:
+        skeleton: the athlete.
+        found: the course of hips, pose, feet and gaze.
+
+    Returns:
+        ``[F, 23, 3, 3]`` how far each bone has turned since its rest, and ``[F, 23, 3]`` where it begins [m].
+    """
+    place, pose = found.hips, found.pose
     rotation, position = np.empty((len(place), N_BONES, 3, 3)), np.empty((len(place), N_BONES, 3))
-    spine_rotation, spine_position = trunk(skeleton, place, pose[:, :7])
+    spine_rotation, spine_position = trunk(skeleton, place, pose[:, TRUNK])
     _put(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
     chest, middle = spine_rotation[-1], spine_position[-1]
     arm = arm_of(skeleton)
-    racket = arm.pose(arm.clipped(pose[:, RACKET_ARM]))
+    racket = arm.pose(pose[:, RACKET_ARM])
     collar = collar_of(skeleton, chest, middle)
     names: tuple[str, ...] = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
     _put(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
-    free = arm.pose(arm.clipped(pose[:, FREE_ARM]))
+    free = arm.pose(pose[:, FREE_ARM])
     flip = np.diag(FLIP)
     collar = collar_of(skeleton, chest, middle, "Left")
     names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
     _put(
         rotation, position, names, (chest @ (flip @ free.rotation @ flip))[:4], (collar + apply(chest, free.position * FLIP))[:4]
     )
-    both = legs(skeleton, place, root, feet)
+    both = legs(skeleton, place, spine_rotation[0], found.feet)
     for k, side in enumerate(("Left", "Right")):
         _put(
             rotation,
@@ -147,14 +184,26 @@ def perform(skeleton: Skeleton, timeline: Timeline, prepared: Prepared, shuttle:
             both.rotation[k],
             both.position[k],
         )
-    _head(skeleton, rotation, position, shuttle)
-    return Performance(rotation=rotation, position=position, feet=feet)
+    zero = np.zeros(len(place))
+    half = yaw_pitch_roll(0.45 * found.gaze[:, 0], 0.4 * found.gaze[:, 1], zero)
+    rest = yaw_pitch_roll(0.55 * found.gaze[:, 0], 0.6 * found.gaze[:, 1], zero)
+    neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
+    turn = chest @ half
+    head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
+    _put(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
+    return rotation, position
 
 
-def _between_keys(timeline: Timeline, poses: Floats, frames: int) -> Floats:
-    """``[F, ...]`` key poses joined by cubics that pass each of them and never overshoot (Fritsch & Carlson 1980)."""
-    when = np.clip(np.arange(frames, dtype=np.float64), timeline.frame[0], timeline.frame[-1])
-    out: Floats = PchipInterpolator(timeline.frame, poses, axis=0)(when)
+def _slopes(frame: npt.NDArray[np.int64], poses: Floats) -> Floats:
+    """``[K, ...]`` slopes at key poses with which cubics between them never overshoot (Fritsch & Carlson 1980)."""
+    out: Floats = PchipInterpolator(frame, poses, axis=0)(frame, 1)
+    return out
+
+
+def _between(frame: npt.NDArray[np.int64], poses: Floats, slopes: Floats, frames: int) -> Floats:
+    """``[F, ...]`` key poses joined by cubics with the given slopes; held before the first and after the last."""
+    when = np.clip(np.arange(frames, dtype=np.float64), frame[0], frame[-1])
+    out: Floats = CubicHermiteSpline(frame, poses, slopes, axis=0)(when)
     return out
 
 
@@ -163,11 +212,11 @@ def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Float
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
-def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tuple[Floats, Floats]:
+def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tuple[Keys, Floats]:
     """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
     poses = timeline.pose.copy()
     if not timeline.hits:
-        return poses, np.zeros((0, 3))
+        return Keys(frame=timeline.frame, pose=poses, slope=_slopes(timeline.frame, poses)), np.zeros((0, 3))
     arm = arm_of(skeleton)
     rows = np.array([hit.key for hit in timeline.hits])
     frames = np.array([hit.frame for hit in timeline.hits])
@@ -219,7 +268,38 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
         if hit.stance.motion in HELD:
             _hold(skeleton, timeline, hit, place, poses, fps)
     chest, _ = _chest(skeleton, hips, poses[rows])
-    return poses, apply(chest, exact.point - _strings(arm, angles))
+    return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
+
+
+def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, fps: int) -> Keys:
+    """The key poses with the speed of the arm at the contacts, and loads and follow-throughs that suit it."""
+    arm, frame = arm_of(skeleton), timeline.frame
+    rows = np.array([hit.key for hit in timeline.hits])
+    before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
+    slopes = _slopes(frame, poses)
+    still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
+    chest, _ = _chest(skeleton, place[frame[rows]], poses[rows])
+    wanted = np.array([hit.swing for hit in timeline.hits]) - still
+    speed = swing(arm, poses[rows, RACKET_ARM], apply(chest.transpose(0, 2, 1), wanted), before, after)
+    for side, seconds in ((-1, before), (1, after)):
+        poses[rows + side, RACKET_ARM] = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
+    slopes = _slopes(frame, poses)
+    slopes[rows, RACKET_ARM] = speed / fps
+    return Keys(frame=frame, pose=poses, slope=slopes)
+
+
+def _carried(
+    skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, slopes: Floats, rows: npt.NDArray[np.int64], fps: int
+) -> Floats:
+    """``[H, 3]`` velocity that hips and trunk give the strings at the contacts [m/s]."""
+    arm, frame, d = arm_of(skeleton), timeline.frame[rows], 0.05
+    strings = _strings(arm, poses[rows, RACKET_ARM])
+    drift = (place[np.minimum(frame + 1, len(place) - 1)] - place[frame - 1]) / 2
+    ends = []
+    for side in (-d, d):
+        chest, collar = _chest(skeleton, place[frame] + side * drift, poses[rows] + side * slopes[rows])
+        ends.append(collar + apply(chest, strings))
+    return (ends[1] - ends[0]) * (fps / (2 * d))
 
 
 def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses: Floats, fps: int) -> None:
@@ -272,10 +352,9 @@ def _leant(skeleton: Skeleton, hips: Floats, poses: Floats, lean0: Floats, seen:
     return out
 
 
-def _head(skeleton: Skeleton, rotation: Floats, position: Floats, shuttle: Floats) -> None:
-    """Neck and head follow the shuttle, as far and as fast as they can."""
-    chest = rotation[:, BONE["Spine2"]]
-    neck = position[:, BONE["Spine2"]] + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
+def _gaze(skeleton: Skeleton, chest: Floats, middle: Floats, shuttle: Floats) -> Floats:
+    """``[F, 2]`` neck and head follow the shuttle, as far and as fast as they can."""
+    neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     eyes = neck + np.array([0.0, 0.0, 0.15])
     way = apply(chest.transpose(0, 2, 1), unit(shuttle - eyes))
     yaw = np.arctan2(-way[:, 0], np.maximum(way[:, 1], 0.05))
@@ -285,10 +364,4 @@ def _head(skeleton: Skeleton, rotation: Floats, position: Floats, shuttle: Float
     kernel = np.hanning(13)[1:-1]
     kernel /= kernel.sum()
     padded = np.pad(aim, ((5, 5), (0, 0)), mode="edge")
-    aim = np.stack([np.convolve(padded[:, k], kernel, mode="valid") for k in range(2)], axis=1)
-    zero = np.zeros(len(aim))
-    half = yaw_pitch_roll(0.45 * aim[:, 0], 0.4 * aim[:, 1], zero)
-    rest = yaw_pitch_roll(0.55 * aim[:, 0], 0.6 * aim[:, 1], zero)
-    turn = chest @ half
-    head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
-    _put(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
+    return np.stack([np.convolve(padded[:, k], kernel, mode="valid") for k in range(2)], axis=1)

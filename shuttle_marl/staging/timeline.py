@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.flight import GRAVITY
+from shuttle_marl.staging.impact import RATIOS
 from shuttle_marl.staging.library import TRUNK, Library, bent
 from shuttle_marl.staging.motions import (
     CONTACT,
@@ -47,6 +48,7 @@ class Hit:
         stance: how it is met, mirrored for a left-hander.
         point: ``[3]`` where the shuttle is [m].
         normal: ``[3]`` where the strings face.
+        swing: ``[3]`` velocity that the strings shall have [m/s].
     """
 
     key: int
@@ -55,6 +57,7 @@ class Hit:
     stance: Stance
     point: Floats
     normal: Floats
+    swing: Floats
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -231,7 +234,7 @@ class TimelineBuilder:
         if behind > 0.8:
             self._key(frame + round(0.75 * behind * fps), self._ready(frame + round(0.75 * behind * fps)))
         self._feet(i, stance, frame, lift)
-        return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal)
+        return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal, swing=self._swing(i))
 
     def _rise(self, keys: Floats, stance: Stance, z: float, frame: int, ahead: float, higher: float) -> tuple[int, int] | None:
         """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
@@ -279,6 +282,12 @@ class TimelineBuilder:
             _, into = self.trajectory.flight.at(i - 1, self.trajectory.flight.time[i - 1, -1:])
             n = n - 0.4 * into[0] / np.linalg.norm(into[0])
         return n / np.linalg.norm(n) * self.sign
+
+    def _swing(self, i: int) -> Floats:
+        """Velocity that the strings shall have: a share of the shuttle's launch, by shot type."""
+        rally = self.trajectory.rally
+        _, out = self.trajectory.flight.at(i, np.array([0.0]))
+        return float(RATIOS[rally.catalogue.shot[rally.stroke[i]]]) * out[0] * self.sign
 
     def _finish(self, over: int) -> None:
         """After the rally both let the racket sink."""
