@@ -108,6 +108,8 @@ class Arm:
         self.axes = axes
         self.turn = {angle: Hinge(axis) for angle, axis in axes.items()}
         self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
+        fixed = [axes[RAISE], axes[FORWARD], *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
+        self.constants = (np.array(fixed), self.offset, self.to_middle.copy(), self.rest_bend, self.normal.copy())
 
     def pose(self, angles: Floats) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
@@ -198,48 +200,12 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
         rounds: steps.
         hold: weight of the wish to stay near :data:`RELAXED`.
     """
-    x = arm.clipped(np.array(start, dtype=np.float64))
-    n = len(x)
-    w = goal.weight
-    identity = np.eye(10)
-    for step in range(rounds):
-        pose = arm.pose(x)
-        shaft, normal = pose.rotation[4] @ arm.axis, pose.rotation[4] @ arm.normal
-        point = pose.position[4] + goal.reach[:, None] * shaft
-        upper = unit(pose.position[2] - pose.position[1])
-        residual = np.concatenate(
-            [
-                w[:, :1] * (goal.point - point),
-                w[:, 1:2] * (goal.shaft - shaft),
-                w[:, 2:3] * (goal.normal - normal),
-                w[:, 3:] * (goal.elbow - upper),
-                hold * (RELAXED - x),
-            ],
-            axis=1,
-        )
-        jacobian = np.concatenate(
-            [
-                w[:, :1, None] * _columns(pose, point),
-                w[:, 1:2, None] * _turning(pose, shaft, 10),
-                w[:, 2:3, None] * _turning(pose, normal, 10),
-                w[:, 3:, None] * _turning(pose, upper, 5),
-                np.broadcast_to(hold * identity, (n, 10, 10)),
-            ],
-            axis=1,
-        )
-        damping = (1e-2 if step < rounds // 2 else 1e-4) * identity
-        square = jacobian.transpose(0, 2, 1) @ jacobian + damping
-        slope = jacobian.transpose(0, 2, 1) @ residual[..., None]
-        wanted = np.linalg.solve(square, slope)[..., 0]
-        # Angles that are pushed against their limits stay there, and the others do their work.
-        held = ((x <= LIMITS[:, 0] + 1e-9) & (wanted < 0)) | ((x >= LIMITS[:, 1] - 1e-9) & (wanted > 0))
-        free = ~held
-        square = square * (free[:, :, None] & free[:, None, :]) + held[:, :, None] * identity
-        move = np.linalg.solve(square, slope * free[..., None])[..., 0]
-        before = x
-        x = arm.clipped(x + np.clip(move, -0.5, 0.5))
-        if step > rounds // 3 and np.abs(x - before).max() < 2e-4:
-            break
+    from shuttle_marl.staging.compiled import solve_arms  # noqa: PLC0415  numba is slow to import
+
+    x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
+    wanted = np.ascontiguousarray(np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1), dtype=np.float64)
+    weight, reach = (np.ascontiguousarray(part, dtype=np.float64) for part in (goal.weight, goal.reach))
+    solve_arms(x, wanted, weight, reach, arm.constants, LIMITS, RELAXED, float(SWING_LIMIT), rounds, hold)
     return x
 
 
@@ -276,10 +242,3 @@ def sweet_spot_jacobian(arm: Arm, angles: Floats) -> Floats:
 def _columns(pose: ArmPose, point: Floats) -> Floats:
     """``[N, 3, 10]`` how a point of the racket moves with each angle."""
     return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)
-
-
-def _turning(pose: ArmPose, direction: Floats, angles: int) -> Floats:
-    """``[N, 3, 10]`` how a direction turns with the first ``angles`` angles; the others do not move it."""
-    out = cross(pose.axes, direction[:, None])
-    out[:, angles:] = 0
-    return out.transpose(0, 2, 1)

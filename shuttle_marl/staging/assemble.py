@@ -1,12 +1,14 @@
-"""From a played rally to motion: the path of the shuttle and the bones of both players."""
+"""From a played rally to motion: the path of the shuttle and the bones of both players; and rallies that are continued."""
 
+import dataclasses
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.arm import arm_of
-from shuttle_marl.staging.body import HELD, Prepared, bones, course, prepare
+from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
+from shuttle_marl.staging.draw import Known, Physique, draw_trajectory
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
@@ -16,7 +18,7 @@ from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, load_skeleton
 from shuttle_marl.staging.timeline import Timeline, TimelineBuilder, own_frame
-from shuttle_marl.staging.trajectory import Physique, Trajectory, draw_trajectory, with_contacts_moved
+from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, with_contacts_moved
 from shuttle_marl.staging.travel import travel
 
 Floats = npt.NDArray[np.float64]
@@ -28,6 +30,24 @@ _TAIL: Final = 1.4
 """Time after the end of the last flight [s]."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Branch:
+    """Where a motion is continued: the motion, how many strokes have been struck, and the last frame that stays."""
+
+    motion: Motion
+    strokes: int
+    frame: int
+
+    def player(self, seat: int) -> Player:
+        assert self.motion.players is not None
+        return self.motion.players[seat]
+
+    def course(self, seat: int) -> Course:
+        """The frames that stay."""
+        found, rows = self.player(seat).course, slice(0, self.frame + 1)
+        return Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
+
+
 def stage(
     rally: PlayedRally,
     *,
@@ -35,8 +55,16 @@ def stage(
     handedness: tuple[str, str] = ("right", "right"),
     athletes: tuple[str, str] = ("male", "male"),
     fps: int = 50,
+    lead_in: float = LEAD_IN,
+    continuing: Motion | None = None,
+    from_stroke: int | None = None,
+    at: int | None = None,
 ) -> Motion:
     """Stage a rally. The same arguments give the same motion.
+
+    A rally that is still open is staged as far as it is known: up to where the next striker is expected to meet the shuttle, or,
+    before the serve, for ``lead_in`` seconds of waiting. What follows is put behind it by another call with ``continuing``, and
+    so is another end of a rally that was staged whole. The frames up to the branch stay as they are, bit for bit.
 
     Args:
         rally: what was played.
@@ -44,80 +72,124 @@ def stage(
         handedness: ``right`` or ``left``, of seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
         fps: frames a second, from 25; every contact falls on a frame.
+        lead_in: time before the serve, or that the waiting lasts [s].
+        continuing: a motion of the same rally up to ``from_stroke``; hands, athletes and frames a second are then its own.
+        from_stroke: number of the first stroke that is not in it or shall be another one; by default the one behind its last.
+        at: frame of ``continuing`` after which the waiting ends; only before the serve, by default its last one. Otherwise the
+            branch is the contact of the stroke before ``from_stroke``.
 
     Raises:
-        StagingError: a rally or an option that cannot be staged.
+        StagingError: a rally, a branch or an option that cannot be staged.
     """
     rally = rally.checked()
-    if any(hand not in HANDS for hand in handedness):
-        raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
-    if not 25 <= fps <= 1000:
-        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
-    skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
+    branch = _branch(rally, continuing, from_stroke, at)
+    if branch:
+        fps, handedness, skeletons = branch.motion.fps, branch.motion.handedness, branch.motion.skeletons
+    else:
+        _check(handedness, fps, lead_in)
+        skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
     right = (handedness[0] == "right", handedness[1] == "right")
-    players = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
-    trajectory = draw_trajectory(rally, load_measured(), players, seed=seed, fps=fps)
-    frames = round((trajectory.end_time[-1] + _TAIL) * fps) + 1
+    bodies = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
+    known = Known(trajectory=branch.motion.trajectory, strokes=branch.strokes, frame=branch.frame) if branch else None
+    trajectory = draw_trajectory(rally, load_measured(), bodies, seed=seed, fps=fps, lead_in=lead_in, known=known)
+    frames = _length(trajectory, fps, lead_in, branch)
     for _ in range(_RETRIES):
-        ready = [_prepared(trajectory, seat, skeletons[seat], right[seat], frames, fps) for seat in (0, 1)]
+        ready = [_prepared(trajectory, seat, skeletons[seat], right[seat], frames, fps, branch) for seat in (0, 1)]
         missed = _missed(ready, right)
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    shuttle, velocity = shuttle_path(trajectory, frames, fps)
-    rotation, position = np.empty((frames, 2, N_BONES, 4)), np.empty((frames, 2, N_BONES, 3))
-    planted = np.empty((frames, 2, 2), dtype=bool)
-    contacts = np.rint(trajectory.time * fps).astype(np.int64)
-    for seat in (0, 1):
-        sign = own_frame(seat, right[seat])
-        found = course(skeletons[seat], ready[seat][1], shuttle * sign)
-        turn, place = bones(skeletons[seat], found)
-        rotation[:, seat], position[:, seat], planted[:, seat] = _onto_court(turn, place, found.feet, sign)
-        if seat == rally.server:
-            hand = BONE["LeftHand"]
-            palm = place[:, hand] + turn[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)
-            release = int(contacts[0]) - round(HELD[trajectory.stance[0].motion][1] * fps)
-            held(shuttle, palm * sign, int(contacts[0]), release, fps)
-    velocity[: contacts[0]] = np.gradient(shuttle[: contacts[0] + 1], 1 / fps, axis=0)[:-1]
-    return Motion(
-        fps=fps,
-        time=np.arange(frames) / fps,
-        shuttle=shuttle.astype(np.float32),
-        shuttle_velocity=velocity.astype(np.float32),
-        rotation=rotation.astype(np.float32),
-        position=position.astype(np.float32),
-        planted=planted,
-        contact_frame=contacts,
-        skeletons=skeletons,
-        handedness=handedness,
-        trajectory=trajectory,
-    )
+    return _assembled(trajectory, ready, skeletons, handedness, frames, fps, branch)
+
+
+def _check(handedness: tuple[str, str], fps: int, lead_in: float) -> None:
+    if any(hand not in HANDS for hand in handedness):
+        raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
+    if not 25 <= fps <= 1000:
+        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
+    if not 1.0 <= lead_in <= 3600:
+        raise StagingError(f"{lead_in} s before the serve: expected 1 to 3600")
+
+
+def _branch(rally: PlayedRally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
+    """Where a motion is continued, checked."""
+    if motion is None:
+        if from_stroke is not None or at is not None:
+            raise StagingError("from_stroke and at say where a motion is continued: give that motion as continuing")
+        return None
+    if motion.players is None:
+        raise StagingError("an unpacked motion cannot be continued: keep the one that stage() returned")
+    old = motion.trajectory.rally
+    strokes = len(old) if from_stroke is None else from_stroke
+    if not 0 <= strokes <= min(len(old), len(rally)):
+        raise StagingError(f"from_stroke {strokes}: the motion has {len(old)} strokes, the rally {len(rally)}")
+    same = [
+        one.catalogue.names[a] == other.catalogue.names[b]
+        for (one, a), (other, b) in zip(
+            ((rally, k) for k in rally.stroke[:strokes]), ((old, k) for k in old.stroke[:strokes]), strict=True
+        )
+    ]
+    if old.server != rally.server or not all(same):
+        raise StagingError(f"the motion and the rally have other strokes before number {strokes}: expected the same ones")
+    if strokes:
+        if at is not None:
+            raise StagingError("at: a rally is continued at a contact; only the waiting before the serve ends anywhere")
+        return _Branch(motion, strokes, int(motion.contact_frame[strokes - 1]))
+    last = len(motion.time) - 1 if not len(old) else int(motion.contact_frame[0]) - round(motion.fps)
+    frame = last if at is None else at
+    if not 1 <= frame <= last:
+        raise StagingError(f"at {frame}: the waiting before the serve has frames 1 to {last}")
+    return _Branch(motion, 0, frame)
+
+
+def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: _Branch | None) -> int:
+    """Number of frames."""
+    if not len(trajectory.rally):
+        return (branch.frame if branch else 0) + round(lead_in * fps) + 1
+    tail = 0.0 if trajectory.rally.open else _TAIL
+    return round((trajectory.end_time[-1] + tail) * fps) + 1
 
 
 def _prepared(
-    trajectory: Trajectory, seat: int, skeleton: Skeleton, right_handed: bool, frames: int, fps: int
-) -> tuple[Timeline, Prepared]:
-    """Timeline and feet of one player. Where the racket does not get to the shuttle, the hips are moved and it tries again."""
+    trajectory: Trajectory,
+    seat: int,
+    skeleton: Skeleton,
+    right_handed: bool,
+    frames: int,
+    fps: int,
+    branch: _Branch | None,
+) -> tuple[Timeline, Prepared, Floats]:
+    """Timeline, feet and key poses of one player, and by how much the hips are moved at each stroke.
+
+    Where the racket does not get to the shuttle, the hips are moved and it tries again.
+    """
     shift, library = np.zeros((len(trajectory.time), 3)), library_of(skeleton)
     mirror = np.array([1.0 if right_handed else -1.0, 1.0])
+    past, known, before, walked = None, None, None, None
+    if branch:
+        shift[: branch.strokes] = branch.player(seat).shift[: branch.strokes]
+        before = branch.course(seat)
+        walked = before.hips[:, :2] * mirror
     for _ in range(_ATTEMPTS):
-        hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps) * mirror
-        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps).timeline()
-        prepared = prepare(skeleton, timeline, hips, fps)
+        if branch:
+            past, known = branch.player(seat).past(branch.frame, branch.strokes)
+        hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps, walked) * mirror
+        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps, past).timeline()
+        prepared = prepare(skeleton, timeline, hips, fps, known, before)
         missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
         if not missed.any():
             break
         strokes = np.array([hit.stroke for hit in timeline.hits])
         # A little further than the miss, or the last millimetres would take many attempts.
         shift[strokes[missed]] += 1.15 * prepared.miss[missed]
-    return timeline, prepared
+    return timeline, prepared, shift
 
 
-def _missed(ready: list[tuple[Timeline, Prepared]], right: tuple[bool, bool]) -> dict[int, Floats]:
+def _missed(ready: list[tuple[Timeline, Prepared, Floats]], right: tuple[bool, bool]) -> dict[int, Floats]:
     """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
     return {
         hit.stroke: -miss * own_frame(seat, right[seat])
-        for seat, (timeline, prepared) in enumerate(ready)
+        for seat, (timeline, prepared, _) in enumerate(ready)
         for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
         if np.linalg.norm(miss) > 2 * _TOLERANCE
     }
@@ -125,6 +197,65 @@ def _missed(ready: list[tuple[Timeline, Prepared]], right: tuple[bool, bool]) ->
 
 def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
     return Physique(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
+
+
+def _assembled(
+    trajectory: Trajectory,
+    ready: list[tuple[Timeline, Prepared, Floats]],
+    skeletons: tuple[Skeleton, Skeleton],
+    handedness: tuple[str, str],
+    frames: int,
+    fps: int,
+    branch: _Branch | None,
+) -> Motion:
+    """Bones and shuttle in all frames; those up to the branch are taken from the motion that is continued."""
+    rally, done = trajectory.rally, branch.frame + 1 if branch else 0
+    shuttle, velocity = shuttle_path(trajectory, frames, fps)
+    rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
+    planted = np.empty((frames, 2, 2), dtype=bool)
+    contacts = np.rint(trajectory.time * fps).astype(np.int64)
+    players = []
+    for seat in (0, 1):
+        right_handed = handedness[seat] == "right"
+        sign = own_frame(seat, right_handed)
+        timeline, prepared, shift = ready[seat]
+        found = course(skeletons[seat], prepared, shuttle * sign, branch.course(seat) if branch else None)
+        players.append(Player(course=found, plants=prepared.plants, keys=prepared.keys, lift=timeline.lift, shift=shift))
+        rows = slice(done, None)
+        new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
+        turn, place = bones(skeletons[seat], new)
+        rotation[rows, seat], position[rows, seat], planted[rows, seat] = _onto_court(turn, place, new.feet, sign)
+        if seat == rally.server and (not len(rally) or contacts[0] >= done):
+            hand = BONE["LeftHand"]
+            palm = np.zeros((frames, 3))
+            if branch:
+                palm[:done] = branch.motion.shuttle[:done]
+            palm[rows] = (place[:, hand] + turn[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)) * sign
+            held(shuttle, palm, contacts, trajectory, fps)
+            end = int(contacts[0]) if len(contacts) else frames
+            velocity[:end] = np.gradient(shuttle[: end + 1], 1 / fps, axis=0)[:end]
+    motion = Motion(
+        fps=fps,
+        time=np.arange(frames) / fps,
+        shuttle=shuttle.astype(np.float32),
+        shuttle_velocity=velocity.astype(np.float32),
+        rotation=rotation,
+        position=position,
+        planted=planted,
+        contact_frame=contacts,
+        skeletons=skeletons,
+        handedness=handedness,
+        trajectory=trajectory,
+        players=(players[0], players[1]),
+    )
+    if branch:
+        for name in ("rotation", "position", "planted"):
+            getattr(motion, name)[:done] = getattr(branch.motion, name)[:done]
+        # In the frame of a contact the shuttle leaves already.
+        known = slice(branch.frame if branch.strokes else done)
+        for name in ("shuttle", "shuttle_velocity"):
+            getattr(motion, name)[known] = getattr(branch.motion, name)[known]
+    return motion
 
 
 def _onto_court(rotation: Floats, position: Floats, feet: Feet, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
-from shuttle_marl.staging.feet import Feet, Plant, move, steps
+from shuttle_marl.staging.feet import Feet, Plant, move, standing, steps
 from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.legs import legs, reach_of, settle
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
@@ -38,7 +38,7 @@ from shuttle_marl.staging.skeleton import (
     collar_of,
     trunk,
 )
-from shuttle_marl.staging.timeline import Hit, Timeline
+from shuttle_marl.staging.timeline import Hit, Keys, Past, Timeline
 
 Floats = npt.NDArray[np.float64]
 
@@ -52,25 +52,12 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 }
 """Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
 _MOST_LEAN: Final = np.radians(18)
+_JOINT: Final = 9
+"""Frames over which a continued motion is joined to what was there."""
 _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
 """Share by which the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
 shot from a lunge would be played with the head of the racket hanging from a hand held high."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Keys:
-    """Key poses of a player, solved: K of them.
-
-    Attributes:
-        frame: ``[K]`` when each is taken, ascending.
-        pose: ``[K, 27]`` the poses.
-        slope: ``[K, 27]`` how fast they change there, for each frame.
-    """
-
-    frame: npt.NDArray[np.int64]
-    pose: Floats
-    slope: Floats
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,7 +96,51 @@ class Course:
     gaze: Floats
 
 
-def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> Prepared:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Player:
+    """How a player moves over F frames: what the bones follow from, and what a continued motion is joined to.
+
+    Attributes:
+        course: hips, pose, feet and gaze.
+        plants: times and places at which the left and the right foot are planted.
+        keys: the key poses.
+        lift: ``[F]`` height of the jumps [m].
+        shift: ``[n, 3]`` by how much the hips are moved at each stroke, so that the racket gets to the shuttle [m].
+    """
+
+    course: Course
+    plants: tuple[list[Plant], list[Plant]]
+    keys: Keys
+    lift: Floats
+    shift: Floats
+
+    def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
+        """What stays as it is up to a frame, by which ``strokes`` strokes have been struck; and the plants until then."""
+        keys = self.keys
+        n = int(np.searchsorted(keys.frame, frame))
+        if 0 < n < len(keys.frame):
+            spline = CubicHermiteSpline(keys.frame[n - 1 : n + 1], keys.pose[n - 1 : n + 1], keys.slope[n - 1 : n + 1], axis=0)
+            pose, slope = spline(frame), spline(frame, 1)
+        else:
+            pose = keys.pose[min(n, len(keys.frame) - 1)]
+            slope = np.zeros_like(pose)
+        stand, plants = standing(self.plants, frame)
+        known = Keys(
+            frame=np.r_[keys.frame[:n], frame],
+            pose=np.concatenate([keys.pose[:n], pose[None]]),
+            slope=np.concatenate([keys.slope[:n], slope[None]]),
+        )
+        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.lift), plants
+
+
+def prepare(
+    skeleton: Skeleton,
+    timeline: Timeline,
+    hips: Floats,
+    fps: int,
+    known: tuple[list[Plant], list[Plant]] | None = None,
+    before: Course | None = None,
+) -> Prepared:
     """Put feet and hips in place and solve the contacts.
 
     Args:
@@ -117,35 +148,61 @@ def prepare(skeleton: Skeleton, timeline: Timeline, hips: Floats, fps: int) -> P
         timeline: what to do.
         hips: ``[F, 2]`` the hips over the floor [m].
         fps: frames a second.
+        known: plants that stay as they are.
+        before: ``[B]`` frames that stay as they are.
     """
-    body = _between(timeline.frame, timeline.pose[:, TRUNK], _slopes(timeline.frame, timeline.pose[:, TRUNK]), len(hips))
+    body = _between(timeline.frame, timeline.pose[:, TRUNK], _slopes(timeline, timeline.pose)[:, TRUNK], len(hips))
     place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
-    root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
-    plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps)
-    feet = move(plants, timeline.lift, len(hips), fps)
-    place, feet = settle(skeleton, place, root, feet)
+    plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
+    feet = move(plants, timeline.lift, len(hips), fps, len(before.hips) if before else 0)
+    # What was settled before the joint counts as far as the moving means reach.
+    done = len(before.hips) if before else 0
+    rows = slice(max(done - _JOINT, 0), None)
+    root = yaw_pitch_roll(body[rows, HIPS_YAW], body[rows, HIPS_PITCH], body[rows, HIPS_ROLL])
+    place, feet = settle(skeleton, place[rows], root, feet.part(rows))
+    if before:
+        # The way over the floor is joined already, the height is not.
+        after = place[min(done, _JOINT) - 1 :]
+        after[1:, 2:] = _joined(before.hips[:, 2:], after[:, 2:])
+        place = np.concatenate([before.hips, after[1:]])
+        feet = before.feet.followed(feet.part(slice(min(done, _JOINT), None)))
     keys, miss = _meet(skeleton, timeline, place, fps)
     return Prepared(hips=place, feet=feet, plants=plants, keys=keys, miss=miss)
 
 
-def course(skeleton: Skeleton, prepared: Prepared, shuttle: Floats) -> Course:
+def course(skeleton: Skeleton, prepared: Prepared, shuttle: Floats, before: Course | None = None) -> Course:
     """All that bones follow from, in all frames.
 
     Args:
         skeleton: the athlete.
         prepared: feet, hips and key poses.
         shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
+        before: ``[B]`` frames that stay as they are.
     """
-    keys = prepared.keys
+    keys, done = prepared.keys, len(before.hips) if before else 0
     pose = _between(keys.frame, keys.pose, keys.slope, len(prepared.hips))
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])
     spine = slice(SPINE_YAW, SPINE_YAW + 3)
     pose[:, spine] = np.clip(pose[:, spine], SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
-    rotation, position = trunk(skeleton, prepared.hips, pose[:, TRUNK])
-    return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=_gaze(skeleton, rotation[-1], position[-1], shuttle))
+    rows = slice(max(done - 1, 0), None)
+    rotation, position = trunk(skeleton, prepared.hips[rows], pose[rows, TRUNK])
+    gaze = _gaze(skeleton, rotation[-1], position[-1], shuttle[rows])
+    if before:
+        pose[:done] = before.pose
+        gaze = np.concatenate([before.gaze, _joined(before.gaze, gaze)])
+    return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=gaze)
+
+
+def _joined(before: Floats, after: Floats) -> Floats:
+    """What follows ``[B, k]``, from ``[1 + N, k]`` whose first row is its last: place and speed change over a few frames."""
+    n = len(after) - 1
+    u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
+    off = before[-1] - after[0]
+    drift = (before[-1] - before[-2] if len(before) > 1 else 0.0) - (after[1] - after[0] if n else 0.0)
+    return after[1:] + (1 - u * u * (3 - 2 * u)) * off + _JOINT * u * (1 - u) ** 2 * drift
 
 
 def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
@@ -194,14 +251,19 @@ def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
     return rotation, position
 
 
-def _slopes(frame: npt.NDArray[np.int64], poses: Floats) -> Floats:
-    """``[K, ...]`` slopes at key poses with which cubics between them never overshoot (Fritsch & Carlson 1980)."""
-    out: Floats = PchipInterpolator(frame, poses, axis=0)(frame, 1)
+def _slopes(timeline: Timeline, poses: Floats) -> Floats:
+    """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot (Fritsch & Carlson 1980)."""
+    if len(poses) < 2:
+        return np.zeros_like(poses)
+    out: Floats = PchipInterpolator(timeline.frame, poses, axis=0)(timeline.frame, 1)
+    out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 
 
 def _between(frame: npt.NDArray[np.int64], poses: Floats, slopes: Floats, frames: int) -> Floats:
     """``[F, ...]`` key poses joined by cubics with the given slopes; held before the first and after the last."""
+    if len(frame) < 2:
+        return np.repeat(poses, frames, axis=0)
     when = np.clip(np.arange(frames, dtype=np.float64), frame[0], frame[-1])
     out: Floats = CubicHermiteSpline(frame, poses, slopes, axis=0)(when)
     return out
@@ -216,7 +278,7 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
     """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
     poses = timeline.pose.copy()
     if not timeline.hits:
-        return Keys(frame=timeline.frame, pose=poses, slope=_slopes(timeline.frame, poses)), np.zeros((0, 3))
+        return Keys(frame=timeline.frame, pose=poses, slope=_slopes(timeline, poses)), np.zeros((0, 3))
     arm = arm_of(skeleton)
     rows = np.array([hit.key for hit in timeline.hits])
     frames = np.array([hit.frame for hit in timeline.hits])
@@ -276,14 +338,16 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats
     arm, frame = arm_of(skeleton), timeline.frame
     rows = np.array([hit.key for hit in timeline.hits])
     before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
-    slopes = _slopes(frame, poses)
+    slopes = _slopes(timeline, poses)
     still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
     chest, _ = _chest(skeleton, place[frame[rows]], poses[rows])
     wanted = np.array([hit.swing for hit in timeline.hits]) - still
     speed = swing(arm, poses[rows, RACKET_ARM], apply(chest.transpose(0, 2, 1), wanted), before, after)
     for side, seconds in ((-1, before), (1, after)):
-        poses[rows + side, RACKET_ARM] = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
-    slopes = _slopes(frame, poses)
+        swung = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
+        new = rows + side >= len(timeline.known.frame)
+        poses[rows[new] + side, RACKET_ARM] = swung[new]
+    slopes = _slopes(timeline, poses)
     slopes[rows, RACKET_ARM] = speed / fps
     return Keys(frame=frame, pose=poses, slope=slopes)
 
@@ -304,7 +368,9 @@ def _carried(
 
 def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses: Floats, fps: int) -> None:
     """Bring the free hand of the server to the shuttle in the key poses before the contact."""
-    keys = np.arange(hit.key)
+    keys = np.arange(len(timeline.known.frame), hit.key)
+    if not len(keys):
+        return
     rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])
     chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left") * FLIP
     flip = np.diag(FLIP)
@@ -335,14 +401,13 @@ def _chest(skeleton: Skeleton, hips: Floats, poses: Floats) -> tuple[Floats, Flo
 
 def _leant(skeleton: Skeleton, hips: Floats, poses: Floats, lean0: Floats, seen: Floats, point: Floats) -> Floats:
     """Poses whose spine takes up part of what the arm misses; ``seen``: the strings in the frame of the chest."""
-    chest, collar = _chest(skeleton, hips, poses)
-    here = collar + apply(chest, seen)
-    jacobian = np.empty((len(poses), 3, 3))
+    # The pose itself, and three whose spine is bent a little more about one axis, in one go.
+    many = np.tile(poses, (4, 1, 1))
     for k in range(3):
-        moved = poses.copy()
-        moved[:, SPINE_YAW + k] += 1e-4
-        chest, collar = _chest(skeleton, hips, moved)
-        jacobian[:, :, k] = (collar + apply(chest, seen) - here) / 1e-4
+        many[1 + k, :, SPINE_YAW + k] += 1e-4
+    chest, collar = _chest(skeleton, np.tile(hips, (4, 1)), many.reshape(-1, poses.shape[1]))
+    place = (collar + apply(chest, np.tile(seen, (4, 1)))).reshape(4, -1, 3)
+    here, jacobian = place[0], ((place[1:] - place[0]) / 1e-4).transpose(1, 2, 0)
     square = jacobian.transpose(0, 2, 1) @ jacobian + 0.02 * np.eye(3)
     change = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ (point - here)[..., None])[..., 0]
     out = poses.copy()

@@ -41,6 +41,8 @@ _STAYS: Final = 0.07
 """A foot that is meant to go no further than this stays where it is [m]."""
 _CROSSED: Final = 0.30
 """Distance by which a foot may stand beyond the middle of the body [m]."""
+_SETTLED: Final = 12
+"""Frames before those asked for in which feet are needed too, for moving means."""
 _WIDTH: Final = 0.15
 """Half the width between the feet in steps [m]."""
 
@@ -117,6 +119,15 @@ class Feet:
     pitch: Floats
     planted: npt.NDArray[np.bool_]
 
+    def part(self, rows: slice) -> "Feet":
+        """Some of the frames."""
+        return Feet(ball=self.ball[:, rows], yaw=self.yaw[:, rows], pitch=self.pitch[:, rows], planted=self.planted[:, rows])
+
+    def followed(self, after: "Feet") -> "Feet":
+        """These frames and others behind them."""
+        names = [field.name for field in dataclasses.fields(self)]
+        return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
+
 
 def feet_at(motion: int, root: Floats, heading: float, reach: float) -> tuple[Floats, Floats, int]:
     """Places ``[2, 2]`` and headings ``[2]`` of the feet at a contact, and the foot that lands last.
@@ -161,7 +172,34 @@ def _placed(spots: Floats, root: Floats, heading: float) -> tuple[Floats, Floats
     return root + np.stack([c * x - s * y, s * x + c * y], axis=1), np.radians(spots[:, 2]) + heading
 
 
-def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: int) -> tuple[list[Plant], list[Plant]]:
+def standing(plants: tuple[list[Plant], list[Plant]], frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
+    """Plants up to a frame, with those at which feet in the air land next, and both feet as they will then stand."""
+    kept: tuple[list[Plant], list[Plant]] = ([], [])
+    for foot in (LEFT, RIGHT):
+        own = plants[foot]
+        n = max(sum(plant.begin <= frame for plant in own), 1)
+        kept[foot].extend(dataclasses.replace(plant) for plant in own[:n])
+        here = kept[foot][-1]
+        if here.end < frame and n < len(own):
+            kept[foot].append(dataclasses.replace(own[n], end=own[n].begin))
+        else:
+            here.end = max(frame, here.begin)
+    last = [kept[foot][-1] for foot in (LEFT, RIGHT)]
+    now = max(frame, *(plant.begin for plant in last))
+    stand = Stand(
+        begin=now, end=now, place=np.array([plant.place for plant in last]), yaw=np.array([plant.yaw for plant in last])
+    )
+    return stand, kept
+
+
+def steps(
+    stands: list[Stand],
+    hips: Floats,
+    yaw: Floats,
+    reach: Floats,
+    fps: int,
+    known: tuple[list[Plant], list[Plant]] | None = None,
+) -> tuple[list[Plant], list[Plant]]:
     """Times and places at which each foot is planted.
 
     Args:
@@ -170,12 +208,14 @@ def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: in
         yaw: ``[F]`` heading of the hips [rad].
         reach: ``[F]`` how far from the hips a foot can stand at most [m].
         fps: frames a second.
+        known: plants that stay as they are; the first stand is where they end.
 
     Returns:
         Plants of the left and of the right foot, in order of time.
     """
-    feet: tuple[list[Plant], list[Plant]] = ([], [])
-    landing = [0, 0]
+    feet: tuple[list[Plant], list[Plant]] = ([], []) if known is None else (known[LEFT][-1:], known[RIGHT][-1:])
+    landing = [0, 0] if known is None else [-1, -1]
+    sure = (-1, -1) if known is None else (known[LEFT][-1].end, known[RIGHT][-1].end)
     for k, stand in enumerate(stands):
         for foot in (LEFT, RIGHT):
             own = feet[foot]
@@ -187,10 +227,11 @@ def steps(stands: list[Stand], hips: Floats, yaw: Floats, reach: Floats, fps: in
                 own.append(Plant(begin, max(stand.end, begin), stand.place[foot], float(stand.yaw[foot])))
         if k + 1 < len(stands):
             landing = _between(stand, stands[k + 1], feet, hips, yaw, fps)
-    return (
-        _reachable(sorted(feet[LEFT], key=lambda p: p.begin), hips, yaw, reach, -1.0),
-        _reachable(sorted(feet[RIGHT], key=lambda p: p.begin), hips, yaw, reach, 1.0),
-    )
+    found = []
+    for foot, side in ((LEFT, -1.0), (RIGHT, 1.0)):
+        new = _reachable(sorted(feet[foot], key=lambda p: p.begin), hips, yaw, reach, side, sure[foot])
+        found.append([*known[foot][:-1], *new] if known else new)
+    return found[LEFT], found[RIGHT]
 
 
 def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> list[int]:
@@ -243,20 +284,20 @@ def _swings(begin: int, end: int, n: int, hips: Floats, fps: int) -> list[tuple[
     return out
 
 
-def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, side: float) -> list[Plant]:
-    """Plants cut down to the frames in which the leg can reach them."""
+def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, side: float, sure: int) -> list[Plant]:
+    """Plants cut down to the frames in which the leg can reach them; up to frame ``sure`` it does."""
     out: list[Plant] = []
     for plant in plants:
         frames = np.arange(plant.begin, plant.end + 1)
         way = plant.place - hips[frames]
         across = side * (np.cos(yaw[frames]) * way[:, 0] + np.sin(yaw[frames]) * way[:, 1])
-        ok = (np.hypot(*way.T) <= reach[frames]) & (across > -_CROSSED)
+        ok = (np.hypot(*way.T) <= reach[frames]) & (across > -_CROSSED) | (frames <= sure)
         if not ok.any():
             continue
-        # The longest run of frames within reach.
+        # The longest run of frames within reach, or the one that has begun.
         edges = np.flatnonzero(np.diff(np.r_[0, ok.astype(np.int8), 0]))
         runs = edges.reshape(-1, 2)
-        first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+        first, last = runs[0 if plant.begin <= sure else np.argmax(runs[:, 1] - runs[:, 0])]
         plant.begin, plant.end = int(frames[first]), int(frames[last - 1])
         if out and plant.begin <= out[-1].end:
             plant.begin = out[-1].end + 1
@@ -265,7 +306,7 @@ def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, si
     return out
 
 
-def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps: int) -> Feet:
+def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps: int, done: int = 0) -> Feet:
     """Both feet in every frame.
 
     Args:
@@ -273,6 +314,7 @@ def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps
         lift: ``[F]`` how high the whole body is off the floor in jumps [m].
         frames: F.
         fps: frames a second.
+        done: frames that are known from elsewhere; swings that are over by then are left out.
     """
     ball, yaw = np.zeros((2, frames, 3)), np.zeros((2, frames))
     pitch, planted = np.zeros((2, frames)), np.zeros((2, frames), dtype=bool)
@@ -283,7 +325,7 @@ def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps
             end = frames - 1 if k == len(own) - 1 else plant.end
             rows = slice(begin, end + 1)
             ball[foot, rows, :2], yaw[foot, rows], planted[foot, rows] = plant.place, plant.yaw, True
-            if k + 1 < len(own):
+            if k + 1 < len(own) and own[k + 1].begin > done - _SETTLED:
                 _swing(plant, own[k + 1], ball[foot], yaw[foot], pitch[foot], lift, fps)
     return Feet(ball=ball, yaw=yaw, pitch=pitch, planted=planted)
 

@@ -165,27 +165,11 @@ def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, F
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
+    from shuttle_marl.staging.compiled import integrate  # noqa: PLC0415  numba is slow to import
+
     state = np.empty((4, len(t), steps + 1))
-    s = np.stack([np.zeros_like(vx), np.zeros_like(vy), vx, vy])
-    state[:, :, 0] = s
-    for i in range(steps):
-        h = nodes[:, i + 1] - nodes[:, i]
-        half = 0.5 * h
-        k1 = _slope(s)
-        k2 = _slope(s + half * k1)
-        k3 = _slope(s + half * k2)
-        k4 = _slope(s + h * k3)
-        s = s + h / 6 * (k1 + k4 + 2 * (k2 + k3))
-        state[:, :, i + 1] = s
+    integrate(np.ascontiguousarray(vx), np.ascontiguousarray(vy), nodes, state)
     return nodes, state[0], state[1], state[2], state[3]
-
-
-def _slope(s: Floats) -> Floats:
-    out = np.empty_like(s)
-    out[:2] = s[2:]
-    np.multiply(s[2:], -np.sqrt(s[2] * s[2] + s[3] * s[3]), out=out[2:])
-    out[3] -= 1
-    return out
 
 
 def _cubic(p0: Floats, p1: Floats, m0: Floats, m1: Floats, u: Floats) -> Floats:

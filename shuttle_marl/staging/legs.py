@@ -106,11 +106,21 @@ def legs(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Legs:
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
         joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
         sole = turned(feet.yaw[foot]) @ about(np.array([-1.0, 0.0, 0.0]), feet.pitch[foot])
-        wanted = sole
-        for _ in range(_ROUNDS):
-            ankle = feet.ball[foot] + _above(skeleton) + apply(sole, _arm(skeleton))
-            upper, lower, knee, ankle = _limb(skeleton, side, joint, ankle, root, wanted)
-            sole = _within(lower, wanted, side)
+        wanted, heel = sole, _arm(skeleton)
+        toes = feet.ball[foot] + _above(skeleton)
+        upper, lower, knee, ankle = _limb(skeleton, side, joint, toes + apply(sole, heel), root, wanted)
+        sole = _within(lower, wanted, side)
+        # Where the ankle does not let the sole follow the floor, the leg is solved again.
+        rows = np.flatnonzero(np.abs(sole - wanted).max(axis=(1, 2)) > 1e-6)
+        for _ in range(_ROUNDS - 1 if len(rows) else 0):
+            found = _limb(skeleton, side, joint[rows], toes[rows] + apply(sole[rows], heel), root[rows], wanted[rows])
+            upper[rows], lower[rows], knee[rows], ankle[rows] = found
+            now = _within(lower[rows], wanted[rows], side)
+            far = np.abs(now - sole[rows]).max(axis=(1, 2)) > 1e-4
+            sole[rows] = now
+            rows = rows[far]
+            if not len(rows):
+                break
         toe_bend = np.clip(_pitch(sole), *TOE_LIMITS)
         rest = [skeleton.at(f"{side}{b}") for b in ("Foot", "ToeBase")]
         rotation[foot] = np.stack([upper, lower, sole, sole @ about(np.array([1.0, 0.0, 0.0]), toe_bend)])

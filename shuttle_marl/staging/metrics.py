@@ -37,7 +37,7 @@ from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.timeline import own_frame
-from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height
 
 Floats = npt.NDArray[np.float64]
 
@@ -330,7 +330,7 @@ def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
     meant = int(area_of(np.array(x), np.array(y))) == trajectory.rally.catalogue.area[stroke]
     serve = bool(trajectory.rally.catalogue.is_serve[stroke])
     in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
-    if trajectory.end[i] == RETURN:
+    if trajectory.end[i] in (RETURN, OPEN):
         # Serves are struck on from where the server may not stand, so their place is moved into the service court.
         return meant or serve
     if trajectory.end[i] == WIN:

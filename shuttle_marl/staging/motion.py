@@ -11,6 +11,7 @@ import numpy.typing as npt
 from shuttle_marl.game.rally import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.staging import packing
+from shuttle_marl.staging.body import Player
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rally import PlayedRally, StagingError
@@ -46,6 +47,7 @@ class Motion:
         skeletons: of seats 0 and 1.
         handedness: ``right`` or ``left``, of seats 0 and 1.
         trajectory: points, times and flights.
+        players: how both players move, from which the motion can be continued; none of an unpacked motion.
     """
 
     fps: int
@@ -59,6 +61,7 @@ class Motion:
     skeletons: tuple[Skeleton, Skeleton]
     handedness: tuple[str, str]
     trajectory: Trajectory
+    players: tuple[Player, Player] | None = dataclasses.field(default=None, repr=False)
 
     @functools.cached_property
     def sweet_spot(self) -> Floats:
@@ -103,6 +106,7 @@ class Motion:
             "players": [{"athlete": self.skeletons[seat].name, "hand": self.handedness[seat]} for seat in (0, 1)],
             "server": rally.server,
             "ending": OUTCOMES[rally.ending],
+            "before": [_short(place) for place in trajectory.before],
             "strokes": strokes,
         }
         kept = packing.Frames(
@@ -248,4 +252,5 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
             for stroke in strokes
         ),
         base=column("base", (2, 2)),
+        before=np.array(head["before"], dtype=np.float64).reshape(2, 2),
     )

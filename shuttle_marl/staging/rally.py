@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER, Game
+from shuttle_marl.game.rally import OUTCOMES, RETURNED_BELOW, Game
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.recording.reader import RallyLog
@@ -27,8 +27,9 @@ class PlayedRally:
     Attributes:
         catalogue: the strokes that can be played.
         server: seat that serves, 0 or 1; strikers alternate.
-        stroke: ``[n]`` catalogue index of every stroke, n >= 1.
-        ending: how the last stroke ended the rally, FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
+        stroke: ``[n]`` catalogue index of every stroke, n >= 1; a rally that is still open may have none.
+        ending: outcome of the last stroke, of :mod:`shuttle_marl.game.rally`: FAULT or WINNER, or, while the rally is open and
+            the next stroke is not chosen yet, RETURNED_BELOW or RETURNED_ABOVE.
     """
 
     catalogue: Catalogue
@@ -66,9 +67,11 @@ class PlayedRally:
         """
         if self.server not in (0, 1):
             raise StagingError(f"server {self.server}: expected seat 0 or 1")
-        if self.ending not in (FAULT, WINNER):
-            raise StagingError(f"ending {self.ending}: expected {FAULT} (fault) or {WINNER} (winner)")
+        if self.ending not in range(len(OUTCOMES)):
+            raise StagingError(f"ending {self.ending}: expected 0 to {len(OUTCOMES) - 1}, {', '.join(OUTCOMES)}")
         if not len(self.stroke):
+            if self.open:
+                return self
             raise StagingError("a rally without strokes; expected at least the serve")
         if self.stroke.min() < 0 or self.stroke.max() >= len(self.catalogue):
             raise StagingError(f"strokes {self.stroke.tolist()}: the catalogue has {len(self.catalogue)} strokes, from 0")
@@ -80,6 +83,11 @@ class PlayedRally:
     def __len__(self) -> int:
         return len(self.stroke)
 
+    @property
+    def open(self) -> bool:
+        """Whether the rally lasts: its next stroke is not chosen yet."""
+        return self.ending >= RETURNED_BELOW
+
     @functools.cached_property
     def striker(self) -> npt.NDArray[np.int64]:
         """``[n]`` seat of the striker of each stroke."""
@@ -89,7 +97,7 @@ class PlayedRally:
     def outcome(self) -> npt.NDArray[np.int64]:
         """``[n]`` outcome of each stroke, index into ``shuttle_marl.game.rally.OUTCOMES``."""
         following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
-        return np.r_[following, self.ending]
+        return np.r_[following, self.ending][: len(self.stroke)]
 
 
 def play_rallies(game: Game, policies: tuple[Policy, Policy], n: int, *, seed: int) -> list[PlayedRally]:

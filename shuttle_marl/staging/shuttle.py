@@ -5,8 +5,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.staging.body import HELD
 from shuttle_marl.staging.flight import GRAVITY, fall
-from shuttle_marl.staging.trajectory import NET, Trajectory
+from shuttle_marl.staging.trajectory import NET, Trajectory, facing
 
 Floats = npt.NDArray[np.float64]
 
@@ -17,7 +18,12 @@ _REST: Final = 0.014
 def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats, Floats]:
     """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
     time = np.arange(frames) / fps
-    position, velocity = np.tile(trajectory.contact[0], (frames, 1)), np.zeros((frames, 3))
+    position, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
+    if not len(trajectory.time):
+        # In front of the server, who holds it.
+        position[:] = (*(trajectory.before[trajectory.rally.server] * facing(trajectory.rally.server)), 1.0)
+        return position, velocity
+    position[:] = trajectory.contact[0]
     for i in range(len(trajectory.time)):
         rows = np.flatnonzero((time >= trajectory.time[i] - 1e-6) & (time <= trajectory.end_time[i] + 1e-6))
         position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
@@ -38,16 +44,21 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats,
     return position, velocity
 
 
-def held(position: Floats, palm: Floats, contact: int, release: int, fps: int) -> None:
-    """Put the shuttle into the server's hand: until frame ``release`` it is at the palm, then it drops to the racket.
+def held(position: Floats, palm: Floats, contacts: npt.NDArray[np.int64], trajectory: Trajectory, fps: int) -> None:
+    """Put the shuttle into the server's hand: until the hand opens it is at the palm, then it drops to the racket.
 
     Args:
         position: ``[F, 3]`` path of the shuttle, changed in place.
         palm: ``[F, 3]`` the server's free palm [m].
-        contact: frame of the serve.
-        release: frame in which the hand opens.
+        contacts: frames of the strokes; without any the shuttle stays in the hand.
+        trajectory: the rally.
         fps: frames a second.
     """
+    if not len(contacts):
+        position[:] = palm
+        return
+    contact = int(contacts[0])
+    release = contact - round(HELD[trajectory.stance[0].motion][1] * fps)
     position[: release + 1] = palm[: release + 1]
     whole = (contact - release) / fps
     since = np.arange(1, contact - release)[:, None] / fps

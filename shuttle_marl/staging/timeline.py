@@ -61,12 +61,47 @@ class Hit:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Keys:
+    """Key poses of a player, solved: K of them.
+
+    Attributes:
+        frame: ``[K]`` when each is taken, ascending.
+        pose: ``[K, 27]`` the poses.
+        slope: ``[K, 27]`` how fast they change there, for each frame.
+    """
+
+    frame: npt.NDArray[np.int64]
+    pose: Floats
+    slope: Floats
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Past:
+    """What of the movements of a player stays as it is.
+
+    Attributes:
+        frame: the last frame that does.
+        strokes: how many strokes of the rally have been struck by then.
+        keys: key poses up to that frame, the last one in it.
+        stand: where the feet stand then, or land next.
+        lift: ``[F]`` height of the jumps that were planned [m].
+    """
+
+    frame: int
+    strokes: int
+    keys: Keys
+    stand: Stand
+    lift: Floats
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Timeline:
     """Movements of a player over F frames.
 
     Attributes:
         frame: ``[K]`` when each key pose is taken, ascending.
         pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
+        known: the first of them, which are solved already.
         hits: the contacts.
         lift: ``[F]`` height of the jumps [m].
         stands: stands of the feet.
@@ -74,6 +109,7 @@ class Timeline:
 
     frame: npt.NDArray[np.int64]
     pose: Floats
+    known: Keys
     hits: tuple[Hit, ...]
     lift: Floats
     stands: list[Stand]
@@ -96,10 +132,19 @@ class TimelineBuilder:
         hips: ``[F, 2]`` the hips over the floor, mirrored for a left-hander [m].
         higher: ``[n]`` how much higher the hips shall be at each stroke than the pose has them [m].
         fps: frames a second.
+        past: what stays as it is.
     """
 
     def __init__(
-        self, trajectory: Trajectory, seat: int, right_handed: bool, library: Library, hips: Floats, higher: Floats, fps: int
+        self,
+        trajectory: Trajectory,
+        seat: int,
+        right_handed: bool,
+        library: Library,
+        hips: Floats,
+        higher: Floats,
+        fps: int,
+        past: Past | None = None,
     ) -> None:
         self.trajectory, self.seat, self.library, self.hips, self.fps = trajectory, seat, library, hips, fps
         self.right_handed, self.higher = right_handed, higher
@@ -110,26 +155,44 @@ class TimelineBuilder:
         self.stands: list[Stand] = []
         self.lift = np.zeros(self.frames)
         self.clock = np.rint(trajectory.time * fps).astype(np.int64)
+        self.past, self.done = past, -1
+        if past:
+            self.done = past.frame
+            self.keys = dict(zip(past.keys.frame.tolist(), past.keys.pose, strict=True))
+            self.fixed = set(self.keys)
+            self.stands = [past.stand]
+            self.lift[: len(past.lift)] = past.lift[: self.frames]
+            self.lift[past.frame + 1 :] = 0.0
 
     def timeline(self) -> Timeline:
         """All of it."""
         trajectory, hits = self.trajectory, []
-        striker = trajectory.rally.striker
-        over = round(trajectory.end_time[-1] * self.fps)
-        self._begin(striker[0] == self.seat)
-        for i, frame in enumerate(self.clock):
+        rally = trajectory.rally
+        over = round(trajectory.end_time[-1] * self.fps) if len(rally) else self.frames - 1
+        self._begin()
+        # A jump in which the last stroke was struck lasts, so it is written again.
+        for i in range(max(self.past.strokes - 2, 0) if self.past else 0, len(rally)):
+            frame = int(self.clock[i])
             following = self.clock[i + 1] if i + 1 < len(self.clock) else over
-            if striker[i] == self.seat:
+            if rally.striker[i] == self.seat:
                 before = self.clock[i - 1] if i else 0
-                hits.append(self._strike(i, int(frame), int(before), int(following)))
+                hit = self._strike(i, frame, int(before), int(following))
+                if frame > self.done:
+                    hits.append(hit)
             else:
-                self._split(i, int(frame), int(following))
-        self._finish(over)
+                self._split(i, frame, int(following))
+        if rally.open:
+            self._await(over)
+        else:
+            self._finish(over)
         order = sorted(self.keys)
         where = {frame: k for k, frame in enumerate(order)}
+        pose = np.array([self.keys[f] for f in order])
+        known = Keys(frame=np.zeros(0, dtype=np.int64), pose=pose[:0], slope=pose[:0])
         return Timeline(
             frame=np.array(order),
-            pose=np.array([self.keys[f] for f in order]),
+            pose=pose,
+            known=self.past.keys if self.past else known,
             hits=tuple(dataclasses.replace(hit, key=where[hit.frame]) for hit in hits),
             lift=self.lift,
             stands=self.stands,
@@ -137,6 +200,8 @@ class TimelineBuilder:
 
     def _key(self, frame: int, pose: Floats, *, fixed: bool = False) -> None:
         """Add a key pose; one that stands closer than two frames to a fixed one gives way."""
+        if frame <= self.done:
+            return
         frame = min(max(frame, 0), self.frames - 1)
         near = [f for f in range(frame - 2, frame + 3) if f in self.keys]
         if not fixed and near:
@@ -150,6 +215,8 @@ class TimelineBuilder:
 
     def _stand(self, begin: int, end: int, feet: tuple[Floats, Floats], last: int = 1, hop: bool = False) -> None:
         """Add a stand, moved behind the one before."""
+        if begin <= self.done:
+            return
         if self.stands:
             begin = max(begin, self.stands[-1].end + 2)
         end = min(max(end, begin), self.frames - 1)
@@ -160,7 +227,8 @@ class TimelineBuilder:
         """Add a jump; returns the frames of take-off and landing."""
         half = np.sqrt(2 * height / GRAVITY) * self.fps
         t = (np.arange(self.frames) - peak) / self.fps
-        self.lift = np.maximum(self.lift, height - GRAVITY / 2 * t**2)
+        rows = slice(self.done + 1, None)
+        self.lift[rows] = np.maximum(self.lift[rows], (height - GRAVITY / 2 * t**2)[rows])
         return int(np.floor(peak - half)), int(np.ceil(peak + half))
 
     def _facing(self, frame: int) -> float:
@@ -175,17 +243,41 @@ class TimelineBuilder:
         pose[HIPS_HEIGHT] -= low
         return pose
 
-    def _begin(self, serves: bool) -> None:
-        first = int(self.clock[0])
-        if serves:
-            stance = self._stance(0)
-            place, yaw, _ = feet_at(stance.motion, self.hips[0], stance.heading, 0.0)
-            self._stand(0, first + round(0.12 * self.fps), (place, yaw))
+    def _begin(self) -> None:
+        """Both wait for the serve: the server in its first pose, the receiver with a foot in front."""
+        trajectory = self.trajectory
+        first = int(self.clock[0]) if len(self.clock) else self.frames
+        if self.past and not self.past.strokes and len(self.clock):
+            # They walk from where they have waited to where they stand for the serve.
+            self._serve_stand(first - round(0.45 * self.fps), first)
+        if trajectory.rally.server == self.seat:
+            self._serve_stand(0, first)
+            if not len(self.clock):
+                stance = self._mirrored(trajectory.reply)
+                pose = self.library.stroke[stance.motion, 0].copy()
+                pose[HIPS_YAW] += stance.heading
+                self._key(0, pose, fixed=True)
             return
         pose = self.library.wait.copy()
         self._key(0, pose, fixed=True)
         self._key(first - round(0.25 * self.fps), pose)
-        self._stand(0, first - round(0.08 * self.fps), waiting(self.hips[0], 0.0))
+        self._serve_stand(0, first)
+
+    def _serve_stand(self, begin: int, first: int) -> None:
+        """Both feet before a serve in frame ``first``, from frame ``begin`` on."""
+        hips = self.hips[begin]
+        if self.trajectory.rally.server != self.seat:
+            self._stand(begin, first - round(0.08 * self.fps), waiting(hips, 0.0))
+            return
+        stance = self._mirrored(self.trajectory.stance[0] if len(self.clock) else self.trajectory.reply)
+        place, yaw, _ = feet_at(stance.motion, hips, stance.heading, 0.0)
+        self._stand(begin, first + round(0.12 * self.fps), (place, yaw))
+
+    def _await(self, over: int) -> None:
+        """The next stroke is not chosen yet: who strikes next is on the way, the other one recovers."""
+        if len(self.clock):
+            self._key(over, self._ready(over), fixed=True)
+            self._stand(over - 1, over, split(self.hips[-1], self._facing(over)))
 
     def _split(self, i: int, frame: int, following: int) -> None:
         """The opponent strikes: a small hop, landing wide, ready to go either way."""
@@ -205,15 +297,15 @@ class TimelineBuilder:
         elif following - frame > 0.5 * fps:
             self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
 
-    def _stance(self, i: int) -> Stance:
+    def _mirrored(self, stance: Stance | None) -> Stance:
         """The stance, mirrored for a left-hander."""
-        stance = self.trajectory.stance[i]
+        assert stance is not None
         if self.right_handed:
             return stance
         return dataclasses.replace(stance, heading=-stance.heading, root=stance.root * np.array([-1.0, 1.0]))
 
     def _strike(self, i: int, frame: int, before: int, following: int) -> Hit:
-        stance, fps = self._stance(i), self.fps
+        stance, fps = self._mirrored(self.trajectory.stance[i]), self.fps
         motion, heading = stance.motion, stance.heading
         point, normal = self.trajectory.contact[i] * self.sign, self._normal(i)
         ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps

@@ -1,9 +1,4 @@
-"""Trajectory of a rally: times and places of all strokes, and the flights of the shuttle.
-
-Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
-the strokes up to it. Several points and times are drawn for each stroke, and the first one that clears the net and that the
-receiver can run to is taken; if none does, the one that comes closest, its flight made longer until the net is cleared.
-"""
+"""Trajectory of a rally: times and places of all strokes, and the flights of the shuttle."""
 
 import dataclasses
 from typing import Final
@@ -11,34 +6,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game import draws
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, NET_HEIGHT, NET_HEIGHT_CENTRE, SHORT_SERVICE, WIDTH
-from shuttle_marl.game.rally import FAULT, WINNER
-from shuttle_marl.game.stroke import N_SERVES, SHOTS
+from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
 from shuttle_marl.staging.flight import Flights, shoot
-from shuttle_marl.staging.library import Library
-from shuttle_marl.staging.measured import Measured, quantile
-from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
+from shuttle_marl.staging.motions import Stance
 from shuttle_marl.staging.rally import PlayedRally
 
 Floats = npt.NDArray[np.float64]
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
-RETURN, WIN, OUT, NET = range(4)
-ENDS: Final = ("returned", "winner", "out", "net")
-"""Ends of a stroke in the staging."""
-
-_CLEARANCE: Final = 0.035
-"""Height over the net at which the middle of the shuttle is aimed at least [m]."""
-_TRIES: Final = 8
-_ACCELERATION: Final = 10.0
-_REACTION: Final = 0.10
-_HEIGHT_OF_CORK: Final = 0.014
-"""Height of a shuttle that lies on the floor [m]."""
-_SHORT_SERVE: Final = SHOTS.index("short-serve")
-_SLOT: Final = 8
-"""Draws set aside for each try of a stroke."""
+RETURN, WIN, OUT, NET, OPEN = range(5)
+ENDS: Final = ("returned", "winner", "out", "net", "open")
+"""Ends of a stroke in the staging; *open*: it will be returned, but the reply is not chosen yet."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,6 +35,8 @@ class Trajectory:
         flight: the n flights.
         stance: n stances, each in its striker's own frame.
         base: ``[n, 2, 2]`` where seats 0 and 1 wait when each stroke is struck, each in their own frame [m].
+        before: ``[2, 2]`` where seats 0 and 1 stand before the serve, each in their own frame [m].
+        reply: while the rally is open, the stance in which the next striker is expected.
     """
 
     rally: PlayedRally
@@ -68,6 +49,8 @@ class Trajectory:
     flight: Flights
     stance: tuple[Stance, ...]
     base: Floats
+    before: Floats
+    reply: Stance | None = None
 
 
 def with_contacts_moved(trajectory: Trajectory, by: dict[int, Floats]) -> Trajectory:
@@ -98,274 +81,3 @@ def facing(seat: int) -> float:
 def net_height(x: Floats | float) -> Floats:
     """Height of the top of the net [m]: 1.524 m in the middle, 1.55 m over the doubles side lines."""
     return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Physique:
-    """Hand, size and poses of a player, which decide where they meet a shuttle.
-
-    Attributes:
-        right_handed: which hand holds the racket.
-        size: height relative to the athlete for whom the motions were written.
-        library: the poses of their athlete.
-    """
-
-    right_handed: bool
-    size: float
-    library: Library
-
-
-def draw_trajectory(
-    rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], *, seed: int, fps: int
-) -> Trajectory:
-    """Draw points and times of a rally.
-
-    Args:
-        rally: what was played.
-        measured: the tables to draw from.
-        players: at seats 0 and 1.
-        seed: names all draws.
-        fps: contacts fall on multiples of 1/fps seconds.
-    """
-    return _TrajectoryBuilder(rally, measured, players, draws.stream(seed), fps).build()
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Choice:
-    """One way to play a stroke, in the striker's frame."""
-
-    point: Floats
-    seconds: float
-    flight: Flights
-    stance: Stance | None
-    cost: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Try:
-    """A point and a time that were drawn for a stroke, in the striker's frame."""
-
-    point: Floats
-    ticks: int
-    most: int
-    stance: Stance | None
-    late: float
-
-
-class _TrajectoryBuilder:
-    def __init__(
-        self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: draws.UInt64s, fps: int
-    ) -> None:
-        self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
-        self.drawn: dict[int, list[float]] = {}
-        c, s = rally.catalogue, rally.stroke
-        self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
-        self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
-
-    def uniform(self, stroke: int, number: int) -> float:
-        """A draw from [0, 1), named by stroke and number."""
-        if stroke not in self.drawn:
-            bits = draws.draw(draws.extend(self.key, stroke), np.arange(_SLOT * (_TRIES + 1)))
-            self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
-        return float(self.drawn[stroke][number])
-
-    def build(self) -> Trajectory:
-        rally, n = self.rally, len(self.rally)
-        base = np.zeros((n, 2, 2))
-        contact, stance = self._serve(base)
-        contacts, stances, ends, points, flights = [contact], [stance], [], [], []
-        times, end_times = [self._ticks(LEAD_IN)], []
-        for i in range(n):
-            if i:
-                base[i] = self._bases(i)
-            end = self._end(i)
-            choice = self._choose(i, end, contacts[i], base[i, 1 - rally.striker[i]])
-            ends.append(end)
-            points.append(choice.point)
-            flights.append(choice.flight)
-            end_times.append(times[i] + choice.seconds)
-            if choice.stance is not None:
-                contacts.append(choice.point * np.array([-1, -1, 1]))
-                stances.append(choice.stance)
-                times.append(end_times[i])
-        sign = np.array([facing(seat) for seat in rally.striker])
-        turn = np.stack([sign, sign, np.ones(n)], axis=1)
-        return Trajectory(
-            rally=rally,
-            time=np.array(times),
-            contact=np.array(contacts) * turn,
-            end=np.array(ends),
-            end_time=np.array(end_times),
-            chosen_point=np.array(points) * turn,
-            end_point=np.array(points) * turn,
-            flight=_joined(flights, turn),
-            stance=tuple(stances),
-            base=base,
-        )
-
-    def _ticks(self, seconds: float) -> float:
-        return round(seconds * self.fps) / self.fps
-
-    def _serve(self, base: Floats) -> tuple[Floats, Stance]:
-        """Contact and stance of the server; writes where both stand into ``base[0]``."""
-        shot, side, server = self.shot[0], self.area[0] % 3, self.rally.server
-        # Who serves to the receiver's right half stands in their own right half, and the receiver too.
-        right = side == 0 or (side == 1 and self.uniform(0, 0) < 0.5)
-        sign = 1.0 if right else -1.0
-        x, y, rx, ry = (
-            float(quantile(self.measured.serve[shot, who, axis], np.array(self.uniform(0, 1 + 2 * who + axis))))
-            for who in (0, 1)
-            for axis in (0, 1)
-        )
-        z = self._height(0, self.uniform(0, 5))
-        motion = motion_of(shot, self.technique[0], z, y)
-        hips = np.array([sign * max(x, 0.12), -max(y, SHORT_SERVICE + 0.4)])
-        player = self.players[server]
-        probe = stance_of(
-            motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.library.natural(motion, z)
-        )
-        contact = np.array([*(hips - probe.root + np.array([0.0, -3.0])), z])
-        base[0, server], base[0, 1 - server] = hips, (sign * rx, -ry)
-        return contact, dataclasses.replace(probe, root=hips)
-
-    def _bases(self, i: int) -> Floats:
-        """``[2, 2]`` where both wait when stroke i is struck: by the stroke that each played last."""
-        out = np.zeros((2, 2))
-        for seat in (0, 1):
-            last = i - 1 if self.rally.striker[i - 1] == seat else i - 2
-            if last < 0:
-                out[seat] = self.measured.base[self.shot[i], 4]
-            else:
-                out[seat] = self.measured.base[self.shot[last], self.area[last]]
-        return out
-
-    def _end(self, i: int) -> int:
-        if i + 1 < len(self.rally):
-            return RETURN
-        if self.rally.ending == WINNER:
-            return WIN
-        assert self.rally.ending == FAULT
-        # A shuttle that is meant for the middle of the court does not land out.
-        into_net = self.shot[i] >= N_SERVES and self.area[i] in (1, 4)
-        return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
-
-    def _choose(self, i: int, end: int, contact: Floats, base: Floats) -> _Choice:
-        """The first try that clears the net and can be reached, else the one that comes closest."""
-        tries = [self._try(i, end, contact, base, k) for k in range(_TRIES)]
-        best: _Choice | None = None
-        # Those that can be reached first, in the order of their draws.
-        for tried in sorted(tries, key=lambda t: t.late):
-            choice = self._flown(contact, tried, end)
-            if best is None or choice.cost < best.cost:
-                best = choice
-            if best.cost <= tried.late:
-                break
-        assert best is not None
-        return best
-
-    def _try(self, i: int, end: int, contact: Floats, base: Floats, k: int) -> _Try:
-        """The k-th try of a stroke."""
-        point, met = self._point(i, end, k)
-        length = np.hypot(*(point[:2] - contact[:2]))
-        drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(self.uniform(i, _SLOT * (k + 1))))
-        seconds, least, most = float(drawn), 1, 9 * self.fps
-        if end == NET:
-            share = float(np.clip(-contact[1] / max(point[1] - contact[1], 0.1), 0.05, 1))
-            point = self._net_point(i, contact, point, share, k)
-            seconds = max(seconds * share, 0.08)
-        elif end == RETURN:
-            low, _, high = self.measured.flight_time[self.shot[i]] * self.fps
-            least, most = int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6))
-        else:
-            # The tables end at the receiver's racket; to the floor it is a little further.
-            seconds = 1.12 * seconds + 0.10
-        ticks = min(max(round(seconds * self.fps), least), max(least, most))
-        stance = self._stance(i + 1, point, base) if end == RETURN else None
-        return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
-
-    def _flown(self, contact: Floats, tried: _Try, end: int) -> _Choice:
-        """A try with its flight, made longer until it clears the net; the cost is the excess over what is possible, 0 if none."""
-        ticks = tried.ticks
-        while True:
-            flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
-            short = _CLEARANCE - float(_over_net(flight)[0])
-            if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
-                break
-            ticks += 1 if short < 0.1 else 2
-        cost = tried.late + 0.1 * max(0, ticks - tried.most)
-        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost)
-
-    def _point(self, i: int, end: int, k: int) -> tuple[Floats, int]:
-        """End of the k-th try of a stroke, in the striker's frame, and the height class at which it is met."""
-        first = _SLOT * (k + 1)
-        u = [self.uniform(i, first + 1 + j) for j in range(4)]
-        places = self.measured.places[self.shot[i], self.area[i]]
-        x, y = (float(quantile(places[axis], np.array(u[axis]))) for axis in (0, 1))
-        if self.shot[i] < N_SERVES:
-            x, y = self._into_service_court(x, y)
-        if end == RETURN:
-            return np.array([x, max(y, 0.25), self._height(i + 1, u[2])]), int(self.height[i + 1])
-        if end == OUT:
-            x, y = self._outside(i, x, y, u[2], u[3])
-        return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
-
-    def _into_service_court(self, x: float, y: float) -> tuple[float, float]:
-        """The point, moved into the service court that lies diagonally opposite to the server."""
-        area = self.area[0]
-        right = area % 3 == 0 or (area % 3 == 1 and self.uniform(0, 0) < 0.5)
-        return (-1.0 if right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
-
-    def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
-        """The point, moved over the line that is nearest to the target area."""
-        by_side, by_back = (float(quantile(self.measured.out_by[k], np.array(u))) for k in (0, 1))
-        depth, side = divmod(int(self.area[i]), 3)
-        if self.shot[i] == _SHORT_SERVE and which < 0.5:
-            return x, SHORT_SERVICE - max(by_side, 0.05)
-        if depth == 2 and (side == 1 or which < 0.5):
-            return x, HALF_LENGTH + max(by_back, 0.05)
-        if side == 1:
-            return x, SHORT_SERVICE - max(by_side, 0.05) if self.shot[i] == _SHORT_SERVE else HALF_LENGTH + max(by_back, 0.05)
-        return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
-
-    def _net_point(self, i: int, contact: Floats, point: Floats, share: float, k: int) -> Floats:
-        """Point where the k-th try of a stroke meets the net, on the way to ``point``."""
-        x = contact[0] + share * (point[0] - contact[0])
-        # Most balls into the net are just too low.
-        z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2
-        return np.array([x, -0.02, z])
-
-    def _stance(self, i: int, point: Floats, base: Floats) -> Stance:
-        own = point * np.array([-1, -1, 1])
-        player = self.players[self.rally.striker[i]]
-        z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
-        motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
-        return stance_of(motion, own, base, player.right_handed, player.library.natural(motion, float(own[2])))
-
-    def _height(self, i: int, u: float) -> float:
-        """Height at which stroke i is struck [m]; overhead it grows with the player."""
-        low, high = height_range(self.shot[i], self.height[i], self.technique[i])
-        z = low + (high - low) * u
-        return z * self.players[self.rally.striker[i]].size if z > OVERHEAD_FROM else z
-
-    def _late(self, stance: Stance | None, base: Floats, seconds: float) -> float:
-        """Metres that a player who starts from rest at ``base`` is short of a stance."""
-        if stance is None:
-            return 0.0
-        run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
-        return max(0.0, float(np.hypot(*(stance.root - base))) - run - 0.15)
-
-
-def _over_net(flights: Flights) -> Floats:
-    """``[N]`` height over the top of the net [m]; infinite for flights that begin beyond it."""
-    share = np.where(flights.heading[:, 1] > 1e-6, -flights.start[:, 1] / np.maximum(flights.heading[:, 1], 1e-6), np.nan)
-    x = flights.start[:, 0] + flights.heading[:, 0] * share
-    over = flights.height_over(0.0) - net_height(x)
-    return np.where(np.isnan(over), np.inf, over)
-
-
-def _joined(flights: list[Flights], turn: Floats) -> Flights:
-    """Flights of several strokes, turned into the frame of the court."""
-    whole = {f.name: np.concatenate([getattr(one, f.name) for one in flights]) for f in dataclasses.fields(Flights)}
-    whole["start"] = whole["start"] * turn
-    whole["heading"] = whole["heading"] * turn[:, :2]
-    return Flights(**whole)

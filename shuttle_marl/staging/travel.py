@@ -24,10 +24,11 @@ TOP_ACCELERATION: Final = 12.0
 _MARGIN: Final = 0.90
 """Share of the limits that the solver aims at."""
 _ROUNDS, _MOST_ROUNDS = 240, 4000
+_PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
 
-def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int) -> Floats:
+def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int, walked: Floats | None = None) -> Floats:
     """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
 
     Args:
@@ -36,9 +37,16 @@ def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: i
         shift: ``[n, 2]`` added to the root of each stance [m].
         frames: length of the staging.
         fps: frames a second.
+        walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
     """
-    q, target, still = _wishes(trajectory, seat, shift, frames, fps)
-    return _solve(q, target, still, fps)
+    weight, target, still = _wishes(trajectory, seat, shift, frames, fps)
+    if walked is None:
+        return _solve(weight, target, still, fps)
+    # The last two frames that are known pin place and speed, and only what follows is solved.
+    first = len(walked) - 2
+    weight, target, still = weight[first:].copy(), target[first:].copy(), still[first:]
+    weight[:2], target[:2] = _PINNED, _PINNED * walked[first:]
+    return np.concatenate([walked, _solve(weight, target, still, fps)[2:]])
 
 
 def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
@@ -53,14 +61,11 @@ def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: 
     def slow(frame: int, w: float, half: int) -> None:
         still[max(frame - half, 0) : min(frame + half + 1, frames - 1)] += w
 
-    striker = trajectory.rally.striker
+    rally, striker = trajectory.rally, trajectory.rally.striker
     hits = np.rint(trajectory.time * fps).astype(np.int64)
-    target += 1e-3 * trajectory.base[0, seat]
-    if striker[0] == seat:
-        wish(0, trajectory.stance[0].root + shift[0], 50.0)
-    else:
-        wish(0, trajectory.base[0, seat], 50.0)
-    still[: hits[0]] += 3.0
+    target += 1e-3 * trajectory.before[seat]
+    wish(0, trajectory.before[seat] + (shift[0] if len(rally) and rally.server == seat else 0.0), 50.0)
+    still[: hits[0] if len(rally) else frames] += 3.0
     for i, frame in enumerate(hits):
         if striker[i] == seat:
             wish(frame, trajectory.stance[i].root + shift[i], _CONTACT)
@@ -68,7 +73,13 @@ def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: 
         else:
             wish(frame, trajectory.base[i, seat], _BASE, 3)
             slow(frame, _STILL, 5)
-    if striker[-1] != seat and trajectory.end[-1] == WIN:
+    if not len(rally):
+        wish(frames - 1, trajectory.before[seat], 50.0)
+    elif trajectory.reply is not None:
+        if striker[-1] != seat:
+            wish(frames - 1, trajectory.reply.root, 60.0)
+        return weight, target, still
+    elif striker[-1] != seat and trajectory.end[-1] == WIN:
         # The receiver goes for a winner, but does not get there.
         landing = facing(seat) * trajectory.end_point[-1, :2]
         begun = trajectory.base[-1, seat]

@@ -210,7 +210,7 @@ def test_wrong_rallies() -> None:
         ({"stroke": np.array([serve, serve])}, "starts with a serve"),
         ({"stroke": np.array([len(catalogue)])}, "the catalogue has"),
         ({"server": 2}, "expected seat 0 or 1"),
-        ({"ending": 2}, "expected 0"),
+        ({"ending": 4}, "expected 0 to 3"),
     ):
         with pytest.raises(StagingError, match=message):
             checked(**changes)

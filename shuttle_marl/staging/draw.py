@@ -1,0 +1,398 @@
+"""Drawing a trajectory: where and when every stroke of a rally is met, and how the shuttle flies there.
+
+Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
+the strokes up to it. Several points and times are drawn for each stroke, and the first one that clears the net and that the
+receiver can run to is taken; if none does, the one that comes closest, its flight made longer until the net is cleared.
+"""
+
+import dataclasses
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.game import draws
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
+from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.staging.flight import Flights, fall, shoot
+from shuttle_marl.staging.library import Library
+from shuttle_marl.staging.measured import Measured, quantile
+from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
+from shuttle_marl.staging.rally import PlayedRally
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, facing, net_height
+
+Floats = npt.NDArray[np.float64]
+
+_CLEARANCE: Final = 0.035
+"""Height over the net at which the middle of the shuttle is aimed at least [m]."""
+_TRIES: Final = 8
+_ACCELERATION: Final = 10.0
+_REACTION: Final = 0.10
+_HEIGHT_OF_CORK: Final = 0.014
+"""Height of a shuttle that lies on the floor [m]."""
+_SHORT_SERVE: Final = SHOTS.index("short-serve")
+_BACKHAND: Final = TECHNIQUES.index("backhand")
+_EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
+"""Shot types by which the next striker is expected to play, by height (below, above) and depth of the area."""
+_BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
+_SLOT: Final = 8
+"""Draws set aside for each try of a stroke."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Physique:
+    """Hand, size and poses of a player, which decide where they meet a shuttle.
+
+    Attributes:
+        right_handed: which hand holds the racket.
+        size: height relative to the athlete for whom the motions were written.
+        library: the poses of their athlete.
+    """
+
+    right_handed: bool
+    size: float
+    library: Library
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Known:
+    """What of a trajectory is known already.
+
+    Attributes:
+        trajectory: the rally so far.
+        strokes: how many of its strokes have been struck; the flight of the last one is drawn again.
+        frame: frame up to which the motion stands.
+    """
+
+    trajectory: Trajectory
+    strokes: int
+    frame: int
+
+
+def draw_trajectory(
+    rally: PlayedRally,
+    measured: Measured,
+    players: tuple[Physique, Physique],
+    *,
+    seed: int,
+    fps: int,
+    lead_in: float,
+    known: Known | None = None,
+) -> Trajectory:
+    """Draw points and times of a rally.
+
+    Args:
+        rally: what was played.
+        measured: the tables to draw from.
+        players: at seats 0 and 1.
+        seed: names all draws.
+        fps: contacts fall on multiples of 1/fps seconds.
+        lead_in: time before the serve [s].
+        known: strokes that stay as they are.
+    """
+    return _TrajectoryBuilder(rally, measured, players, draws.stream(seed), fps).build(lead_in, known)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Choice:
+    """One way to play a stroke, in the striker's frame."""
+
+    point: Floats
+    seconds: float
+    flight: Flights
+    stance: Stance | None
+    cost: float
+    end: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Try:
+    """A point and a time that were drawn for a stroke, in the striker's frame."""
+
+    point: Floats
+    ticks: int
+    most: int
+    stance: Stance | None
+    late: float
+
+
+class _TrajectoryBuilder:
+    def __init__(
+        self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: draws.UInt64s, fps: int
+    ) -> None:
+        self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
+        self.drawn: dict[int, list[float]] = {}
+        c, s = rally.catalogue, rally.stroke
+        self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
+        self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
+        if rally.open:
+            # What is expected of the stroke that is not chosen yet.
+            above = rally.ending - RETURNED_BELOW
+            shot = _EXPECTED[above][int(self.area[-1]) // 3] if len(rally) else SHOTS[_SHORT_SERVE]
+            self.shot, self.area = np.r_[self.shot, SHOTS.index(shot)], np.r_[self.area, 1]
+            self.height = np.r_[self.height, above]
+            self.technique = np.r_[self.technique, 0 if len(rally) else _BACKHAND]
+
+    def uniform(self, stroke: int, number: int) -> float:
+        """A draw from [0, 1), named by stroke and number."""
+        if stroke not in self.drawn:
+            bits = draws.draw(draws.extend(self.key, stroke), np.arange(_SLOT * (_TRIES + 1)))
+            self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
+        return float(self.drawn[stroke][number])
+
+    def build(self, lead_in: float, known: Known | None) -> Trajectory:
+        rally, n = self.rally, len(self.rally)
+        struck = known.strokes if known else 0
+        before = np.zeros((2, 2))
+        if known and struck:
+            old = known.trajectory
+            before, first = old.before, struck - 1
+            contacts = [old.contact[i] * _turn(self._striker(i)) for i in range(struck)]
+            stances, times, base = list(old.stance[:struck]), old.time[:struck].tolist(), [*old.base[:struck]]
+        else:
+            contact, stance = self._serve(before)
+            begun, first = (known.frame / self.fps + self._walk(known, before) if known else 0.0), 0
+            contacts, stances, times, base = [contact], [stance], [self._ticks(begun + lead_in)], [before]
+        drawn: list[_Choice] = []
+        for i in range(first, n):
+            if i >= len(base):
+                base.append(self._bases(i))
+            choice = self._choose(i, self._end(i), contacts[i], base[i][1 - self._striker(i)])
+            drawn.append(choice)
+            if choice.stance is not None:
+                contacts.append(choice.point * np.array([-1, -1, 1]))
+                stances.append(choice.stance)
+                times.append(times[i] + choice.seconds)
+        new = _trajectory(rally, drawn, first, contacts, stances, times, base, before)
+        return _behind(known.trajectory, new, first) if known and first else new
+
+    def _walk(self, known: Known, before: Floats) -> float:
+        """Seconds until both stand where they have to for the serve, from where they wait."""
+        return 0.6 * float(np.linalg.norm(known.trajectory.before - before, axis=1).max())
+
+    def _striker(self, i: int) -> int:
+        return (self.rally.server + i) % 2
+
+    def _ticks(self, seconds: float) -> float:
+        return round(seconds * self.fps) / self.fps
+
+    def _serve(self, before: Floats) -> tuple[Floats, Stance]:
+        """Contact and stance of the server; writes where both stand into ``before``."""
+        shot, side, server = self.shot[0], self.area[0] % 3, self.rally.server
+        # Who serves to the receiver's right half stands in their own right half, and the receiver too.
+        right = side == 0 or (side == 1 and self.uniform(0, 0) < 0.5)
+        sign = 1.0 if right else -1.0
+        x, y, rx, ry = (
+            float(quantile(self.measured.serve[shot, who, axis], np.array(self.uniform(0, 1 + 2 * who + axis))))
+            for who in (0, 1)
+            for axis in (0, 1)
+        )
+        z = self._height(0, self.uniform(0, 5))
+        motion = motion_of(shot, self.technique[0], z, y)
+        hips = np.array([sign * max(x, 0.12), -max(y, SHORT_SERVICE + 0.4)])
+        player = self.players[server]
+        probe = stance_of(
+            motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.library.natural(motion, z)
+        )
+        contact = np.array([*(hips - probe.root + np.array([0.0, -3.0])), z])
+        before[server], before[1 - server] = hips, (sign * rx, -ry)
+        return contact, dataclasses.replace(probe, root=hips)
+
+    def _bases(self, i: int) -> Floats:
+        """``[2, 2]`` where both wait when stroke i is struck: by the stroke that each played last."""
+        out = np.zeros((2, 2))
+        for seat in (0, 1):
+            last = i - 1 if self._striker(i - 1) == seat else i - 2
+            if last < 0:
+                out[seat] = self.measured.base[self.shot[i], 4]
+            else:
+                out[seat] = self.measured.base[self.shot[last], self.area[last]]
+        return out
+
+    def _end(self, i: int) -> int:
+        if i + 1 < len(self.rally):
+            return RETURN
+        if self.rally.open:
+            return OPEN
+        if self.rally.ending == WINNER:
+            return WIN
+        assert self.rally.ending == FAULT
+        # A shuttle that is meant for the middle of the court does not land out.
+        into_net = self.shot[i] >= N_SERVES and self.area[i] in (1, 4)
+        return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
+
+    def _choose(self, i: int, end: int, contact: Floats, base: Floats) -> _Choice:
+        """The first try that clears the net and can be reached, else the one that comes closest."""
+        tries = [self._try(i, end, contact, base, k) for k in range(_TRIES)]
+        best: _Choice | None = None
+        # Those that can be reached first, in the order of their draws.
+        for tried in sorted(tries, key=lambda t: t.late):
+            choice = self._flown(contact, tried, end)
+            if best is None or choice.cost < best.cost:
+                best = choice
+            if best.cost <= tried.late:
+                break
+        assert best is not None
+        return best
+
+    def _try(self, i: int, end: int, contact: Floats, base: Floats, k: int) -> _Try:
+        """The k-th try of a stroke."""
+        point, met = self._point(i, end, k)
+        length = np.hypot(*(point[:2] - contact[:2]))
+        drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(self.uniform(i, _SLOT * (k + 1))))
+        seconds, least, most = float(drawn), 1, 9 * self.fps
+        if end == NET:
+            share = float(np.clip(-contact[1] / max(point[1] - contact[1], 0.1), 0.05, 1))
+            point = self._net_point(i, contact, point, share, k)
+            seconds = max(seconds * share, 0.08)
+        elif end in (RETURN, OPEN):
+            low, _, high = self.measured.flight_time[self.shot[i]] * self.fps
+            least, most = int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6))
+        else:
+            # The tables end at the receiver's racket; to the floor it is a little further.
+            seconds = 1.12 * seconds + 0.10
+        ticks = min(max(round(seconds * self.fps), least), max(least, most))
+        stance = self._stance(i + 1, point, base) if end in (RETURN, OPEN) else None
+        return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
+
+    def _flown(self, contact: Floats, tried: _Try, end: int) -> _Choice:
+        """A try with its flight, made longer until it clears the net; the cost is the excess over what is possible, 0 if none."""
+        ticks = tried.ticks
+        while True:
+            flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
+            short = _CLEARANCE - float(_over_net(flight)[0])
+            if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
+                break
+            ticks += 1 if short < 0.1 else 2
+        cost = tried.late + 0.1 * max(0, ticks - tried.most)
+        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
+
+    def _point(self, i: int, end: int, k: int) -> tuple[Floats, int]:
+        """End of the k-th try of a stroke, in the striker's frame, and the height class at which it is met."""
+        first = _SLOT * (k + 1)
+        u = [self.uniform(i, first + 1 + j) for j in range(4)]
+        places = self.measured.places[self.shot[i], self.area[i]]
+        x, y = (float(quantile(places[axis], np.array(u[axis]))) for axis in (0, 1))
+        if self.shot[i] < N_SERVES:
+            x, y = self._into_service_court(x, y)
+        if end in (RETURN, OPEN):
+            return np.array([x, max(y, 0.25), self._height(i + 1, u[2])]), int(self.height[i + 1])
+        if end == OUT:
+            x, y = self._outside(i, x, y, u[2], u[3])
+        return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
+
+    def _into_service_court(self, x: float, y: float) -> tuple[float, float]:
+        """The point, moved into the service court that lies diagonally opposite to the server."""
+        area = self.area[0]
+        right = area % 3 == 0 or (area % 3 == 1 and self.uniform(0, 0) < 0.5)
+        return (-1.0 if right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
+
+    def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
+        """The point, moved over the line that is nearest to the target area."""
+        by_side, by_back = (float(quantile(self.measured.out_by[k], np.array(u))) for k in (0, 1))
+        depth, side = divmod(int(self.area[i]), 3)
+        if self.shot[i] == _SHORT_SERVE and which < 0.5:
+            return x, SHORT_SERVICE - max(by_side, 0.05)
+        if depth == 2 and (side == 1 or which < 0.5):
+            return x, HALF_LENGTH + max(by_back, 0.05)
+        if side == 1:
+            return x, SHORT_SERVICE - max(by_side, 0.05) if self.shot[i] == _SHORT_SERVE else HALF_LENGTH + max(by_back, 0.05)
+        return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
+
+    def _net_point(self, i: int, contact: Floats, point: Floats, share: float, k: int) -> Floats:
+        """Point where the k-th try of a stroke meets the net, on the way to ``point``."""
+        x = contact[0] + share * (point[0] - contact[0])
+        # Most balls into the net are just too low.
+        z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2
+        return np.array([x, -0.02, z])
+
+    def _stance(self, i: int, point: Floats, base: Floats) -> Stance:
+        own = point * np.array([-1, -1, 1])
+        player = self.players[self._striker(i)]
+        z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
+        motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
+        return stance_of(motion, own, base, player.right_handed, player.library.natural(motion, float(own[2])))
+
+    def _height(self, i: int, u: float) -> float:
+        """Height at which stroke i is struck [m]; overhead it grows with the player."""
+        low, high = height_range(self.shot[i], self.height[i], self.technique[i])
+        z = low + (high - low) * u
+        return z * self.players[self._striker(i)].size if z > OVERHEAD_FROM else z
+
+    def _late(self, stance: Stance | None, base: Floats, seconds: float) -> float:
+        """Metres that a player who starts from rest at ``base`` is short of a stance."""
+        if stance is None:
+            return 0.0
+        run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
+        return max(0.0, float(np.hypot(*(stance.root - base))) - run - 0.15)
+
+
+def _over_net(flights: Flights) -> Floats:
+    """``[N]`` height over the top of the net [m]; infinite for flights that begin beyond it."""
+    share = np.where(flights.heading[:, 1] > 1e-6, -flights.start[:, 1] / np.maximum(flights.heading[:, 1], 1e-6), np.nan)
+    x = flights.start[:, 0] + flights.heading[:, 0] * share
+    over = flights.height_over(0.0) - net_height(x)
+    return np.where(np.isnan(over), np.inf, over)
+
+
+def _turn(seat: int) -> Floats:
+    """``[3]`` what turns points of a seat's own frame into those of the court, and back."""
+    return np.array([facing(seat), facing(seat), 1.0])
+
+
+def _trajectory(
+    rally: PlayedRally,
+    drawn: list[_Choice],
+    first: int,
+    contacts: list[Floats],
+    stances: list[Stance],
+    times: list[float],
+    base: list[Floats],
+    before: Floats,
+) -> Trajectory:
+    """The trajectory from stroke ``first`` on, in the frame of the court; what was drawn is in the frames of the strikers."""
+    n = len(rally)
+    turn = np.array([_turn(int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
+    points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
+    time = np.array(times[first:n])
+    return Trajectory(
+        rally=rally,
+        time=time,
+        contact=np.array(contacts[first:n]).reshape(-1, 3) * turn,
+        end=np.array([choice.end for choice in drawn], dtype=np.int64),
+        end_time=time + np.array([choice.seconds for choice in drawn]),
+        chosen_point=points,
+        end_point=points.copy(),
+        flight=_joined([choice.flight for choice in drawn], turn),
+        stance=tuple(stances[first:n]),
+        base=np.array(base[first:n]).reshape(-1, 2, 2),
+        before=before,
+        reply=stances[n] if rally.open else None,
+    )
+
+
+def _behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
+    """The first strokes of one trajectory, and another one behind them."""
+
+    def whole(a: Floats, b: Floats) -> Floats:
+        return np.concatenate([a[:first], b])
+
+    names = [f.name for f in dataclasses.fields(Flights)]
+    rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
+    return dataclasses.replace(
+        new,
+        **rows,
+        flight=Flights(**{name: whole(getattr(old.flight, name), getattr(new.flight, name)) for name in names}),
+        stance=(*old.stance[:first], *new.stance),
+    )
+
+
+def _joined(flights: list[Flights], turn: Floats) -> Flights:
+    """Flights of several strokes, turned into the frame of the court."""
+    if not flights:
+        return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    whole = {f.name: np.concatenate([getattr(one, f.name) for one in flights]) for f in dataclasses.fields(Flights)}
+    whole["start"] = whole["start"] * turn
+    whole["heading"] = whole["heading"] * turn[:, :2]
+    return Flights(**whole)

@@ -1,0 +1,153 @@
+"""Rallies that are continued: what was shown stays, and what follows joins it without a jump."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from shuttle_marl.game.rally import RETURNED_ABOVE, RETURNED_BELOW
+from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, measure, stage
+from shuttle_marl.staging.packing import against_parents
+
+SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")
+HANDS = (("right", "left"), ("left", "right"))
+
+
+def prefix(rally: PlayedRally, strokes: int) -> PlayedRally:
+    """The first strokes of a rally, while it was open."""
+    if strokes == len(rally):
+        return rally
+    ending = RETURNED_BELOW + int(rally.catalogue.height[rally.stroke[strokes]])
+    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], ending=ending)
+
+
+def joins(before: Motion, after: Motion, branch: int) -> None:
+    """Frames before the branch are identical bit for bit, and nothing jumps behind it."""
+    for name in SAME:
+        np.testing.assert_array_equal(getattr(after, name)[:branch], getattr(before, name)[:branch])
+    for name in SAME[:3]:
+        np.testing.assert_array_equal(getattr(after, name)[branch], getattr(before, name)[branch])
+    near = slice(max(branch - 2, 0), branch + 4)
+    hips = after.position[near, :, 0].astype(np.float64)
+    acceleration = np.diff(hips, 2, axis=0) * after.fps**2
+    assert np.linalg.norm(acceleration[..., :2], axis=-1).max() <= 12
+    bones = np.diff(after.position[near].astype(np.float64), axis=0) * after.fps
+    assert np.linalg.norm(bones, axis=-1).max() < 45
+
+
+def sound(motion: Motion) -> None:
+    found = measure(motion)
+    assert found.joint_excess == 0
+    assert (found.contact <= 0.006).all()
+    assert found.slide.max() <= 0.005
+    assert found.acceleration.max() <= 12.0
+    assert found.speed.max() <= 6.5
+    assert found.true_end.all()
+
+
+def test_a_rally_that_is_played_stroke_by_stroke(played: list[PlayedRally]) -> None:
+    for i, rally in enumerate(rally for rally in played if 4 <= len(rally) <= 9):
+        if i == 3:
+            break
+        motion = stage(prefix(rally, 0), seed=i, handedness=HANDS[i % 2], athletes=("female", "male"), lead_in=2.0)
+        assert len(motion.time) == 101
+        sound(motion)
+        for k in range(len(rally)):
+            before = motion
+            branch = int(before.contact_frame[k - 1]) if k else len(before.time) - 1
+            motion = stage(prefix(rally, k + 1), seed=i, continuing=before)
+            joins(before, motion, branch)
+        sound(motion)
+        assert ENDS[motion.trajectory.end[-1]] != "open"
+        np.testing.assert_array_equal(motion.trajectory.rally.stroke, rally.stroke)
+
+
+def test_another_stroke_than_the_one_that_was_played(played: list[PlayedRally]) -> None:
+    other, rally = sorted(played, key=len)[-2:]
+    motion = stage(rally, seed=7)
+    for k in (1, 3, len(rally) - 1):
+        tail = [s for s in other.stroke[1:] if rally.catalogue.height[s] == rally.catalogue.height[rally.stroke[k]]]
+        changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], tail[0]], ending=RETURNED_ABOVE)
+        branched = stage(changed, seed=7, continuing=motion, from_stroke=k)
+        joins(motion, branched, int(motion.contact_frame[k - 1]))
+        sound(branched)
+        assert ENDS[branched.trajectory.end[-1]] == "open"
+
+
+def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[PlayedRally]) -> None:
+    rally = played[0]
+    waiting = stage(prefix(rally, 0), seed=1, lead_in=4.0)
+    longer = stage(prefix(rally, 0), seed=1, lead_in=3.0, continuing=waiting)
+    assert len(longer.time) == len(waiting.time) + 150
+    joins(waiting, longer, len(waiting.time) - 1)
+    hand = np.linalg.norm(longer.shuttle[:, None] - longer.position[:, rally.server], axis=2).min(axis=1)
+    assert hand.max() < 0.2, "the server holds the shuttle"
+    served = stage(rally, seed=1, continuing=longer, at=77)
+    joins(longer, served, 77)
+    assert served.contact_frame[0] >= 77 + 50
+    sound(served)
+
+
+def test_the_same_arguments_continue_a_motion_the_same_way(played: list[PlayedRally]) -> None:
+    rally = played[2]
+    opened = stage(prefix(rally, 1), seed=4)
+    first, second = (stage(rally, seed=4, continuing=opened) for _ in range(2))
+    for name in SAME:
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_a_continued_motion_is_packed_from_the_branch(played: list[PlayedRally]) -> None:
+    rally = played[3]
+    opened = stage(prefix(rally, 1), seed=4)
+    whole = stage(rally, seed=4, continuing=opened)
+    branch = int(opened.contact_frame[0])
+    shown = Motion.unpack(opened.pack())
+    again = Motion.unpack(whole.pack(branch), shown)
+    np.testing.assert_allclose(again.position, whole.position, atol=1e-3)
+    np.testing.assert_allclose(again.shuttle, whole.shuttle, atol=1e-3)
+
+
+def test_a_jump_at_the_branch_would_be_seen(played: list[PlayedRally]) -> None:
+    """What `joins` asks for is not fulfilled by staging the longer rally by itself."""
+    rally = next(rally for rally in played if len(rally) > 5)
+    motion = stage(prefix(rally, 3), seed=4)
+    with pytest.raises(AssertionError):
+        joins(motion, stage(rally, seed=5), int(motion.contact_frame[2]))
+
+
+def test_what_cannot_be_continued(played: list[PlayedRally]) -> None:
+    rally = next(rally for rally in played if len(rally) > 3)
+    motion = stage(prefix(rally, 2), seed=0)
+    other = dataclasses.replace(rally, server=1 - rally.server)
+    for arguments, message in (
+        ({"rally": other}, "other strokes before number 2"),
+        ({"from_stroke": 3}, "from_stroke 3: the motion has 2 strokes"),
+        ({"at": 3}, "continued at a contact"),
+        ({"from_stroke": 0, "at": 10_000}, "the waiting before the serve has frames 1 to"),
+        ({"continuing": None, "from_stroke": 1}, "give that motion as continuing"),
+        ({"continuing": Motion.unpack(motion.pack())}, "unpacked motion cannot be continued"),
+    ):
+        with pytest.raises(StagingError, match=message):
+            stage(**{"rally": rally, "seed": 0, "continuing": motion, **arguments})  # type: ignore[arg-type]
+    with pytest.raises(StagingError, match="expected 1 to 3600"):
+        stage(rally, seed=0, lead_in=0.1)
+
+
+@pytest.mark.slow
+def test_a_thousand_branches_keep_all_limits(played: list[PlayedRally]) -> None:
+    rng = np.random.default_rng(3)
+    done = 0
+    while done < 1000:
+        rally = played[int(rng.integers(len(played)))]
+        motion = stage(rally, seed=int(rng.integers(1 << 30)), handedness=HANDS[done % 2], athletes=("male", "female"))
+        for _ in range(20):
+            k = int(rng.integers(1, len(rally) + 1))
+            height = rally.catalogue.height[rally.stroke[k]] if k < len(rally) else rng.integers(2)
+            legal = np.flatnonzero((rally.catalogue.height == height) & ~rally.catalogue.is_serve)
+            changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], rng.choice(legal)], ending=int(rng.integers(4)))
+            branched = stage(changed, seed=done, continuing=motion, from_stroke=k)
+            joins(motion, branched, int(motion.contact_frame[k - 1]))
+            assert measure(branched).joint_excess == 0
+            local = against_parents(branched.rotation[:, 0], branched.parents(0))
+            assert np.isfinite(local).all()
+            done += 1
