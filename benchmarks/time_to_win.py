@@ -29,8 +29,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from benchmarks.machine import this_machine
-from shuttle_marl.env.strokes import features, with_efforts
 from shuttle_marl.game import default_game
+from shuttle_marl.game.observation import features, with_efforts
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import tabulate

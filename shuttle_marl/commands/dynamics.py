@@ -35,7 +35,7 @@ def fit(
         out: model folder to write.
         seed: of all random numbers; the same seed gives the same weights.
         refits: number of refits on resampled matches, which show how sure a figure is; they are the variants OUT:1, OUT:2, …;
-            default 8, or none for fewer than 8 train matches.
+            default 8, or none for fewer than 6 train matches.
         validation_share: share of your own matches that are set aside to choose on, such as 0.2; the published ones have a fixed
             split.
         prior: model that is corrected instead of a fit from nothing, such as default: for few matches, in seconds.

@@ -18,7 +18,7 @@ LEAST_WITH_PRIOR: Final = 300
 """Train strokes of a fit that starts from a model: some twenty faults."""
 LEAST_MATCHES: Final = 2
 """Train matches: members of an ensemble leave one out."""
-LEAST_FOR_REFITS: Final = 8
+LEAST_FOR_REFITS: Final = 6
 """Train matches that can be resampled: of fewer, most resamples hold only a half."""
 
 

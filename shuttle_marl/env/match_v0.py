@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
-from shuttle_marl.env.strokes import RALLY_WIDTH, SCORE_WIDTH, EpisodeDraws
+from shuttle_marl.env.strokes import EpisodeDraws
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
 

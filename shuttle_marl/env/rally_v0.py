@@ -12,9 +12,10 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
 
 from shuttle_marl.env.snapshot import Snapshot, as_text
-from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, EpisodeDraws, Observation, Stroke, tables_of
+from shuttle_marl.env.strokes import EpisodeDraws, Observation, Stroke, tables_of
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import ActionError, OptionError, whole_number
+from shuttle_marl.game.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 

@@ -11,65 +11,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.rally import LONGEST_DUEL, ONE, RETURNED_BELOW, Game
-from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.observation import EFFORT, features
+from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
 
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
-
-PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
-"""Number of shot types, areas, heights and techniques: the four components of a stroke."""
-STROKE_WIDTH: Final = sum(PARTS)
-"""Numbers that describe one stroke: the one-hots of its four components; all zero for "none yet"."""
-CONTACT: Final = 2 * STROKE_WIDTH
-"""Position of the contact offered to the striker (1: above the net)."""
-SERVE: Final = CONTACT + 1
-"""Position of the flag that a serve is due."""
-DUEL: Final = SERVE + 1
-"""Position of the number of net shots in a row, divided by 3."""
-EFFORT: Final = DUEL + 1
-"""Position of the own effort, divided by the highest one; the opponent's follows."""
-RALLY_WIDTH: Final = EFFORT + 2
-"""Length of an observation of a rally."""
-SCORE_WIDTH: Final = 6
-"""Points, games and serving flag of both players; only in a match."""
-
-SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT]
-"""Permutation that turns the striker's observation into the receiver's."""
-
-
-def stroke_features(game: Game) -> npt.NDArray[np.float32]:
-    """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""
-    catalogue = game.catalogue
-    table = np.zeros((len(catalogue) + 1, STROKE_WIDTH), dtype=np.float32)
-    rows = np.arange(len(catalogue))
-    columns = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
-    for offset, column in zip(np.r_[0, np.cumsum(PARTS)[:-1]], columns, strict=True):
-        table[rows, offset + column] = 1
-    return table
-
-
-def features(game: Game) -> npt.NDArray[np.float32]:
-    """``[base states, 59]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
-
-    0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
-    is due, 56 net shots in a row, 57 own effort and 58 the opponent's; the last three as shares of the highest number.
-    """
-    strokes = stroke_features(game)
-    own, incoming, contact, duel, effort, other = game.observation(np.arange(game.n_base_states)).T
-    rest = np.stack([contact, incoming == game.n_strokes, duel / LONGEST_DUEL, effort, other], axis=1)
-    return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
-
-
-def with_efforts(game: Game, rows: npt.NDArray[np.float32], state: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
-    """``[B, 59]`` observations of ``[B]`` states, from the rows of :func:`features`."""
-    found: npt.NDArray[np.float32] = rows.take(game.base(state), axis=0)
-    highest = max(1, game.levels - 1)
-    found[:, EFFORT] = game.effort(state) / highest
-    found[:, EFFORT + 1] = game.opponent_effort(state) / highest
-    return found
 
 
 class Stroke(NamedTuple):

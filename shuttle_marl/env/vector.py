@@ -10,8 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.env.rally_v0 import ILLEGAL
-from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of, with_efforts
+from shuttle_marl.env.strokes import tables_of
 from shuttle_marl.errors import ActionError, OptionError
+from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import VersusBatch

@@ -8,8 +8,9 @@ from gymnasium import spaces
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.env.strokes import PARTS, STROKE_WIDTH, Observation
+from shuttle_marl.env.strokes import Observation
 from shuttle_marl.errors import ActionError, OptionError
+from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
 from shuttle_marl.game.rally import IllegalStrokeError
 
 if TYPE_CHECKING:

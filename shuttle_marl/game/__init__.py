@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.game.observation import observations
     from shuttle_marl.game.policy import (
         Policy,
         PolicyError,
@@ -48,6 +49,7 @@ __all__ = [
     "default_game",
     "load_game",
     "model_folder",
+    "observations",
     "reads_score",
     "strike",
     "tabulate",
@@ -56,6 +58,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "observation": ("observations",),
         "policy": (
             "Policy",
             "PolicyError",

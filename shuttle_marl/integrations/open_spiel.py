@@ -18,8 +18,9 @@ import numpy.typing as npt
 import pyspiel
 from open_spiel.python import policy as spiel_policy
 
-from shuttle_marl.env.strokes import RALLY_WIDTH, SWAP, tables_of
+from shuttle_marl.env.strokes import tables_of
 from shuttle_marl.errors import OptionError
+from shuttle_marl.game.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally import FAULT, ONE, OUTCOMES, RETURNED_BELOW, ROOT, WINNER, Game
 from shuttle_marl.game.shipped import resolve_game

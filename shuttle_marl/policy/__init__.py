@@ -9,6 +9,7 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.foreign import FunctionPolicy
+    from shuttle_marl.policy.plain_network import NetworkPolicy, from_network, from_sb3, save_network
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
     from shuttle_marl.policy.scorecard import SampledOdds, Scorecard, Scorer, sample
     from shuttle_marl.policy.scripted import ScriptedPolicy
@@ -16,21 +17,26 @@ if TYPE_CHECKING:
 __all__ = [
     "Family",
     "FunctionPolicy",
+    "NetworkPolicy",
     "SampledOdds",
     "Scorecard",
     "Scorer",
     "ScriptedPolicy",
+    "from_network",
+    "from_sb3",
     "names",
     "register",
     "resolve",
     "resolve_recorded",
     "sample",
+    "save_network",
 ]
 
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "foreign": ("FunctionPolicy",),
+        "plain_network": ("NetworkPolicy", "from_network", "from_sb3", "save_network"),
         "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
         "scorecard": ("SampledOdds", "Scorecard", "Scorer", "sample"),
         "scripted": ("ScriptedPolicy",),

@@ -26,7 +26,7 @@ from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, bc, solved
+from shuttle_marl.policy import agents, bc, plain_network, solved
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 
@@ -353,4 +353,18 @@ for _key in agents.ALGORITHMS:
         from_data=True,
     )
 register("agent", agents.load_folder, lambda _: (), about="trained agent, from the folder of its run", form="agent:FOLDER")
+register(
+    "torch",
+    plain_network.load_torch,
+    lambda _: (),
+    about="network of your own from its weights: linear layers, saved by save_network or as a state dictionary",
+    form="torch:FILE",
+)
+register(
+    "sb3",
+    plain_network.load_sb3,
+    lambda _: (),
+    about="PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
+    form="sb3:FILE",
+)
 register("table", _load_table, lambda _: (), about="policy kept as a table", form="table:FILE")

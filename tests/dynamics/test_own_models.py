@@ -91,8 +91,8 @@ def test_too_few_matches_are_refused_with_the_reason(club: Rows) -> None:
 
 
 def test_few_matches_are_not_resampled() -> None:
-    assert (_checked_refits(None, 7), _checked_refits(None, 8), _checked_refits(0, 3), _checked_refits(2, 8)) == (0, 8, 0, 2)
-    with pytest.raises(ShuttleError, match="--refits 4: 3 train matches, at least 8 needed"):
+    assert (_checked_refits(None, 5), _checked_refits(None, 6), _checked_refits(0, 3), _checked_refits(2, 6)) == (0, 8, 0, 2)
+    with pytest.raises(ShuttleError, match="--refits 4: 3 train matches, at least 6 needed"):
         _checked_refits(4, 3)
 
 
@@ -146,7 +146,7 @@ def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Pat
     if prior:
         # Players who play as those of the prior, and a correction that hardly moves it.
         assert game.catalogue.version == load_game().catalogue.version
-        assert all(abs(shift) < 0.25 for shift in card["chosen"]["prior"]["shifts"].values())
+        assert all(abs(shift) < 0.5 for shift in card["chosen"]["prior"]["shifts"].values())
 
 
 def test_259_strokes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

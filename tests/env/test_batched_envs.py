@@ -12,8 +12,8 @@ from torchrl.envs.utils import check_env_specs
 from shuttle_marl import rally_v0
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.rally_v0 import ShuttleEnv
-from shuttle_marl.env.strokes import stroke_features
 from shuttle_marl.game import default_game
+from shuttle_marl.game.observation import stroke_features
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.table import TabulatedPolicy, tabulate

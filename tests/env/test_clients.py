@@ -18,8 +18,8 @@ from torchrl.envs.utils import check_env_specs
 
 from benchmarks.time_to_win import Learned
 from shuttle_marl import exact, match_v0, rally_v0
-from shuttle_marl.env.strokes import RALLY_WIDTH
 from shuttle_marl.game import default_game
+from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve

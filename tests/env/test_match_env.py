@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
-from shuttle_marl.env.strokes import RALLY_WIDTH
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.rally import OUTCOMES, ROOT, strike
 from shuttle_marl.game.scoring import Rules, new, step
 from tests.exact.exact_games import tiring_game

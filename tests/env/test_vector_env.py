@@ -11,10 +11,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 from shuttle_marl.env.single import SingleRallyEnv
-from shuttle_marl.env.strokes import SWAP, features, stroke_features
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
+from shuttle_marl.game.observation import SWAP, features, stroke_features
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel import KernelError

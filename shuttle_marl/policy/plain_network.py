@@ -1,0 +1,313 @@
+"""Networks of one's own as policies: any function from observations to logits, and files of plain weights.
+
+Files hold numbers and nothing that runs: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the weights
+in an archive of Stable-Baselines3, whose pickled parts are never opened. So a file can only be a chain of linear layers with known
+functions between them; anything else is played through :func:`from_network` or ``module:attribute``, which is the user's own code.
+"""
+
+import dataclasses
+import importlib
+import io
+import json
+import re
+import sys
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from safetensors.numpy import save
+
+from shuttle_marl.extras import install_hint
+from shuttle_marl.files import open_file, problem, replace_file
+from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
+from shuttle_marl.game.policy import Policy, PolicyError, States
+from shuttle_marl.game.rally import Game
+from shuttle_marl.tensor_files import parsed, read_tensors
+
+Floats = npt.NDArray[np.float64]
+Inputs = Literal["observation", "tokens"]
+"""What a network reads: the vector of ``rally_v0``, or the six integers of the batched environments."""
+
+FUNCTIONS: Final[dict[str, Callable[[Floats], Floats]]] = {
+    "relu": lambda x: np.maximum(x, 0.0),
+    "tanh": np.tanh,
+    "sigmoid": lambda x: 0.5 * (1 + np.tanh(0.5 * x)),
+    "leaky_relu": lambda x: np.where(x > 0, x, 0.01 * x),
+    "elu": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0.0))),
+    "silu": lambda x: x * 0.5 * (1 + np.tanh(0.5 * x)),
+}
+"""Functions between the layers of a file."""
+_TORCH_NAMES: Final = {
+    "ReLU": "relu",
+    "Tanh": "tanh",
+    "Sigmoid": "sigmoid",
+    "LeakyReLU": "leaky_relu",
+    "ELU": "elu",
+    "SiLU": "silu",
+}
+_PASSED: Final = ("Dropout", "Identity", "Flatten")
+"""Modules that change nothing in play."""
+_LARGEST: Final = 1 << 28
+"""Of the weights in an archive [bytes]."""
+_ROWS: Final = 4096
+"""Rows that a network is asked for at once."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class NetworkPolicy:
+    """Softmax, or the highest, of the logits that a function gives to the legal strokes.
+
+    Attributes:
+        function: from ``[B, 59]`` float32 observations, or ``[B, 6]`` int32 tokens, to ``[B, n]`` logits.
+        inputs: which of the two.
+        greedy: always the legal stroke with the highest number, as for action values.
+        masked: whether the function reads the mask of the legal strokes before the observation.
+    """
+
+    function: Callable[[npt.NDArray[Any]], Any]
+    inputs: Inputs = "observation"
+    greedy: bool = False
+    masked: bool = False
+
+    def probabilities(self, states: States) -> Floats:
+        """``[B, n]`` probabilities of the legal strokes.
+
+        Raises:
+            PolicyError: the function gives no finite numbers, or not one for each stroke.
+        """
+        found = [self._logits(states.game, states.state[i : i + _ROWS]) for i in range(0, len(states), _ROWS)]
+        logits = np.concatenate(found) if found else np.empty((0, states.game.n_strokes))
+        logits = np.where(states.mask, logits, -np.inf)
+        highest = logits.max(axis=1, keepdims=True)
+        if self.greedy:
+            first = logits.argmax(axis=1)
+            return np.asarray(np.eye(states.game.n_strokes)[first])
+        weight = np.exp(logits - highest)
+        return np.asarray(weight / weight.sum(axis=1, keepdims=True))
+
+    def _logits(self, game: Game, state: npt.NDArray[np.int32]) -> Floats:
+        seen: npt.NDArray[Any]
+        seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, features(game), state)
+        if self.masked:
+            seen = np.concatenate([game.mask(state), seen], axis=1, dtype=np.float32)
+        logits = np.asarray(self.function(seen), dtype=np.float64)
+        if logits.shape != (len(state), game.n_strokes):
+            raise PolicyError(
+                f"the network gave shape {logits.shape}, expected {(len(state), game.n_strokes)}: a number for each stroke"
+            )
+        if not np.isfinite(logits).all():
+            raise PolicyError(f"the network gives no finite numbers in state: {game.describe(int(state[0]))}")
+        return logits
+
+
+def from_network(module: Any, *, inputs: Inputs = "observation", greedy: bool = False) -> Policy:
+    """A network as a policy: it may enter the league, be evaluated exactly, and be an opponent.
+
+    Args:
+        module: a PyTorch module, or any function on arrays, from a batch of observations to a number for each stroke.
+        inputs: ``observation``: ``[B, 59]`` float32, the vector of ``rally_v0``; ``tokens``: ``[B, 6]`` int32.
+        greedy: play the legal stroke with the highest number, as for action values; else the softmax over the legal ones.
+
+    Raises:
+        PolicyError: ``inputs`` is neither.
+    """
+    if inputs not in ("observation", "tokens"):
+        raise PolicyError(f"inputs {inputs!r}: expected 'observation' or 'tokens'")
+    return NetworkPolicy(_called(module), inputs, greedy)
+
+
+def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
+    """A module of PyTorch as a function on arrays; any other function as it is."""
+    torch: Any = sys.modules.get("torch")
+    if torch is None or not isinstance(module, torch.nn.Module):
+        return module  # type: ignore[no-any-return]
+    parameter = next(iter(module.parameters()), None)
+
+    def call(seen: npt.NDArray[Any]) -> Any:
+        given = torch.from_numpy(seen)
+        training = module.training
+        module.eval()
+        try:
+            with torch.no_grad():
+                return module(given if parameter is None else given.to(parameter.device)).double().cpu().numpy()
+        finally:
+            module.train(training)
+
+    return call
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Layers:
+    """A chain of linear layers.
+
+    Attributes:
+        linear: weights ``[out, in]`` and biases ``[out]``.
+        function: name of what stands between two layers, of :data:`FUNCTIONS`.
+    """
+
+    linear: tuple[tuple[Floats, Floats], ...]
+    function: str
+
+    def __call__(self, seen: npt.NDArray[Any]) -> Floats:
+        """``[B, out]`` of the last layer."""
+        x = seen.astype(np.float64)
+        for i, (weight, bias) in enumerate(self.linear):
+            x = (FUNCTIONS[self.function](x) if i else x) @ weight.T + bias
+        return x
+
+
+def save_network(module: Any, path: Path) -> None:
+    """Write a network to a file that is played as ``torch:FILE`` (safetensors).
+
+    Args:
+        module: ``torch.nn.Sequential`` of ``Linear`` with one kind of function between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU, SiLU.
+        path: the file.
+
+    Raises:
+        PolicyError: it is built of anything else.
+        FileWriteError: the file cannot be written.
+    """
+    parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _PASSED]
+    kinds = [type(part).__name__ for part in parts]
+    functions = {kind for kind in kinds[1::2]}
+    if (
+        not parts
+        or set(kinds[::2]) != {"Linear"}
+        or not functions <= set(_TORCH_NAMES)
+        or len(functions) > 1
+        or not len(parts) % 2
+    ):
+        raise PolicyError(
+            f"a network of {', '.join(kinds) or 'nothing'} has no file format here: expected Linear layers with one of "
+            f"{', '.join(_TORCH_NAMES)} between them; play others through from_network and module:attribute"
+        )
+    arrays = {}
+    for i, part in enumerate(parts[::2]):
+        weight = part.weight.detach().cpu().numpy()
+        arrays[f"{i}.weight"] = weight
+        arrays[f"{i}.bias"] = part.bias.detach().cpu().numpy() if part.bias is not None else np.zeros(len(weight), weight.dtype)
+    function = _TORCH_NAMES[functions.pop()] if functions else "relu"
+    replace_file(path, save(arrays, metadata={"network": json.dumps({"function": function, "layers": len(parts[::2])})}))
+
+
+def load_torch(argument: str | None, _: Game) -> Policy:
+    """The policy of a name such as ``torch:FILE``.
+
+    Raises:
+        PolicyError: no such file, or not one of a chain of linear layers.
+    """
+    if not argument:
+        raise PolicyError("policy torch: expected a file behind the colon, as in torch:mine.safetensors")
+    path = Path(argument)
+    try:
+        if path.suffix == ".safetensors":
+            metadata, arrays = read_tensors(path)
+            described = parsed(metadata.get("network", "{}"))
+            function = described.get("function", "relu") if isinstance(described, dict) else ""
+        else:
+            arrays, function = _state_dictionary(_content(path)), "relu"
+        return _policy(_chain(arrays, function))
+    except (OSError, ValueError) as error:
+        raise PolicyError(
+            f"{path}: no network that can be played ({problem(error)}); save_network writes one, and a state dictionary of linear "
+            "layers with ReLU between them will do"
+        ) from error
+
+
+def from_sb3(path: Path | str) -> Policy:
+    """The policy in an archive that Stable-Baselines3 or sb3-contrib saved: PPO, MaskablePPO, A2C or DQN on ``Rally-v0``.
+
+    Only the weights and the settings that stand there as text are read. The function between the layers is the one that the archive
+    names, or the library's default. DQN plays its highest value.
+
+    Args:
+        path: the archive, as ``model.save(path)`` writes it.
+
+    Raises:
+        PolicyError: no such file, or a policy of another architecture than the library's own for vectors.
+    """
+    path = Path(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(_content(path))) as archive:
+            if (size := archive.getinfo("policy.pth").file_size) > _LARGEST:
+                raise ValueError(f"{size:,} bytes of weights")
+            arrays = _state_dictionary(archive.read("policy.pth"))
+            told = archive.read("data").decode() if archive.getinfo("data").file_size < _LARGEST else ""
+        named = re.search(r"torch\.nn\.modules\.activation\.(\w+)", told)
+        values = "q_net.q_net.0.weight" in arrays
+        function = _TORCH_NAMES.get(named[1], "") if named else ("relu" if values else "tanh")
+        prefixes = ("q_net.q_net.",) if values else ("mlp_extractor.policy_net.", "action_net.")
+        chain = {name: array for name, array in arrays.items() if name.startswith(prefixes)}
+        return _policy(_chain(chain, function), greedy=values)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise PolicyError(f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)})") from error
+
+
+def load_sb3(argument: str | None, _: Game) -> Policy:
+    """The policy of a name such as ``sb3:FILE``.
+
+    Raises:
+        PolicyError: as :func:`from_sb3`.
+    """
+    if not argument:
+        raise PolicyError("policy sb3: expected an archive behind the colon, as in sb3:mine.zip")
+    return from_sb3(argument)
+
+
+def _content(path: Path) -> bytes:
+    with open_file(path) as file:
+        return file.read()
+
+
+def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
+    """Weights by name, read without running what the file holds."""
+    try:
+        torch: Any = importlib.import_module("torch")  # what plays does not need it, but for such files
+    except ImportError as error:
+        raise ValueError(f"reading it needs PyTorch; {install_hint('train')}") from error
+    try:
+        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+    except Exception as error:  # of many types, by what a damaged or hostile file holds
+        raise ValueError(f"not weights alone: {str(error).partition(chr(10))[0]}") from error
+    if not isinstance(found, Mapping) or not all(isinstance(value, torch.Tensor) for value in found.values()):
+        raise ValueError("no state dictionary")
+    return {str(name): value.detach().float().numpy() for name, value in found.items()}
+
+
+def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
+    """Linear layers from weights by name, in the order of the names as they stand.
+
+    Raises:
+        ValueError: they are no chain, a function is not known, or a number is not finite.
+    """
+    if function not in FUNCTIONS:
+        raise ValueError(f"a function that is not known; expected one of {', '.join(FUNCTIONS)}")
+    names = [name.removesuffix(".weight") for name in arrays if name.endswith(".weight")]
+    if all(name.isdigit() for name in names):
+        names.sort(key=int)  # safetensors keeps no order
+    layers: list[tuple[Floats, Floats]] = []
+    for name in names:
+        weight = arrays[f"{name}.weight"].astype(np.float64)
+        bias = arrays.get(f"{name}.bias", np.zeros(weight.shape[:1])).astype(np.float64)
+        fits = weight.ndim == 2 and bias.shape == weight.shape[:1] and (not layers or layers[-1][0].shape[0] == weight.shape[1])
+        if not fits:
+            raise ValueError(f"{name} is no linear layer that follows the one before")
+        layers.append((weight, bias))
+    known: Sequence[str] = [f"{name}.{part}" for name in names for part in ("weight", "bias")]
+    if not layers or set(arrays) - set(known):
+        raise ValueError(f"{next(iter(set(arrays) - set(known)), 'nothing')} is no part of a chain of linear layers")
+    if not all(np.isfinite(part).all() for layer in layers for part in layer):
+        raise ValueError("a weight that is not finite")
+    return Layers(tuple(layers), function)
+
+
+def _policy(layers: Layers, *, greedy: bool = False) -> Policy:
+    width, strokes = layers.linear[0][0].shape[1], layers.linear[-1][0].shape[0]
+    if width not in (RALLY_WIDTH, RALLY_WIDTH + strokes):
+        raise ValueError(
+            f"it reads {width} numbers; expected the {RALLY_WIDTH} of an observation, alone or behind the mask of {strokes} strokes"
+        )
+    return NetworkPolicy(layers, "observation", greedy, masked=width != RALLY_WIDTH)
