@@ -1,11 +1,13 @@
 """Networks of one's own as policies: any function from observations to logits, and files of plain weights.
 
-Files hold numbers and nothing that runs: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the weights
-in an archive of Stable-Baselines3, whose pickled parts are never opened. So a file can only be a chain of linear layers with known
-functions between them; anything else is played through :func:`from_network` or ``module:attribute``, which is the user's own code.
+Files hold numbers and nothing that runs: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the
+weights in an archive of Stable-Baselines3, whose pickled parts are never opened. So a file can only be a chain of linear layers
+with known functions between them; anything else is played through :func:`from_network` or ``module:attribute``, which is the
+user's own code.
 """
 
 import dataclasses
+import functools
 import importlib
 import io
 import json
@@ -40,20 +42,14 @@ FUNCTIONS: Final[dict[str, Callable[[Floats], Floats]]] = {
     "silu": lambda x: x * 0.5 * (1 + np.tanh(0.5 * x)),
 }
 """Functions between the layers of a file."""
-_TORCH_NAMES: Final = {
-    "ReLU": "relu",
-    "Tanh": "tanh",
-    "Sigmoid": "sigmoid",
-    "LeakyReLU": "leaky_relu",
-    "ELU": "elu",
-    "SiLU": "silu",
-}
+_TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
 _PASSED: Final = ("Dropout", "Identity", "Flatten")
 """Modules that change nothing in play."""
 _LARGEST: Final = 1 << 28
 """Of the weights in an archive [bytes]."""
 _ROWS: Final = 4096
 """Rows that a network is asked for at once."""
+_rows: Final = functools.lru_cache(maxsize=4)(features)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,14 +86,13 @@ class NetworkPolicy:
 
     def _logits(self, game: Game, state: npt.NDArray[np.int32]) -> Floats:
         seen: npt.NDArray[Any]
-        seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, features(game), state)
+        seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, _rows(game), state)
         if self.masked:
             seen = np.concatenate([game.mask(state), seen], axis=1, dtype=np.float32)
         logits = np.asarray(self.function(seen), dtype=np.float64)
         if logits.shape != (len(state), game.n_strokes):
-            raise PolicyError(
-                f"the network gave shape {logits.shape}, expected {(len(state), game.n_strokes)}: a number for each stroke"
-            )
+            expected = (len(state), game.n_strokes)
+            raise PolicyError(f"the network gave shape {logits.shape}, expected {expected}: a number for each stroke")
         if not np.isfinite(logits).all():
             raise PolicyError(f"the network gives no finite numbers in state: {game.describe(int(state[0]))}")
         return logits
@@ -123,7 +118,7 @@ def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
     """A module of PyTorch as a function on arrays; any other function as it is."""
     torch: Any = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
-        return module  # type: ignore[no-any-return]
+        return module
     parameter = next(iter(module.parameters()), None)
 
     def call(seen: npt.NDArray[Any]) -> Any:
@@ -163,7 +158,8 @@ def save_network(module: Any, path: Path) -> None:
     """Write a network to a file that is played as ``torch:FILE`` (safetensors).
 
     Args:
-        module: ``torch.nn.Sequential`` of ``Linear`` with one kind of function between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU, SiLU.
+        module: ``torch.nn.Sequential`` of ``Linear`` with one kind of function between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU
+            or SiLU.
         path: the file.
 
     Raises:
@@ -172,14 +168,9 @@ def save_network(module: Any, path: Path) -> None:
     """
     parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _PASSED]
     kinds = [type(part).__name__ for part in parts]
-    functions = {kind for kind in kinds[1::2]}
-    if (
-        not parts
-        or set(kinds[::2]) != {"Linear"}
-        or not functions <= set(_TORCH_NAMES)
-        or len(functions) > 1
-        or not len(parts) % 2
-    ):
+    functions = set(kinds[1::2])
+    alternate = len(parts) % 2 == 1 and set(kinds[::2]) == {"Linear"}
+    if not alternate or not functions <= set(_TORCH_NAMES) or len(functions) > 1:
         raise PolicyError(
             f"a network of {', '.join(kinds) or 'nothing'} has no file format here: expected Linear layers with one of "
             f"{', '.join(_TORCH_NAMES)} between them; play others through from_network and module:attribute"
@@ -212,16 +203,16 @@ def load_torch(argument: str | None, _: Game) -> Policy:
         return _policy(_chain(arrays, function))
     except (OSError, ValueError) as error:
         raise PolicyError(
-            f"{path}: no network that can be played ({problem(error)}); save_network writes one, and a state dictionary of linear "
-            "layers with ReLU between them will do"
+            f"{path}: no network that can be played ({problem(error)}); save_network writes one, and a state dictionary of "
+            "linear layers with ReLU between them will do"
         ) from error
 
 
 def from_sb3(path: Path | str) -> Policy:
     """The policy in an archive that Stable-Baselines3 or sb3-contrib saved: PPO, MaskablePPO, A2C or DQN on ``Rally-v0``.
 
-    Only the weights and the settings that stand there as text are read. The function between the layers is the one that the archive
-    names, or the library's default. DQN plays its highest value.
+    Only the weights and the settings that stand there as text are read. The function between the layers is the one that the
+    archive names, or the library's default. DQN plays its highest value.
 
     Args:
         path: the archive, as ``model.save(path)`` writes it.
@@ -308,6 +299,6 @@ def _policy(layers: Layers, *, greedy: bool = False) -> Policy:
     width, strokes = layers.linear[0][0].shape[1], layers.linear[-1][0].shape[0]
     if width not in (RALLY_WIDTH, RALLY_WIDTH + strokes):
         raise ValueError(
-            f"it reads {width} numbers; expected the {RALLY_WIDTH} of an observation, alone or behind the mask of {strokes} strokes"
+            f"it reads {width} numbers; expected the {RALLY_WIDTH} of an observation, alone or behind a mask of {strokes} strokes"
         )
     return NetworkPolicy(layers, "observation", greedy, masked=width != RALLY_WIDTH)

@@ -145,6 +145,7 @@ def hostile_archive() -> bytes:
         ("nowhere.pt", None, "No such file"),
         ("nowhere.zip", None, "No such file"),
     ],
+    ids=range(7),
 )
 def test_files_of_others_never_run(
     file: str, content: bytes | None, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
