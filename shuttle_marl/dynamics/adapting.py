@@ -1,12 +1,11 @@
 """Predictions corrected by the match so far: annotators name strokes in their own way, and players have their day.
 
-Within each cell of strokes of a match, what was seen so far is compared with what was predicted. The odds of a shot type that
-was seen n times where e were expected are multiplied by (n + k) / (e + k): the posterior mean of the ratio of the two rates
-where its prior is a gamma distribution with mean 1 and weight k (Gelman et al., Bayesian Data Analysis, section 2.6). Cells are
-nested, and each is compared with what the cells around it left unexplained.
+Within each match, what was played is regressed on what was predicted: a multinomial logistic regression whose offset is the
+logarithm of the prediction. Its weights say how this match departs from it: in general, by contact height, incoming shot type,
+player and place. They start at zero with a normal prior, and each stroke updates the mean and covariance of those of each class
+(Spiegelhalter and Lauritzen, Networks 1990: sequential updating with a normal approximation, each class against the others).
 """
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,16 +13,23 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.moments import CODES, moments_of
+from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, moments_of
 from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.kernel.compiling import compiled
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-TYPE_WEIGHTS: Final = (4.0, 15.0, 12.0, 20.0)
-"""k of shot types in a match; from one height there; in reply to one shot type from one height; of one player."""
-AREA_WEIGHTS: Final = (30.0, 20.0, 30.0)
-"""k of areas in a match; of one shot type there; of one player's shot type."""
+TYPE_VARIANCES: Final = {"match": 0.2, "height": 0.05, "reply": 0.07, "player": 0.03, "player_height": 0.03, "place": 0.03}
+"""Prior variances of the weights of shot types. They, and those of areas, were chosen on blind folds of the training matches."""
+AREA_VARIANCES: Final = {"match": 0.025, "player": 0.02, "place": 0.02, "type": 0.03, "type_player": 0.02}
+"""Prior variances of the weights of areas."""
+_PLACE: Final = ((0, 0.0, 1.3), (1, -4.0, 1.6), (10, 0.0, 1.0), (11, 4.0, 1.2), (30, 0.95, 0.3))
+"""Numbers of a moment that say where and how fast: column, usual value, spread. The striker, the receiver, the time between."""
+_FARTHEST: Final = 2.5
+_LEAST_PROBABILITY: Final = 1e-12
+_LEAST_CURVATURE: Final = 1e-5
+"""A class that is as good as certain, or impossible, teaches nothing."""
 
 
 def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True) -> Floats:
@@ -39,31 +45,28 @@ def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True
     Returns:
         ``[N, 13, 9]`` probabilities.
     """
-    codes = dict(zip(CODES, moments_of(strokes).codes.T.astype(np.int64), strict=True))
-    match, player = (_coded(strokes, name)[:, None] for name in ("match", "player"))
-    height, reply = codes["height"][:, None], codes["shot_1"][:, None]
+    moments = moments_of(strokes)
     if not height_known:
-        height = np.zeros_like(height)
+        moments = moments.without_height()
+    codes = dict(zip(CODES, moments.codes.T.astype(np.int64), strict=True))
+    match = _coded(strokes, "match")
+    side = _sides(match, _coded(strokes, "player"))
+    height = _one_hot(codes["height"], UNSEEN_HEIGHT + 1)
+    reply = _one_hot(codes["height"] * CODES["shot_1"] + codes["shot_1"], (UNSEEN_HEIGHT + 1) * CODES["shot_1"])
+    usual, spread = (np.array([row[i] for row in _PLACE]) for i in (1, 2))
+    place = (moments.numbers[:, [row[0] for row in _PLACE]] - usual) / spread
+    place = np.clip(np.nan_to_num(place), -_FARTHEST, _FARTHEST)
     shot = strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64)
     area = strokes["area"].fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
     # A fault does not say where it was aimed, and a winner came down where no one met it.
     area = np.where(strokes["outcome"].to_numpy(zero_copy_only=False) == Outcome.RETURNED, area, -1)
     of_type = np.maximum(probability.sum(axis=2), 1e-12)
-    types = _corrected(
-        of_type[:, None],
-        [_cells(match), _cells(match, height), _cells(match, height, reply), _cells(match, player)],
-        TYPE_WEIGHTS,
-        np.zeros_like(shot),
-        shot,
-    )
-    every = np.arange(N_SHOTS)[None]
-    areas = _corrected(
-        probability / of_type[:, :, None],
-        [_cells(match), _cells(match, every), _cells(match, player, every)],
-        AREA_WEIGHTS,
-        shot,
-        area,
-    )
+    seen = {"match": np.ones_like(side), "height": height, "reply": reply, "player": side, "player_height": side * height,
+            "place": place}  # fmt: skip
+    types = _corrected(of_type[:, None], *_inputs(seen, TYPE_VARIANCES, 1), match, np.zeros_like(shot), shot)
+    each = np.broadcast_to(np.eye(N_SHOTS), (len(shot), N_SHOTS, N_SHOTS))
+    seen = {"match": np.ones_like(side), "player": side, "place": place, "type": each, "type_player": each * side[:, :, None]}
+    areas = _corrected(probability / of_type[:, :, None], *_inputs(seen, AREA_VARIANCES, N_SHOTS), match, shot, area)
     return np.asarray(types[:, 0, :, None] * areas)
 
 
@@ -72,36 +75,83 @@ def _coded(strokes: pa.Table, name: str) -> Ints:
     return np.asarray(codes.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def _cells(*codes: Ints) -> Ints:
-    """Numbers of the combinations of codes, ``[N, 1]`` each, or ``[1, R]`` for a code of every distribution."""
-    cell = np.zeros((1, 1), dtype=np.int64)
-    for code in codes:
-        cell = cell * (int(code.max(initial=0)) + 1) + code
-    return cell
+def _sides(match: Ints, player: Ints) -> Floats:
+    """``[N, 1]`` 1 for the player who strikes first in a match, -1 for the other one."""
+    _, first, position = np.unique(match, return_index=True, return_inverse=True)
+    return np.where(player == player[first][position], 1.0, -1.0)[:, None]
 
 
-def _corrected(probability: Floats, cells: Sequence[Ints], weights: Sequence[float], which: Ints, label: Ints) -> Floats:
-    """Correct R distributions at each of N strokes by what was seen in the strokes before, cell by cell.
+def _one_hot(codes: Ints, n: int) -> Floats:
+    return np.asarray(codes[:, None] == np.arange(n), dtype=np.float64)
+
+
+def _inputs(seen: dict[str, Floats], variances: dict[str, float], distributions: int) -> tuple[Floats, Floats]:
+    """``[N, R, D]`` inputs of R distributions, from ``[N, d]`` alike for all or ``[N, R, d]``, and ``[D]`` prior variances."""
+    parts = {
+        name: part if part.ndim == 3 else np.broadcast_to(part[:, None], (len(part), distributions, part.shape[1]))
+        for name, part in seen.items()
+    }
+    return (
+        np.concatenate(list(parts.values()), axis=2),
+        np.concatenate([np.full(part.shape[2], variances[name]) for name, part in parts.items()]),
+    )
+
+
+@compiled
+def _corrected(probability: Floats, inputs: Floats, variances: Floats, match: Ints, which: Ints, label: Ints) -> Floats:
+    """Correct R distributions at each of N strokes by what was seen in the strokes of the match before.
 
     Args:
         probability: ``[N, R, C]`` predictions.
-        cells: for each level, outermost first, ``[N, R or 1]`` the cell of every distribution.
-        weights: k of each level.
+        inputs: ``[N, R, D]`` what the departure from each may depend on.
+        variances: ``[D]`` of the prior of each weight.
+        match: ``[N]`` the match; its strokes follow each other.
         which: ``[N]`` distribution that was drawn from.
         label: ``[N]`` what was drawn, -1 where that is not known.
     """
-    out = np.empty_like(probability)
-    counts = [np.zeros((2, int(cell.max(initial=0)) + 1, probability.shape[2])) for cell in cells]
-    for i, predicted in enumerate(probability):
-        now, drawn, seen = predicted, int(which[i]), int(label[i])
-        for cell, weight, (n, e) in zip(cells, weights, counts, strict=True):
-            here = cell[i]
-            ratio = (n[here] + weight) / (e[here] + weight)
-            if seen >= 0:
-                mine = here[drawn if len(here) > 1 else 0]
-                n[mine, seen] += 1
-                e[mine] += now[drawn]
-            now = now * ratio
-            now = now / now.sum(axis=1, keepdims=True)
-        out[i] = now
+    n, distributions, classes = probability.shape
+    size = len(variances)
+    out = np.empty((n, distributions, classes))
+    mean, covariance = np.zeros((classes, size)), np.zeros((classes, size, size))
+    read, moved = np.zeros(size, dtype=np.int64), np.zeros(size)
+    for i in range(n):
+        if i == 0 or match[i] != match[i - 1]:
+            mean[:] = 0.0
+            covariance[:] = 0.0
+            for c in range(classes):
+                for d in range(size):
+                    covariance[c, d, d] = variances[d]
+        for r in range(distributions):
+            total = 0.0
+            for c in range(classes):
+                logit = 0.0
+                for d in range(size):
+                    logit += mean[c, d] * inputs[i, r, d]
+                out[i, r, c] = max(probability[i, r, c], _LEAST_PROBABILITY) * np.exp(logit)
+                total += out[i, r, c]
+            for c in range(classes):
+                out[i, r, c] /= total
+        if label[i] < 0:
+            continue
+        x, n_read = inputs[i, which[i]], 0
+        for d in range(size):
+            if x[d] != 0:
+                read[n_read] = d
+                n_read += 1
+        for c in range(classes):
+            p = out[i, which[i], c]
+            curvature = p * (1 - p)
+            if curvature < _LEAST_CURVATURE:
+                continue
+            variance = 0.0
+            for d in range(size):
+                moved[d] = 0.0
+                for k in range(n_read):
+                    moved[d] += covariance[c, d, read[k]] * x[read[k]]
+                variance += moved[d] * x[d]
+            step = 1 / (1 + curvature * variance)
+            for d in range(size):
+                mean[c, d] += moved[d] * ((1.0 if label[i] == c else 0.0) - p) * step
+                for e in range(size):
+                    covariance[c, d, e] -= moved[d] * moved[e] * curvature * step
     return out

@@ -87,6 +87,20 @@ def moments_of(strokes: pa.Table) -> Moments:
     )
 
 
+def cuts_of(numbers: npt.NDArray[np.float32], steps: int) -> npt.NDArray[np.float32]:
+    """``[F, steps - 1]`` quantiles of numbers ``[N, F]``, of which some are NaN: the cuts between steps of a scale."""
+    shares = np.linspace(0, 1, steps + 1)[1:-1]
+    known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
+    return np.array([np.quantile(column if len(column) else np.zeros(1), shares) for column in known], dtype=np.float32)
+
+
+def steps_of(numbers: npt.NDArray[np.float32], cuts: npt.NDArray[np.float32]) -> Ints:
+    """``[N, F]`` step of each number ``[N, F]`` on its scale, one more than the last step where it is NaN."""
+    steps = np.stack([np.searchsorted(cut, column) for cut, column in zip(cuts, numbers.T, strict=True)], axis=1)
+    steps[np.isnan(numbers)] = cuts.shape[1] + 1
+    return steps
+
+
 def _rows_before(strokes: pa.Table) -> tuple[Ints, Ints]:
     """``[5, N]`` row of the stroke so many before each in its rally (0: its own row), -1 where there is none; and its number."""
     match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy(zero_copy_only=False)

@@ -1,7 +1,7 @@
-"""Boosted trees over attribute codes (LightGBM, Ke et al., NIPS 2017): as arrays that are stored and evaluated without it."""
+"""Boosted trees over codes (LightGBM, Ke et al., NIPS 2017): as arrays that are stored and evaluated without it."""
 
 import dataclasses
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from shuttle_marl.tensor_files import checked
 Floats = npt.NDArray[np.float64]
 
 INPUTS: Final = tuple(SLOTS)
-"""Attributes that the trees read, in this order."""
+"""Attributes that trees over attribute codes read, in this order."""
 PARAMETERS: Final[dict[str, Any]] = {
     "objective": "binary",
     "learning_rate": 0.05,
@@ -30,22 +30,26 @@ PARAMETERS: Final[dict[str, Any]] = {
     "verbose": -10,
 }
 _LEAVES: Final = 8
+_LEAST_ROWS: Final = 40
 _ROUNDS: Final = 300
 """Chosen on blind folds of the training matches among 4 leaves with 200, 400 or 600 rounds and 8 with 100, 200 or 300."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trees:
-    """T trees; the sum of their leaves is a logit.
+    """T trees over codes; the leaves that a row reaches are summed.
 
-    Node m of tree t sends a row to one of two children: a later node of the tree, or the leaf -1 - child.
+    Node m of tree t reads one code of a row and sends the row to one of two children: a later node of the tree, or the leaf
+    -1 - child.
 
     Attributes:
-        attribute: ``[T, M]`` position in :data:`INPUTS` of the attribute that a node reads.
-        left: ``[T, M]`` bit c is set where code c goes to the first child.
+        attribute: ``[T, M]`` column of the code that a node reads; of attribute codes, the position in :data:`INPUTS`.
+        left: ``[T, M]`` codes that go to the first child: bit c is set where code c does.
         child: ``[T, M, 2]`` children; those of nodes that a tree does not have are leaf 0.
         value: ``[T, M + 1]`` leaves.
     """
+
+    ORDERED: ClassVar = False
 
     attribute: npt.NDArray[np.int32]
     left: npt.NDArray[np.int32]
@@ -56,13 +60,16 @@ class Trees:
         return len(self.value)
 
     def logits(self, codes: dict[str, Codes]) -> Floats:
-        """``[N]`` sums of the leaves."""
-        columns = np.stack([codes[name] for name in INPUTS], axis=1)
-        return np.asarray(_sums(columns, self.attribute, self.left, self.child, self.value))
+        """``[N]`` sums of the leaves of trees over attribute codes."""
+        return self.sums(np.stack([codes[name] for name in INPUTS], axis=1))[:, 0]
+
+    def sums(self, columns: Codes, outputs: int = 1) -> Floats:
+        """``[N, outputs]`` sums of the leaves of codes ``[N, A]``; tree t adds to output t modulo ``outputs``."""
+        return np.asarray(_sums(columns, self.attribute, self.left, self.child, self.value, self.ORDERED, outputs))
 
     @classmethod
-    def checked(cls, arrays: dict[str, npt.NDArray[Any]]) -> "Trees":
-        """Trees of arrays from a file.
+    def checked(cls, arrays: dict[str, npt.NDArray[Any]], columns: int = len(INPUTS)) -> Self:
+        """Trees of arrays from a file, which are to read rows of so many codes.
 
         Raises:
             KeyError, ValueError: they are none.
@@ -72,26 +79,33 @@ class Trees:
         child = checked(arrays["child"], np.int32, (trees, nodes, 2))
         value = checked(arrays["value"], np.float64, (trees, nodes + 1))
         later = child > np.arange(nodes)[:, None]
-        if not (((attribute >= 0) & (attribute < len(INPUTS))).all() and (later | (child < 0)).all()):
+        if not (((attribute >= 0) & (attribute < columns)).all() and (later | (child < 0)).all()):
             raise ValueError("a tree reads what there is not, or runs in circles")
         if not ((child >= -1 - nodes) & (child < nodes)).all():
             raise ValueError("a tree has a node whose child there is not")
         return cls(attribute=attribute, left=left, child=child, value=value)
 
 
+class OrderedTrees(Trees):
+    """Trees over codes that have an order: ``left`` is the greatest code that goes to the first child."""
+
+    ORDERED: ClassVar = True
+
+
 @compiled
 def _sums(
     columns: npt.NDArray[np.int16], attribute: npt.NDArray[np.int32], left: npt.NDArray[np.int32], child: npt.NDArray[np.int32],
-    value: Floats,
+    value: Floats, ordered: bool, outputs: int,
 ) -> Floats:  # fmt: skip
-    out = np.zeros(len(columns))
+    out = np.zeros((len(columns), outputs))
     for row in range(len(columns)):
         for tree in range(len(value)):
             node = np.int32(0)
             while node >= 0:
-                goes_left = (left[tree, node] >> columns[row, attribute[tree, node]]) & 1
-                node = child[tree, node, 1 - goes_left]
-            out[row] += value[tree, -1 - node]
+                code = columns[row, attribute[tree, node]]
+                goes_left = code <= left[tree, node] if ordered else (left[tree, node] >> code) & 1 == 1
+                node = child[tree, node, 0 if goes_left else 1]
+            out[row, tree % outputs] += value[tree, -1 - node]
     return out
 
 
@@ -130,11 +144,40 @@ def fit_trees(
     Raises:
         ShuttleError: LightGBM is not installed.
     """
-    module = lightgbm()
     x = np.stack([codes[name] for name in INPUTS], axis=1).astype(np.int32)
-    data = module.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
-    parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
-    fitted = module.train(parameters, data, num_boost_round=rounds).dump_model()["tree_info"]
+    data = lightgbm().Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
+    return Trees(**_fitted(data, {"num_leaves": leaves, "learning_rate": rate}, rounds))
+
+
+def fit_ordered_trees(columns: Codes, label: npt.NDArray[np.integer], classes: int, *, leaves: int, rounds: int, rate: float,
+                      features: float, seed: int) -> OrderedTrees:  # fmt: skip
+    """Fit trees whose sums are the logits of classes: one tree of each class a round.
+
+    Args:
+        columns: ``[N, A]`` codes that have an order.
+        label: ``[N]`` class of each row.
+        classes: number of classes.
+        leaves: greatest number of leaves of a tree.
+        rounds: greatest number of trees of a class.
+        rate: share of each step that is taken.
+        features: share of the columns that each tree may read, drawn for it.
+        seed: of these draws.
+
+    Raises:
+        ShuttleError: LightGBM is not installed.
+    """
+    data = lightgbm().Dataset(columns.astype(np.int32), label.astype(int))
+    parameters = {
+        "objective": "multiclass", "num_class": classes, "num_leaves": leaves, "learning_rate": rate,
+        "min_data_in_leaf": _LEAST_ROWS, "feature_fraction": features, "seed": seed,
+    }  # fmt: skip
+    return OrderedTrees(**_fitted(data, parameters, rounds))
+
+
+def _fitted(data: Any, parameters: dict[str, Any], rounds: int) -> dict[str, npt.NDArray[Any]]:
+    """Arrays of fitted trees by name; a node over codes that have an order holds a number between two of them."""
+    fitted = lightgbm().train({**PARAMETERS, **parameters}, data, num_boost_round=rounds).dump_model()["tree_info"]
+    leaves = parameters["num_leaves"]
     shape = (len(fitted), leaves - 1)
     attribute, left = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
     child, value = np.full((*shape, 2), -1, dtype=np.int32), np.zeros((len(fitted), leaves))
@@ -146,11 +189,12 @@ def fit_trees(
             if "split_index" not in node:
                 value[t, node.get("leaf_index", 0)] = node["leaf_value"]
                 continue
-            m = node["split_index"]
+            m, threshold = node["split_index"], node["threshold"]
             attribute[t, m] = node["split_feature"]
-            left[t, m] = sum(1 << int(code) for code in str(node["threshold"]).split("||"))
+            categorical = node["decision_type"] == "=="
+            left[t, m] = sum(1 << int(code) for code in str(threshold).split("||")) if categorical else int(threshold)
             for side, name in enumerate(("left_child", "right_child")):
                 below = node[name]
                 child[t, m, side] = below["split_index"] if "split_index" in below else -1 - below["leaf_index"]
                 open_nodes.append(below)
-    return Trees(attribute=attribute, left=left, child=child, value=value)
+    return {"attribute": attribute, "left": left, "child": child, "value": value}

@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from safetensors.numpy import save_file
 
 from experiments import next_stroke
 from shuttle_marl.data import load_strokes
@@ -13,13 +15,19 @@ from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.adapting import adapted
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.imitator import Imitator, ImitatorConfig
+from shuttle_marl.dynamics.imitator_networks import NetworksConfig
+from shuttle_marl.dynamics.imitator_trees import TreesConfig
 from shuttle_marl.dynamics.moments import CODES, moments_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.tensor_files import read_tensors
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
-SMALL = ImitatorConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2)
+SMALL = ImitatorConfig(
+    networks=NetworksConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2),
+    trees=TreesConfig(type_rounds=15, area_rounds=5, leaves=7, rate=0.3),
+)
 AFTER = (
     "shot", "technique", "area", "label_area", "landing_x", "landing_y", "in_court", "outcome", "reason", "points",
     "points_opponent",
@@ -168,9 +176,43 @@ def test_what_is_no_imitator_is_named(content: bytes | None, tmp_path: Path) -> 
         Imitator.load(path)
 
 
+def test_the_mean_of_networks_and_trees_is_predicted(strokes: pa.Table, imitator: Imitator) -> None:
+    part = strokes.slice(0, 300)
+    shot = np.array(part["shot"])
+    moments, who = moments_of(part), np.zeros((len(part), 2), dtype=np.int64)
+    for half in (imitator.networks, imitator.trees):
+        alone = half.predict(moments, who)
+        np.testing.assert_allclose(alone.sum(axis=(1, 2)), 1)
+        assert alone.sum(axis=2)[np.arange(len(part)), shot].mean() > 0.2
+    both = imitator.trees.predict(moments, who) / 2 + imitator.networks.predict(moments, who) / 2
+    stranger = part.set_column(part.schema.get_field_index("opponent"), STROKES.field("opponent"), pa.array(["x"] * len(part)))
+    np.testing.assert_allclose(imitator.predict(stranger, striker="y"), both)
+
+
+@pytest.mark.parametrize(("name", "change"), [
+    ("trees.types.attribute", lambda a: a + 1000),
+    ("trees.areas.child", lambda a: a * 0),
+    ("trees.areas.value", lambda a: a * np.nan),
+    ("trees.types.left", lambda a: a[:1]),
+    ("trees.cuts", lambda a: a[:, :5]),
+    ("networks.mean", lambda a: a[:5]),
+    ("networks.members.0.last.weight", lambda a: a[:5]),
+])  # fmt: skip
+def test_forged_files_are_refused(imitator: Imitator, name: str, change: Any, tmp_path: Path) -> None:
+    imitator.save(tmp_path / "imitator")
+    header, arrays = read_tensors(tmp_path / "imitator")
+    arrays[name] = np.ascontiguousarray(change(arrays[name]))
+    save_file(arrays, tmp_path / "forged", metadata=header)
+    with pytest.raises(ModelError, match="no readable imitator"):
+        Imitator.load(tmp_path / "forged")
+
+
 def test_no_strokes_no_fit(strokes: pa.Table) -> None:
     with pytest.raises(ShuttleError, match="no stroke to learn from"):
         Imitator.fit(strokes.slice(0, 0))
+    fault = strokes.filter(pa.compute.equal(strokes["outcome"], int(Outcome.FAULT)))
+    with pytest.raises(ShuttleError, match="no stroke whose area is known"):
+        Imitator.fit(fault)
     assert Imitator.fit(strokes.slice(0, 400), config=SMALL).predict(strokes.slice(0, 0)).shape == (0, 13, 9)
 
 
