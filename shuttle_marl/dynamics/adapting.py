@@ -13,16 +13,18 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, moments_of
+from shuttle_marl.dynamics.moments import CODES, moments_of
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.kernel.compiling import compiled
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-TYPE_VARIANCES: Final = {"match": 0.2, "height": 0.05, "reply": 0.07, "player": 0.03, "player_height": 0.03, "place": 0.03}
+TYPE_VARIANCES: Final = {
+    "match": 0.2, "height": 0.05, "reply": 0.07, "player": 0.03, "player_height": 0.03, "place": 0.03, "guess": 0.3,
+}  # fmt: skip
 """Prior variances of the weights of shot types. They, and those of areas, were chosen on blind folds of the training matches."""
-AREA_VARIANCES: Final = {"match": 0.025, "player": 0.02, "place": 0.02, "type": 0.03, "type_player": 0.02}
+AREA_VARIANCES: Final = {"match": 0.025, "player": 0.02, "place": 0.02, "type": 0.03, "type_player": 0.02, "guess": 0.2}
 """Prior variances of the weights of areas."""
 _PLACE: Final = ((0, 0.0, 1.3), (1, -4.0, 1.6), (10, 0.0, 1.0), (11, 4.0, 1.2), (30, 0.95, 0.3))
 """Numbers of a moment that say where and how fast: column, usual value, spread. The striker, the receiver, the time between."""
@@ -48,26 +50,30 @@ def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True
     moments = moments_of(strokes)
     if not height_known:
         moments = moments.without_height()
-    codes = dict(zip(CODES, moments.codes.T.astype(np.int64), strict=True))
     match = _coded(strokes, "match")
     side = _sides(match, _coded(strokes, "player"))
-    height = _one_hot(codes["height"], UNSEEN_HEIGHT + 1)
-    reply = _one_hot(codes["height"] * CODES["shot_1"] + codes["shot_1"], (UNSEEN_HEIGHT + 1) * CODES["shot_1"])
-    usual, spread = (np.array([row[i] for row in _PLACE]) for i in (1, 2))
-    place = (moments.numbers[:, [row[0] for row in _PLACE]] - usual) / spread
-    place = np.clip(np.nan_to_num(place), -_FARTHEST, _FARTHEST)
+    alike = {"match": np.ones_like(side), "player": side, "place": _places(moments.numbers)}
     shot = strokes["shot"].to_numpy(zero_copy_only=False).astype(np.int64)
+    of_type = np.maximum(probability.sum(axis=2), _LEAST_PROBABILITY)
+    codes = dict(zip(CODES, moments.codes.T.astype(np.int64), strict=True))
+    height = _one_hot(codes["height"], CODES["height"])
+    reply = _one_hot(codes["height"] * CODES["shot_1"] + codes["shot_1"], CODES["height"] * CODES["shot_1"])
+    seen = {**alike, "height": height, "player_height": side * height, "reply": reply, "guess": of_type}
+    types = _corrected(of_type[:, None], *_inputs(seen, TYPE_VARIANCES, 1), match, np.zeros_like(shot), shot)
     area = strokes["area"].fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
     # A fault does not say where it was aimed, and a winner came down where no one met it.
     area = np.where(strokes["outcome"].to_numpy(zero_copy_only=False) == Outcome.RETURNED, area, -1)
-    of_type = np.maximum(probability.sum(axis=2), 1e-12)
-    seen = {"match": np.ones_like(side), "height": height, "reply": reply, "player": side, "player_height": side * height,
-            "place": place}  # fmt: skip
-    types = _corrected(of_type[:, None], *_inputs(seen, TYPE_VARIANCES, 1), match, np.zeros_like(shot), shot)
+    given = probability / of_type[:, :, None]
     each = np.broadcast_to(np.eye(N_SHOTS), (len(shot), N_SHOTS, N_SHOTS))
-    seen = {"match": np.ones_like(side), "player": side, "place": place, "type": each, "type_player": each * side[:, :, None]}
-    areas = _corrected(probability / of_type[:, :, None], *_inputs(seen, AREA_VARIANCES, N_SHOTS), match, shot, area)
+    seen = {**alike, "type": each, "type_player": each * side[:, :, None], "guess": given}
+    areas = _corrected(given, *_inputs(seen, AREA_VARIANCES, N_SHOTS), match, shot, area)
     return np.asarray(types[:, 0, :, None] * areas)
+
+
+def _places(numbers: npt.NDArray[np.float32]) -> Floats:
+    """``[N, 5]`` places and time of moments, in spreads from what is usual; 0 where not known."""
+    columns, usual, spread = (np.array(values) for values in zip(*_PLACE, strict=True))
+    return np.clip(np.nan_to_num((numbers[:, columns] - usual) / spread), -_FARTHEST, _FARTHEST)
 
 
 def _coded(strokes: pa.Table, name: str) -> Ints:
