@@ -21,7 +21,7 @@ def register_for_gymnasium() -> None:
             registration.register(
                 f"shuttle_marl/{name}-v0",
                 entry_point=f"shuttle_marl.env.single:Single{name}Env",
-                vector_entry_point="shuttle_marl.env.vector:RallyVectorEnv" if name == "Rally" else None,
+                vector_entry_point=f"shuttle_marl.env.vector:{name}VectorEnv",
             )
 
 

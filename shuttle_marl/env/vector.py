@@ -1,4 +1,4 @@
-"""Thousands of rallies against opponents as one Gymnasium vector environment, on the compiled kernel."""
+"""Thousands of rallies or matches against opponents as one Gymnasium vector environment, on the compiled kernel."""
 
 from typing import Any, Final, Literal
 
@@ -11,99 +11,68 @@ from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.env.rally_v0 import ILLEGAL
 from shuttle_marl.env.strokes import tables_of
+from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
-from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, with_efforts
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.kernel import VersusBatch
+from shuttle_marl.kernel import MatchVersusBatch, VersusBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 Arrays = dict[str, npt.NDArray[Any]]
+Floats = npt.NDArray[np.float32]
+Bools = npt.NDArray[np.bool_]
 
 _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
 
 
-class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]]):
-    """``shuttle_marl/Rally-v0`` B times: row b plays the episodes b, b + B, b + 2 B, … of the seed.
+class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]]):
+    """Base of the two: row b of B plays the episodes b, b + B, b + 2 B, … of the seed.
 
-    Rallies begin again in the step in which they end (``AutoresetMode.SAME_STEP``). Where they end, ``infos["final_obs"]``
-    holds the last observation of a row and ``infos["final_info"]`` the reason; ``infos["unseen"]`` is ``[B, 2]``: rallies that
-    each row won and lost on the opponent's serve, so that they never came to the learner.
-
-    Args:
-        num_envs: number of rallies B.
-        opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
-        seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
-        server: seat that serves, 0 or 1; None: at random, seeded.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
-            contact, net shots in a row, own effort and the opponent's as six integers, which cost less and suit embeddings.
-        threads: threads that share the rows; never changes a result.
-
-    Raises:
-        OptionError: an option that is not among those.
-        KernelError: likewise.
-        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
-        GameError: there is no such model.
+    Episodes begin again in the step in which they end (``AutoresetMode.SAME_STEP``). Where they end, ``infos["final_obs"]`` holds
+    the last observation of a row and ``infos["final_info"]`` the reason; ``infos["unseen"]`` is ``[B, 2]``: episodes that each
+    row won and lost before its learner's first stroke, so that they never came to the learner.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
     def __init__(
         self,
-        num_envs: int = 1,
-        *,
-        opponent: Opponents = "bc",
-        seat: int | npt.NDArray[np.integer] = 0,
-        server: Server = None,
-        game: Game | str | None = None,
-        profile: str | None = None,
-        observation: Literal["features", "tokens"] = "features",
-        threads: int = 1,
+        game: Game,
+        batch: VersusBatch | MatchVersusBatch,
+        vector: spaces.Box,
+        mask: MaskView,
+        info: InfoView | None,
     ) -> None:
-        if observation not in ("features", "tokens"):
-            raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
-        self.num_envs = num_envs
-        self.game = resolve_game(game, profile)
-        self._batch = VersusBatch(
-            self.game, num_envs, opponents=tabulated(opponent, self.game), seat=seat, server=server, threads=threads
-        )
-        self._features = tables_of(self.game).rows if observation == "features" else None
-        n, highest = self.game.n_strokes, self.game.highest_observation
+        self._mask, self._told = mask, checked_views(mask, info)
+        self.game, self._kernel, self.num_envs = game, batch, len(batch)
+        n = game.n_strokes
         self.single_action_space = spaces.Discrete(n)
-        self.single_observation_space = spaces.Dict(
-            {
-                "observation": spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
-                if observation == "features"
-                else spaces.Box(np.zeros_like(highest), highest, dtype=np.int32),
-                "action_mask": spaces.Box(0, 1, (n,), np.int8),
-            }
+        self.single_observation_space = (
+            spaces.Dict({"observation": vector, "action_mask": spaces.Box(0, 1, (n,), np.int8)})
+            if mask == "observation"
+            else vector
         )
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._begun = False
 
     @property
-    def versus(self) -> VersusBatch:
-        """The batch of the kernel, to assign and replace opponents."""
-        return self._batch
-
-    @property
     def unseen(self) -> tuple[int, int]:
-        """Rallies that ended on the opponent's serve since the last seed: won and lost by the learner."""
-        return self._batch.unseen
+        """Episodes that ended before the learner's first stroke since the last seed: won and lost by the learner."""
+        return self._kernel.unseen
 
-    def action_masks(self) -> npt.NDArray[np.bool_]:
+    def action_masks(self) -> Bools:
         """``[B, n]`` legal strokes of each row."""
-        return self.game.mask(self._batch.rows.state)
+        return self.game.mask(self._kernel.rows.state)
 
     def random_actions(self) -> npt.NDArray[np.int64]:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
-        return self._batch.random_strokes()
+        return self._kernel.random_strokes()
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Arrays, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start the next episode in every row, up to the learner's first stroke.
 
         Args:
@@ -125,78 +94,265 @@ class RallyVectorEnv(VectorEnv[Arrays, npt.NDArray[np.integer], npt.NDArray[Any]
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(1 << 63))
         self._begun = True
-        self._batch.reset(seed, mask)
-        return self._seen(), self._infos()
+        self._kernel.reset(seed, mask)
+        return self._seen()
 
-    def step(
-        self, actions: npt.NDArray[np.integer]
-    ) -> tuple[Arrays, npt.NDArray[np.float32], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Play a stroke and the opponent's reply in every row; an illegal stroke loses the rally.
+    def step(self, actions: npt.NDArray[np.integer]) -> tuple[Any, Floats, Bools, Bools, dict[str, Any]]:
+        """Play a stroke and what the opponent plays until the next one, in every row; an illegal stroke loses the episode.
 
         Args:
             actions: ``[B]`` catalogue indices.
 
         Returns:
-            Observations, ``[B]`` float32 rewards, ``[B]`` whether each rally was over, ``[B]`` False, and infos.
+            Observations, ``[B]`` float32 rewards, ``[B]`` whether each episode was over, ``[B]`` False, and infos.
 
         Raises:
             ActionError: an action that is no stroke of the catalogue.
-            ResetNeeded: no rally has begun.
+            ResetNeeded: no episode has begun.
         """
         self._require_begun()
-        batch, rows = self._batch, self._batch.rows
         actions = np.asarray(actions)
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
         if not whole or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
             raise ActionError(
                 f"actions {actions!r}: expected {self.num_envs} numbers from 0 to {self.game.n_strokes - 1}, all of them whole"
             )
-        before = rows.state.copy()
+        before = self._kernel.rows.state.copy()
+        rewards, terminated, illegal = self._play(before, actions)
+        final: dict[str, Any] = {}
+        if terminated.any():
+            if self._told == "full":
+                final = self._final(np.flatnonzero(terminated), terminated, before, illegal, rewards)
+            self._kernel.reset(rows=terminated)
+        seen, infos = self._seen()
+        return seen, rewards, terminated, np.zeros_like(terminated), {**infos, **final}
+
+    def _require_begun(self) -> None:
+        if not self._begun:
+            raise ResetNeeded("no episode has begun; call reset() first")
+
+    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
+        """Rewards, which episodes are over, and which strokes were not legal, ``[B]`` each."""
+        raise NotImplementedError
+
+    def _vectors(self) -> npt.NDArray[Any]:
+        """``[B, w]`` what the learners see, who are to strike."""
+        raise NotImplementedError
+
+    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:
+        """``[D, w]`` what learners see whose episode is over; ``own``: whether the learner is the striker of the state."""
+        raise NotImplementedError
+
+    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:
+        """``[D]`` whether the last stroke was a winner, and not a fault."""
+        raise NotImplementedError
+
+    def _seen(self) -> tuple[Any, dict[str, Any]]:
+        observed = self._kernel.new_observations()
+        self._kernel.observe(observed)
+        self._tokens = observed.tokens
+        mask, vectors = observed.mask.view(np.int8), self._vectors()
+        every = np.ones(self.num_envs, np.bool_)
+        infos: dict[str, Any] = {"unseen": self._kernel.opponents.unseen.copy(), "_unseen": every}
+        if self._mask == "info":
+            infos |= {"action_mask": mask, "_action_mask": every.copy()}
+        return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
+
+    def _final(
+        self, rows: npt.NDArray[np.intp], over: Bools, before: npt.NDArray[np.int32], illegal: Bools, rewards: Floats
+    ) -> dict[str, Any]:
+        """Gymnasium's ``final_obs`` and ``final_info`` of the episodes that are over."""
+        kernel, lost = self._kernel, illegal[rows]
+        # The learner looks from the other side where the last stroke was theirs.
+        own = lost | (kernel.rows.striker[rows] == kernel.opponents.seat[rows])
+        vectors = self._final_vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
+        nothing = np.zeros(self.game.n_strokes, np.int8)
+        seen = np.full(self.num_envs, None, dtype=object)
+        reason = np.full(self.num_envs, None, dtype=object)
+        for row, vector in zip(rows, vectors, strict=True):
+            seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
+        reason[rows] = _REASONS[np.where(lost, 2, self._won_by_stroke(rows, own, rewards).astype(np.intp))]
+        return {
+            "final_obs": seen,
+            "_final_obs": over.copy(),
+            "final_info": {"reason": reason, "_reason": over.copy()},
+            "_final_info": over.copy(),
+        }
+
+
+class RallyVectorEnv(VersusVectorEnv):
+    """``shuttle_marl/Rally-v0`` B times.
+
+    Args:
+        num_envs: number of rallies B.
+        opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
+        seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
+        server: seat that serves, 0 or 1; None: at random, seeded.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
+        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
+            contact, net shots in a row, own effort and the opponent's as six integers, which cost less and suit embeddings.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``infos["action_mask"]``; ``none``: nowhere.
+        info: ``full``, or ``none``: numbers alone, without ``final_obs`` and ``final_info``. Default: full with
+            ``mask="observation"``, else none.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        OptionError: an option that is not among those.
+        KernelError: likewise.
+        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        opponent: Opponents = "bc",
+        seat: int | npt.NDArray[np.integer] = 0,
+        server: Server = None,
+        game: Game | str | None = None,
+        profile: str | None = None,
+        observation: Literal["features", "tokens"] = "features",
+        mask: MaskView = "observation",
+        info: InfoView | None = None,
+        threads: int = 1,
+    ) -> None:
+        if observation not in ("features", "tokens"):
+            raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
+        tables = resolve_game(game, profile)
+        self._batch = VersusBatch(
+            tables, num_envs, opponents=tabulated(opponent, tables), seat=seat, server=server, threads=threads
+        )
+        self._features = tables_of(tables).rows if observation == "features" else None
+        highest = tables.highest_observation
+        vector = spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
+        tokens = spaces.Box(np.zeros_like(highest), highest, dtype=np.int32)
+        super().__init__(tables, self._batch, vector if observation == "features" else tokens, mask, info)
+
+    @property
+    def versus(self) -> VersusBatch:
+        """The batch of the kernel, to assign and replace opponents."""
+        return self._batch
+
+    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
         illegal = self.game.rank(before, actions) < 0
         if illegal.any():
             # The rally is lost whatever else is played in it, so let it continue with any legal stroke.
             actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
-        rewards, terminated = batch.step(actions, reset=False)
+        rewards, terminated = self._batch.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True
-        if not terminated.any():
-            return self._seen(), rewards, terminated, np.zeros_like(terminated), self._infos()
-        ended = np.flatnonzero(terminated)
-        state = np.where(illegal, before, rows.state)[ended]
-        # The learner looks from the other side where the last stroke was theirs.
-        own = illegal[ended] | (rows.striker[ended] == batch.opponents.seat[ended])
-        won_by_stroke = (rewards[ended] > 0) != own
-        reasons = _REASONS[np.where(illegal[ended], 2, won_by_stroke.astype(np.intp))]
-        final = self._final(state, own)
-        batch.reset(rows=terminated)
-        infos = self._infos()
-        infos["final_obs"], infos["_final_obs"] = np.full(self.num_envs, None, dtype=object), terminated.copy()
-        infos["final_obs"][ended] = final
-        reason = np.full(self.num_envs, None, dtype=object)
-        reason[ended] = reasons
-        infos["final_info"] = {"reason": reason, "_reason": terminated.copy()}
-        infos["_final_info"] = terminated.copy()
-        return self._seen(), rewards, terminated, np.zeros_like(terminated), infos
+        return rewards, terminated, illegal
 
-    def _require_begun(self) -> None:
-        if not self._begun:
-            raise ResetNeeded("no rally has begun; call reset() first")
+    def _vectors(self) -> npt.NDArray[Any]:
+        return self._tokens if self._features is None else with_efforts(self.game, self._features, self._batch.rows.state)
 
-    def _seen(self) -> Arrays:
-        seen = self._batch.new_observations()
-        self._batch.observe(seen)
-        observation = seen.tokens if self._features is None else with_efforts(self.game, self._features, self._batch.rows.state)
-        return {"observation": observation, "action_mask": seen.mask.view(np.int8)}
-
-    def _final(self, state: npt.NDArray[np.int32], own: npt.NDArray[np.bool_]) -> list[Arrays]:
-        """Observation of each of D rallies that are over, from the learner's side."""
+    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
         if self._features is None:
             striker = self.game.observation(state)
-            observation: npt.NDArray[Any] = np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4]])
-        else:
-            rows = with_efforts(self.game, self._features, state)
-            observation = np.where(own[:, None], rows, rows[:, SWAP])
-        nothing = np.zeros((len(state), self.game.n_strokes), np.int8)
-        return [{"observation": o, "action_mask": m} for o, m in zip(observation, nothing, strict=True)]
+            return np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4]])
+        seen = with_efforts(self.game, self._features, state)
+        return np.where(own[:, None], seen, seen[:, SWAP])
 
-    def _infos(self) -> dict[str, Any]:
-        return {"unseen": self._batch.opponents.unseen.copy(), "_unseen": np.ones(self.num_envs, np.bool_)}
+    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:
+        return (rewards[rows] > 0) != own
+
+
+class MatchVectorEnv(VersusVectorEnv):
+    """``shuttle_marl/Match-v0`` B times: the same observations, rewards and draws, for opponents that do not read the score.
+
+    ``infos["points"]`` and ``infos["games"]`` are ``[B, 2]``, the learner's own first.
+
+    Args:
+        num_envs: number of matches B.
+        opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
+        seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
+        first_server: seat that serves first, 0 or 1; None: at random, seeded.
+        reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
+        rules: points, lead, cap and games.
+        game: the tables, or a model by name or folder; None: the benchmark's.
+        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
+        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``infos["action_mask"]``; ``none``: nowhere.
+        info: ``full``, or ``none``: numbers alone, without ``final_obs`` and ``final_info``. Default: full with
+            ``mask="observation"``, else none.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        OptionError: an option that is not among those.
+        KernelError: likewise.
+        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
+        GameError: there is no such model.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        opponent: Opponents = "bc",
+        seat: int | npt.NDArray[np.integer] = 0,
+        first_server: Server = None,
+        reward: Literal["match", "rally"] = "match",
+        rules: Rules = BWF,
+        game: Game | str | None = None,
+        profile: str | None = None,
+        mask: MaskView = "observation",
+        info: InfoView | None = None,
+        threads: int = 1,
+    ) -> None:
+        if reward not in ("match", "rally"):
+            raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
+        tables = resolve_game(game, profile)
+        self.rules = rules
+        self._features = tables_of(tables).rows
+        self._batch = MatchVersusBatch(
+            tables,
+            num_envs,
+            opponents=tabulated(opponent, tables),
+            seat=seat,
+            server=first_server,
+            rules=rules,
+            each_rally=reward == "rally",
+            threads=threads,
+        )
+        super().__init__(tables, self._batch, spaces.Box(0.0, 1.0, (RALLY_WIDTH + SCORE_WIDTH,), np.float32), mask, info)
+
+    @property
+    def versus(self) -> MatchVersusBatch:
+        """The batch of the kernel, to assign and replace opponents."""
+        return self._batch
+
+    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
+        illegal = self.game.rank(before, actions) < 0
+        rewards, terminated = self._batch.play(actions)
+        return rewards, terminated, illegal
+
+    def _vectors(self) -> npt.NDArray[Any]:
+        rally = with_efforts(self.game, self._features, self._batch.rows.state)
+        return np.concatenate([rally, self._scores(np.arange(self.num_envs))], axis=1)
+
+    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:
+        seen = with_efforts(self.game, self._features, state)
+        return np.concatenate([np.where(own[:, None], seen, seen[:, SWAP]), self._scores(rows)], axis=1)
+
+    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:  # noqa: ARG002
+        return self._batch.matches.reason[rows] == 1
+
+    def _seen(self) -> tuple[Any, dict[str, Any]]:
+        seen, infos = super()._seen()
+        every, matches = np.arange(self.num_envs), self._batch.matches
+        for name, values in (("points", matches.points), ("games", matches.games)):
+            infos[name], infos[f"_{name}"] = np.stack(self._of_seats(values, every), axis=1), infos["_unseen"].copy()
+        return seen, infos
+
+    def _of_seats(self, values: npt.NDArray[np.int32], rows: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.int32], ...]:
+        """``[D]`` each: of the learner's seat, and of the other."""
+        seat = self._batch.opponents.seat[rows].astype(np.intp)
+        return values[rows, seat], values[rows, 1 - seat]
+
+    def _scores(self, rows: npt.NDArray[np.intp]) -> Floats:
+        """``[D, 6]`` the score as each learner sees it; see ``match_v0``."""
+        matches = self._batch.matches
+        points = [part / self.rules.cap for part in self._of_seats(matches.points, rows)]
+        games = [part / self.rules.games for part in self._of_seats(matches.games, rows)]
+        serves = matches.server[rows] == self._batch.opponents.seat[rows]
+        return np.stack([*points, *games, serves, ~serves], axis=1).astype(np.float32)

@@ -10,6 +10,7 @@ import lazy_loader
 if TYPE_CHECKING:
     from shuttle_marl.kernel.batch_log import BatchLog
     from shuttle_marl.kernel.core import Players, pack
+    from shuttle_marl.kernel.match_versus import MatchVersusBatch
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
     from shuttle_marl.kernel.sampling import Distinct, RallySampler
@@ -20,6 +21,7 @@ __all__ = [
     "BatchLog",
     "Distinct",
     "KernelError",
+    "MatchVersusBatch",
     "Matches",
     "PlayedMatches",
     "Players",
@@ -37,6 +39,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "batch_log": ("BatchLog",),
         "core": ("Players", "pack"),
+        "match_versus": ("MatchVersusBatch",),
         "matches": ("play_matches",),
         "rally": ("RallyBatch", "Tally"),
         "sampling": ("Distinct", "RallySampler"),

@@ -158,7 +158,77 @@ def _step(
             show(tables, rows, observed, begin_block, end_block)
 
 
-class VersusBatch(Batch):
+class AgainstBatch(Batch):
+    """Base of batches of a learner against opponents that play from tables.
+
+    Args:
+        game: the tables.
+        batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b meets opponent b modulo K.
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
+        server: seat that serves, 0 or 1; None: at random.
+        threads: threads that share the rows; never changes a result.
+
+    Raises:
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy],
+        seat: int | npt.NDArray[np.integer],
+        server: Server,
+        threads: int,
+    ) -> None:
+        super().__init__(game, batch, server=server, threads=threads)
+        seats = np.asarray(seat)
+        if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
+            raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
+        players = pack(opponents, game)
+        assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
+        self.opponents = Opponents(
+            players=players,
+            seat=np.broadcast_to(seats, batch).astype(np.int8),
+            opponent=assigned.copy(),
+            following=assigned,
+            unseen=np.zeros((batch, 2), np.int64),
+        )
+
+    @property
+    def n_opponents(self) -> int:
+        """Number of opponents K."""
+        return len(self.opponents.players.cumulative)
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Rallies that ended on the opponent's serve since the last seed was given: won and lost by the learner."""
+        won, lost = self.opponents.unseen.sum(axis=0).tolist()
+        return won, lost
+
+    def assign(self, opponent: npt.NDArray[np.integer]) -> None:
+        """Say which opponent each row meets in the rallies that it begins from now on.
+
+        Args:
+            opponent: ``[B]`` numbers from 0 to K - 1.
+
+        Raises:
+            KernelError: a number that is none of an opponent.
+        """
+        self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
+
+    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
+        """Put another policy in the place of an opponent; rallies that are being played continue against it.
+
+        Raises:
+            KernelError: a policy of another game, or no such opponent.
+        """
+        put(self.opponents.players, number, policy, self.game)
+
+
+class VersusBatch(AgainstBatch):
     """B rallies of a learner against opponents that play from tables.
 
     Row b plays the rallies b, b + B, b + 2 B, … of its seed, with the draws of ``rally_v0``: the lower half of a draw
@@ -190,50 +260,8 @@ class VersusBatch(Batch):
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        super().__init__(game, batch, server=server, threads=threads)
-        seats = np.asarray(seat)
-        if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
-            raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
-        players = pack(opponents, game)
-        assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
-        self.opponents = Opponents(
-            players=players,
-            seat=np.broadcast_to(seats, batch).astype(np.int8),
-            opponent=assigned.copy(),
-            following=assigned,
-            unseen=np.zeros((batch, 2), np.int64),
-        )
+        super().__init__(game, batch, opponents=opponents, seat=seat, server=server, threads=threads)
         self.reset(seed)
-
-    @property
-    def n_opponents(self) -> int:
-        """Number of opponents K."""
-        return len(self.opponents.players.cumulative)
-
-    @property
-    def unseen(self) -> tuple[int, int]:
-        """Rallies that ended on the opponent's serve since the last seed was given: won and lost by the learner."""
-        won, lost = self.opponents.unseen.sum(axis=0).tolist()
-        return won, lost
-
-    def assign(self, opponent: npt.NDArray[np.integer]) -> None:
-        """Say which opponent each row meets in the rallies that it begins from now on.
-
-        Args:
-            opponent: ``[B]`` numbers from 0 to K - 1.
-
-        Raises:
-            KernelError: a number that is none of an opponent.
-        """
-        self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
-
-    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Put another policy in the place of an opponent; rallies that are being played continue against it.
-
-        Raises:
-            KernelError: a policy of another game, or no such opponent.
-        """
-        put(self.opponents.players, number, policy, self.game)
 
     def reseed(self, seed: int) -> None:
         """Let every row begin with the first of its rallies of another seed when it begins its next one."""

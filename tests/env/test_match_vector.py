@@ -1,0 +1,169 @@
+"""Many matches in one Gymnasium vector environment: the matches of ``match_v0``, bit for bit."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from shuttle_marl import match_v0
+from shuttle_marl.env.single import SingleMatchEnv
+from shuttle_marl.env.vector import MatchVectorEnv
+from shuttle_marl.errors import ActionError, OptionError
+from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.scoring import Rules
+from shuttle_marl.kernel import KernelError, MatchVersusBatch
+from shuttle_marl.kernel.versus import VersusBatch
+from tests.exact.exact_games import random_policy, tiring_game
+
+NAME = "shuttle_marl/Match-v0"
+SHORT = Rules(points=3, clear=2, cap=5, games=2)
+ONE = Rules(points=1, clear=1, cap=1, games=1)
+GAME = tiring_game()
+
+
+@pytest.mark.parametrize("reward", ["match", "rally"])
+@pytest.mark.parametrize("seat", [0, 1])
+@pytest.mark.parametrize(("rules", "first_server"), [(SHORT, None), (SHORT, 0), (ONE, None), (Rules(), 1)])
+def test_rows_play_the_matches_of_the_environment_of_one(reward: str, seat: int, rules: Rules, first_server: int | None) -> None:
+    rows, options = 3, {"rules": rules, "reward": reward, "first_server": first_server, "game": GAME}
+    opponent = random_policy(GAME, 3)
+    vector = MatchVectorEnv(rows, opponent=opponent, seat=seat, **options)  # type: ignore[arg-type]
+    alone = [SingleMatchEnv(opponent=opponent, seat=seat, **options) for _ in range(rows)]  # type: ignore[arg-type]
+    seen, infos = vector.reset(seed=8)
+    # In one row of B episodes b, b + B, … are played; those that never come to the learner are passed over in steps of B too.
+    expected = [begin(env, b, rows, seed=8) for b, env in enumerate(alone)]
+    rng = np.random.default_rng(0)
+    over, episodes = np.zeros(rows, bool), 0
+    for _ in range(900 if rules == Rules() else 150):
+        for b, env in enumerate(alone):
+            assert seen["observation"][b].tobytes() == expected[b]["observation"].tobytes()
+            assert seen["action_mask"][b].tobytes() == expected[b]["action_mask"].tobytes()
+            score = env.raw.score_of(seat)
+            assert (*infos["points"][b], *infos["games"][b]) == score
+        strokes = np.array([rng.choice(np.flatnonzero(mask)) for mask in seen["action_mask"]])
+        if rng.random() < 0.02:
+            strokes[0] = int(np.flatnonzero(seen["action_mask"][0] == 0)[0])  # not legal
+        seen, rewards, over, truncated, infos = vector.step(strokes)
+        assert not truncated.any()
+        for b, env in enumerate(alone):
+            last, paid, ended, _, info = env.step(int(strokes[b]))
+            assert (rewards[b], over[b]) == (paid, ended)
+            expected[b] = last
+            if ended:
+                episodes += 1
+                assert infos["final_info"]["reason"][b] == info["reason"]
+                assert infos["final_obs"][b]["observation"].tobytes() == last["observation"].tobytes()
+                assert not infos["final_obs"][b]["action_mask"].any()
+                expected[b] = begin(env, rows, rows)
+    assert episodes > (2 if rules == Rules() else 9)
+
+
+def begin(env: SingleMatchEnv, ahead: int, rows: int, seed: int | None = None) -> Any:
+    """What the learner sees first in the next episode of a row that comes to it."""
+    raw, agent = env.raw, env._agent
+    if seed is not None:
+        raw.reset(seed=seed)
+        raw.episode = -1
+        ahead += 1
+    while True:
+        raw.episode += ahead - 1
+        raw.reset()
+        env._owed = env._await_turn()
+        ahead = rows
+        if not raw.terminations[agent]:
+            env._over = False
+            return raw.observe(agent)
+
+
+def test_batch_and_threads_change_nothing() -> None:
+    """Row 0 of one is what all rows of many play in turn."""
+    opponent = random_policy(GAME, 3)
+    batches = [
+        MatchVersusBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)
+        for threads in (1, 2)
+    ]
+    for _ in range(40):
+        strokes = [batch.random_strokes() for batch in batches]
+        assert np.array_equal(*strokes)
+        found = [batch.play(stroke) for batch, stroke in zip(batches, strokes, strict=True)]
+        assert np.array_equal(found[0][0], found[1][0])
+        assert np.array_equal(found[0][1], found[1][1])
+        for batch, (_, over) in zip(batches, found, strict=True):
+            batch.reset(rows=over)
+    assert all(np.array_equal(a, b) for a, b in zip(*(batch.matches for batch in batches), strict=True))
+    assert batches[0].unseen == batches[1].unseen
+
+
+def test_rewards_of_rallies_add_up_to_the_score() -> None:
+    env = gymnasium.make_vec(NAME, num_envs=16, opponent="random", game=GAME, reward="rally", rules=SHORT)
+    env.reset(seed=1)
+    total, points = np.zeros(16), np.zeros(16)
+    for _ in range(400):
+        _, rewards, over, _, infos = env.step(env.unwrapped.random_actions())
+        total += rewards
+        if over.any():
+            for row in np.flatnonzero(over):
+                seen = infos["final_obs"][row]["observation"]
+                assert {2.0} == {round(2 * max(seen[61], seen[62]), 3)}, "someone has won two games"
+            total[over] = points[over] = 0
+    assert np.abs(total).max() <= 3 * SHORT.cap
+
+
+def test_it_is_the_native_one_of_gymnasium() -> None:
+    env = gymnasium.make_vec(NAME, num_envs=4)
+    assert isinstance(env.unwrapped, MatchVectorEnv)
+    seen, infos = env.reset(seed=3)
+    assert env.observation_space.contains(seen)
+    assert env.single_observation_space == SingleMatchEnv().observation_space
+    raw = match_v0.raw_env()
+    raw.reset(seed=3)
+    assert seen["observation"].shape == (4, 65)
+    assert infos["games"].tolist() == [[0, 0]] * 4
+
+
+@pytest.mark.parametrize("name", ["shuttle_marl/Rally-v0", NAME])
+@pytest.mark.parametrize("mask", ["info", "none"])
+def test_vectors_have_plain_views(name: str, mask: str) -> None:
+    env = gymnasium.make_vec(name, num_envs=8, mask=mask, opponent="random")
+    plain = gymnasium.make_vec(name, num_envs=8, opponent="random")
+    (seen, infos), (expected, _) = env.reset(seed=1), plain.reset(seed=1)
+    for _ in range(60):
+        assert env.observation_space.contains(seen)
+        assert np.array_equal(seen, expected["observation"])
+        assert all(isinstance(value, np.ndarray) and value.dtype != object for value in infos.values())
+        assert ("action_mask" in infos) == (mask == "info")
+        if mask == "info":
+            assert np.array_equal(infos["action_mask"], expected["action_mask"])
+        strokes = env.unwrapped.random_actions()
+        seen, rewards, over, _, infos = env.step(strokes)
+        expected, rewards_there, over_there, _, _ = plain.step(strokes)
+        assert np.array_equal(rewards, rewards_there)
+        assert np.array_equal(over, over_there)
+
+
+class ByScore:
+    reads_score = True
+
+    def probabilities(self, states: Any) -> np.ndarray:
+        return states.mask / states.mask.sum(axis=1, keepdims=True)
+
+
+def test_what_cannot_be_asked_for() -> None:
+    with pytest.raises(OptionError, match="reward 'game'"):
+        MatchVectorEnv(2, reward="game")  # type: ignore[arg-type]
+    with pytest.raises(PolicyError, match="reads the score"):
+        MatchVectorEnv(2, opponent=ByScore())
+    env = MatchVectorEnv(2)
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match="expected 2 numbers"):
+        env.step(np.array([0, default_game().n_strokes]))
+    batch = env.versus
+    over = batch.rows.live
+    over[1] = False
+    with pytest.raises(Exception, match="row 1: its rally is over"):
+        batch.play(np.zeros(2, np.int64))
+    with pytest.raises(KernelError, match="strokes: "):
+        batch.play(np.zeros(3, np.int64))
+    assert not isinstance(batch, VersusBatch), "its step is not that of rallies"
