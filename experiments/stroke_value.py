@@ -9,14 +9,16 @@ if both played on like the average player (``bc``); each player is measured by t
 
 import csv
 import dataclasses
+import functools
 import io
 import json as json_format
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -25,9 +27,12 @@ from rich.table import Table
 from shuttle_marl.analysis import PlayerValue, add_values, pictures, rally_table, rank_players, strokes_of, summarise
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import run
+from shuttle_marl.exact.away import Spread, Values, moved, over
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import load_game
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
@@ -59,8 +64,16 @@ def stroke_value(
     """
     path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
     game = load_game(model)
-    valued = add_values(strokes_of(path), tabulate(resolve(reference, game), game, reference))
-    players = rank_players(valued, least_matches=least_matches, least_strokes=least_strokes, centred=True)
+    policy, strokes = tabulate(resolve(reference, game), game, reference), strokes_of(path)
+    valued = add_values(strokes, policy)
+    least = {"least_matches": least_matches, "least_strokes": least_strokes}
+    players = rank_players(valued, **least, centred=True)
+    refits = refits_of(game)
+    away = (
+        over(refits, functools.partial(_values_in, strokes, policy, [p.player for p in players], least))
+        if len(refits) > 1
+        else None
+    )
     groups = {text: mine for kind, text in _GROUPS.items() if (mine := [p for p in players if p.discipline == kind])}
     if out is not None:
         _write(out, players)
@@ -77,10 +90,27 @@ def stroke_value(
     if json:
         known = valued["value_added"].null_count
         result = {"data": path.name, "strokes": valued.num_rows, "valued": valued.num_rows - known}
-        sys.stdout.write(json_format.dumps({**result, "players": [dataclasses.asdict(p) for p in players]}) + "\n")
+        listed = [
+            {
+                **dataclasses.asdict(player),
+                "away": None if away is None else {name: figure.at(i).as_json() for name, figure in away.items()},
+            }
+            for i, player in enumerate(players)
+        ]
+        sys.stdout.write(json_format.dumps({**result, "players": listed}) + "\n")
         return
+    spreads = {p.player: away["value"].at(i) for i, p in enumerate(players)} if away is not None else {}
     for text, mine in groups.items():
-        _print(text, mine)
+        _print(text, mine, spreads)
+
+
+def _values_in(
+    strokes: pa.Table, policy: TabulatedPolicy, names: Sequence[str], least: dict[str, int], refit: Game
+) -> dict[str, Values]:
+    """``[players]`` value added and its part by decisions, valued in a refit of the game."""
+    ranked = rank_players(add_values(strokes, moved(policy, refit)), **least, centred=True)
+    found = {player.player: player for player in ranked}
+    return {part: np.array([getattr(found[name], part) for name in names]) for part in ("value", "decision")}
 
 
 def _known(valued: pa.Table, rally: dict[str, int]) -> bool:
@@ -97,15 +127,20 @@ def _write(out: Path, players: Sequence[PlayerValue]) -> None:
     replace_file(out / "players.csv", text.getvalue().encode())
 
 
-def _print(title: str, players: Sequence[PlayerValue]) -> None:
+def _print(title: str, players: Sequence[PlayerValue], away: Mapping[str, Spread]) -> None:
     table = Table(title=f"Points won by 100 strokes, {title}", box=SIMPLE_HEAD)
-    for heading in ("", "player", "matches", "strokes", "value added", "by decisions"):
+    for heading in ("", "player", "matches", "strokes", "value added", "away", "by decisions"):
         table.add_column(heading, justify="left" if heading == "player" else "right", no_wrap=True)
     for rank, p in enumerate(players, start=1):
         added = f"{100 * p.value:+.2f} ({100 * p.low:+.2f}, {100 * p.high:+.2f})"
         chosen = f"{100 * p.decision:+.2f} ({100 * p.decision_low:+.2f}, {100 * p.decision_high:+.2f})"
-        table.add_row(str(rank), p.player, str(p.matches), f"{p.strokes:,}", added, chosen)
-    Console(highlight=False, width=max(Console().width, 100)).print(table)
+        there = away.get(p.player)
+        elsewhere = "" if there is None else f"({100 * float(there.low):+.2f}, {100 * float(there.high):+.2f})"
+        table.add_row(str(rank), p.player, str(p.matches), f"{p.strokes:,}", added, elsewhere, chosen)
+    console = Console(highlight=False, width=max(Console().width, 120))
+    console.print(table)
+    if away:
+        console.print("away: 95 % interval for the same matches, valued in one more refit of the game on resampled matches.")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

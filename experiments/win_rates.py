@@ -11,6 +11,7 @@ The run folder holds the training runs, the matches, and `results.json`; a run t
 """
 
 import dataclasses
+import functools
 import json as json_format
 import os
 import sys
@@ -29,8 +30,10 @@ from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact.away import Values, of_pair, over
 from shuttle_marl.game import load_game
 from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
@@ -147,15 +150,23 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
     }
     for (agent, _), run in training.items():
         named.setdefault(agent, []).append(f"agent:{run.out}/agent")
+    refits = refits_of(game)
     rows, matrix = [], {}
     for row, names in track(named.items(), "matches", console=console, transient=True):
-        found, against = [], []
+        found, against, policies = [], [], []
         for seed, name in enumerate(names):
             policy = tabulate(resolve(name, game), game, name)
             figures = dataclasses.asdict(evaluator.evaluate(policy))
             found.append({"seed": seed, "matches_won": share_won(name, config, seed, folder), **figures})
             against.append(_match_odds(policy, others))
-        rows.append(_row(row, found, [run for (agent, _), run in training.items() if agent == row]))
+            policies.append(policy)
+        away = over(refits, functools.partial(_away, policies, others[config.opponent])) if len(refits) > 1 else None
+        rows.append(
+            {
+                **_row(row, found, [run for (agent, _), run in training.items() if agent == row]),
+                "away": None if away is None else {name: figure.as_json() for name, figure in away.items()},
+            }
+        )
         matrix[row] = {name: float(np.mean([odds[name] for odds in against])) for name in others}
     return {
         "game": game.hash,
@@ -185,6 +196,13 @@ def _out(run: TrainingConfig) -> Path:
     return run.out
 
 
+def _away(policies: Sequence[TabulatedPolicy], opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
+    """``rally_win`` and ``match_win`` of a row's policies against the opponent in a refit, means over the seeds."""
+    # Rows without training play the same policy with every seed.
+    found = [of_pair(policy, opponent, refit) for policy in {policy.hash: policy for policy in policies}.values()]
+    return {name: float(np.mean([odds[name] for odds in found])) for name in found[0]}
+
+
 def _match_odds(policy: TabulatedPolicy, others: dict[str, TabulatedPolicy]) -> dict[str, float]:
     return {name: exact.evaluate(policy, other).odds().match() for name, other in others.items()}
 
@@ -205,7 +223,8 @@ def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[l
 
 
 def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Cells of the table: agent, matches won, the paper's figure, exact probabilities, score, exploitability, training."""
+    """Cells of the table: agent, matches won, the paper's figure, exact probabilities, at home and in the refits of the game,
+    score, exploitability, training."""
     for row in result["rows"]:
         paper = PAPER.get(row["agent"]) if result["opponent"] == "bc" else None
         iqm = row["normalised_score"].get("iqm")
@@ -215,6 +234,11 @@ def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             f"{paper[0]:.1f} ± {paper[1]:.1f}" if paper else "",
             _percent(row["match_win"], 2),
             _percent(row["rally_win"], 2),
+            "{value:.1f} ({low:.1f} to {high:.1f})".format(
+                **{part: 100 * figure for part, figure in row["away"]["rally_win"].items()}
+            )
+            if row["away"]
+            else "",
             f"{row['normalised_score']['mean']:.3f} ± {row['normalised_score']['deviation']:.3f}",
             f"{iqm['value']:.3f} ({iqm['low']:.3f} to {iqm['high']:.3f})" if iqm else "",
             f"{row['exploitability']['mean']:.3f}",
@@ -228,6 +252,7 @@ HEADINGS: Final = (
     "paper, %",
     "exact match, %",
     "exact rally, %",
+    "the same away (95 %)",
     "normalised score",
     "its IQM (95 %)",
     "exploitability",

@@ -1,5 +1,6 @@
 """Tables of experiments: the next stroke, win rates, the matrix over opponents, styles, time to win, and the value of strokes."""
 
+from collections.abc import Callable
 from typing import Any
 
 from benchmarks.machine import machine
@@ -89,6 +90,69 @@ def human_players() -> str:
     return markdown(human_play.PLAYER_HEADINGS, human_play.player_rows(result), left=("player",))
 
 
+def truth_slopes() -> str:
+    """Realised on promised advantage, over matches that no fit saw."""
+    rows = []
+    for name, title in (("truth_cross", "average game"), ("truth_profiles", "men's and women's games")):
+        result = saved("experiments", name)
+        slopes = result["decision_slope"].values()
+        cells = (f"{s['value']:.2f} ({s['low']:.2f} to {s['high']:.2f})" for s in slopes)
+        rows.append((title, *cells, f"{result['value_log_loss']:.5f}"))
+    shown = saved("experiments", "truth_cross")
+    played = f"{shown['strokes']:,} strokes of {shown['matches']} matches, {shown['cross']} parts; in brackets 95 % intervals."
+    headings = ("game", "after 1 stroke", "4", "8", "end of the rally", "log-loss of the value")
+    return f"{markdown(headings, rows, left=('game',))}\n\n{played} {_made_by(shown)}."
+
+
+def truth_shots() -> str:
+    """Promises of shot types beside what they brought, and errors of the value after them."""
+    result = saved("experiments", "truth_cross")
+    rows = []
+    for shot, found in result["promised_realised"].items():
+        brought, error = found["realised"], result["value_error"].get(shot, {}).get("own")
+        rows.append((shot, f"{found['promised']:+.2f}", _points(brought), "" if error is None else _points(error)))
+    headings = ("shot type", "promised", "brought", "error of the value after it")
+    return f"{markdown(headings, rows, left=('shot type',))}\n\nIn points, per cent of rallies; in brackets 95 % intervals."
+
+
+def _points(found: dict[str, float]) -> str:
+    return f"{found['points']:+.1f} ({found['low']:+.1f} to {found['high']:+.1f})"
+
+
+def truth_figures() -> str:
+    """The other figures of the comparison with real matches, cross-fitted and on the validation matches."""
+    columns = [saved("experiments", name) for name in ("truth_cross", "truth_profiles", "truth_validation")]
+
+    def of(figure: Callable[[dict[str, Any]], str]) -> list[str]:
+        return [figure(result) for result in columns]
+
+    rows = [
+        [
+            "slope at the end of the rally",
+            *of(lambda r: "{value:.2f} ({low:.2f} to {high:.2f})".format(**r["decision_slope"]["end"])),
+        ],
+        [
+            "AUC, simulated from real rallies",
+            *of(lambda r: "{value:.3f} ({real_against_real:.3f})".format(**r["two_sample_auc"])),
+        ],
+        ["rally length, KS", *of(lambda r: "{ks:.3f} ({ks_real:.3f})".format(**r["rally_length"]))],
+    ]
+    for name in columns[0]["divergence"]:
+        rows.append([
+            f"divergence of {name}, bits",
+            *of(lambda r, name=name: "{value:.4f} ({real_against_real:.4f})".format(**r["divergence"][name])),  # type: ignore[misc]
+        ])  # fmt: skip
+    rows.append(["`random` against `bc`, rallies", *of(lambda r: f"{100 * r['random_vs_bc']:.1f} %")])
+    for name in columns[0]["support"]:
+        shown = f"strokes of {name.replace('_', ' ')} on fewer than five real ones"
+        rows.append([shown, *of(lambda r, name=name: f"{100 * r['support'][name]:.0f} %")])  # type: ignore[misc]
+    for name, found in columns[0].get("transfer", {}).items():
+        kept = f"{100 * found['home']:.1f} to {100 * found['away']:.1f} %; {found['kept']:.2f} of the edge"
+        rows.append([f"{name.replace('_', ' ')}, home to away", kept, "", ""])
+    headings = ("figure", "average game, cross-fitted", "men's and women's, cross-fitted", "average game, validation matches")
+    return markdown(headings, rows, left=("figure",))
+
+
 def stroke_value() -> str:
     """Players ranked by value added, from ``experiments/results/stroke_value.json``."""
     result = saved("experiments", "stroke_value")
@@ -103,10 +167,15 @@ def stroke_value() -> str:
                     f"{100 * p[name]:+.2f} ({100 * p[low]:+.2f} to {100 * p[high]:+.2f})"
                     for name, low, high in (("value", "low", "high"), ("decision", "decision_low", "decision_high"))
                 ),
+                "{low:+.2f} to {high:+.2f}".format(**{part: 100 * value for part, value in p["away"]["value"].items()}),
             )
             for p in result["players"]
             if p["discipline"] == kind
         ]
-        groups.append(markdown((title, "matches", "strokes", "points by 100 strokes", "by decisions"), rows, left=(title,)))
-    played = f"{result['valued']:,} of {result['strokes']:,} strokes have a value; in brackets 95 % intervals."
+        headings = (title, "matches", "strokes", "points by 100 strokes", "by decisions", "points, away")
+        groups.append(markdown(headings, rows, left=(title,)))
+    played = (
+        f"{result['valued']:,} of {result['strokes']:,} strokes have a value; in brackets 95 % intervals over matches. Away: "
+        "95 % interval for the same strokes, valued in one more refit of the game."
+    )
     return "\n\n".join([*groups, played])

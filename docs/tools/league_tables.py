@@ -1,8 +1,9 @@
 """Tables of a tournament, from its run folder."""
 
+import functools
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,9 +12,10 @@ import pyarrow.csv
 from docs.tools.markdown import markdown
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.table import tabulate
-from shuttle_marl.league.folder import HEADINGS, cells
+from shuttle_marl.league.folder import ranked_table
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve
 
@@ -49,7 +51,7 @@ def ranking(folder: Path) -> str:
         f"{len(standings)} players, {config['matches']:,} matches a pair, seed {config['seed']}, "
         f"game `{manifest['game']['hash'][:12]}`."
     )
-    return f"{markdown(HEADINGS, [cells(s) for s in standings], left=('player',))}\n\n{played}"
+    return f"{markdown(*ranked_table(standings), left=('player',))}\n\n{played}"
 
 
 def ranking_short(folder: Path) -> str:
@@ -60,24 +62,41 @@ def ranking_short(folder: Path) -> str:
     """
     standings, config, _ = _finished(folder)
     shown = [standing for standing in standings if standing.player in SHORT]
-    against = dict(zip((s.player for s in shown), _rallies_won((s.player for s in shown), config["game"]), strict=True))
+    against = _rallies_won([s.player for s in shown], config["game"])
     rows = [
         (
             f"`{s.player}`",
             f"{s.rating:+.0f} ({s.rating_low:+.0f} to {s.rating_high:+.0f})",
             f"{100 * s.share:.1f} %",
-            f"{100 * against[s.player]:.1f} %",
+            *against[s.player],
             f"{s.exploitability:.3f}",
             f"{s.normalised_score:.3f}",
         )
         for s in shown
     ]
-    headings = ("player", "rating (95 %)", "matches won", "rallies won against `bc`", "exploitability", "normalised score")
+    headings = (
+        "player",
+        "rating (95 %)",
+        "matches won",
+        "rallies won against `bc`",
+        "the same away (95 %)",
+        "exploitability",
+        "normalised score",
+    )
     return markdown(headings, rows, left=("player",))
 
 
-def _rallies_won(players: Iterable[str], model: str) -> list[float]:
-    """Exact probability that each player wins a rally against the average player, both serving equally often."""
+def _rallies_won(players: Sequence[str], model: str) -> dict[str, tuple[str, str]]:
+    """Exact share of the rallies that each player wins against the average player, both serving equally often: in the game
+    itself, and in its refits with the 95 % interval for one more refit."""
     game = load_game(model)
-    tables = [tabulate(resolve(name, game), game, name) for name in (REFERENCE, *players)]
-    return [evaluate(table, tables[0]).odds().rally for table in tables[1:]]
+    refits = refits_of(game)
+    opponent = tabulate(resolve(REFERENCE, game), game, REFERENCE)
+    shown = {}
+    for name in players:
+        table = tabulate(resolve(name, game), game, name)
+        there = over(refits, functools.partial(of_pair, table, opponent))["rally_win"]
+        mean, low, high = (f"{100 * float(part):.1f}" for part in (there.value, there.low, there.high))
+        home = evaluate(table, opponent).odds().rally
+        shown[name] = (f"{100 * home:.1f} %", f"{mean} % ({low} to {high})")
+    return shown

@@ -49,6 +49,9 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "throughput_bound": benchmark_tables.throughput_bound,
     "throughput_sizes": benchmark_tables.throughput_sizes,
     "time_to_win": experiment_tables.time_to_win,
+    "truth_figures": experiment_tables.truth_figures,
+    "truth_shots": experiment_tables.truth_shots,
+    "truth_slopes": experiment_tables.truth_slopes,
     "win_rates": experiment_tables.agents,
     "win_rates_matrix": experiment_tables.matrix,
 }

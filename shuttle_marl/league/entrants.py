@@ -58,6 +58,9 @@ class LeagueConfig:
     """Model whose game is played: a shipped one or a folder."""
     profile: Profile | None = None
     """The game of one discipline alone; default: the average of both."""
+    away: bool = False
+    """Solve all pairs in the refits of the game too: how the ranking holds if other matches had been recorded. Changes no
+    other figure; takes some minutes."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT

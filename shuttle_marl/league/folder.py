@@ -163,14 +163,19 @@ HEADINGS = (
     "matches won",
     "95 % interval",
     "exact",
+    "away (95 %)",
     "rallies won",
     "serving",
     "receiving",
     "exploitability",
     "normalised",
 )
-_REPORT_ONLY: Final = (5, 8, 9)
+_REPORT_ONLY: Final = (5, 9, 10)
 """Columns that the console leaves out: the interval of the matches won, serving, receiving."""
+_ABOUT_AWAY: Final = (
+    "- away: the same in refits of the game on resampled matches, which the same data could have given: mean, and 95 % interval "
+    "for one more refit.",
+)
 _MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])")
 """Characters that mean something in Markdown or HTML; an underscore within a word does not."""
 
@@ -186,6 +191,7 @@ def cells(standing: Standing) -> tuple[str, ...]:
         _percent(standing.share),
         f"{_percent(standing.share_low)} to {_percent(standing.share_high)}",
         _percent(standing.exact_share),
+        _away(standing),
         _percent(standing.rally_share),
         _percent(standing.serving),
         _percent(standing.receiving),
@@ -194,15 +200,27 @@ def cells(standing: Standing) -> tuple[str, ...]:
     )
 
 
+def _away(standing: Standing) -> str:
+    if math.isnan(standing.away_share):
+        return ""
+    return f"{_percent(standing.away_share)} ({_percent(standing.away_low)} to {_percent(standing.away_high)})"
+
+
+def ranked_table(standings: Sequence[Standing], left_out: Sequence[int] = ()) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and rows of the ranked table, without some columns and without those in which nothing stands."""
+    rows = [cells(standing) for standing in standings]
+    kept = [i for i in range(len(HEADINGS)) if i not in left_out and any(row[i] for row in rows)]
+    return tuple(HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
+
+
 def console_table(standings: Sequence[Standing]) -> Table:
     """The ranked table for the console, without the columns that only the report has."""
     table = Table(title="Round robin", title_justify="left", header_style="bold")
-    shown = [i for i in range(len(HEADINGS)) if i not in _REPORT_ONLY]
-    for i in shown:
-        table.add_column(HEADINGS[i], justify="left" if HEADINGS[i] == "player" else "right", no_wrap=True)
-    for standing in standings:
-        row = cells(standing)
-        table.add_row(*(Text(printable(row[i])) for i in shown), style="dim" if standing.forfeits else None)
+    headings, rows = ranked_table(standings, _REPORT_ONLY)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "player" else "right", no_wrap=True)
+    for standing, row in zip(standings, rows, strict=True):
+        table.add_row(*(Text(printable(cell)) for cell in row), style="dim" if standing.forfeits else None)
     return table
 
 
@@ -221,7 +239,7 @@ def report(
         f"{len(standings)} entrants, {matches:,} matches ({config.matches:,} a pair), {rallies:,} rallies, "
         f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}).",
         "",
-        *_markdown(HEADINGS, [cells(standing) for standing in standings]),
+        *_markdown(*ranked_table(standings)),
         "",
         "## Who beat whom",
         "",
@@ -251,6 +269,7 @@ def report(
         "so it is a little too wide.",
         "- exact: the expected share of matches won, without sampling, against the entrants that have a table. Those that read "
         "the score have none, nor any other exact figure.",
+        *_ABOUT_AWAY[: exact.away is not None],
         "- exploitability: what the best response to the player gains, as a value from 0 to 1; it wins half of it above 50 % "
         "of the rallies. 0 is perfect play.",
         "- normalised: by rallies won against `bc`; 0 is `bc` itself, 1 the best response to it.",

@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from statistics import NormalDist
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +23,15 @@ from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
+if TYPE_CHECKING:
+    from shuttle_marl.exact.away import Spread, Values
+
 Floats = npt.NDArray[np.float64]
 
 _DECIMALS: Final = 6
 """Figures are rounded to so many decimals, far above their error bound, so that files have the same bytes on every machine."""
+_AWAY: Final = 1e-7
+"""Error bound of odds in refits, which are further than that from each other."""
 ELO: Final = 400 / np.log(10)
 """Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
 _STEPS: Final = 200
@@ -45,6 +50,8 @@ class ExactOdds:
         exploitability: ``[N]`` what the best response to an entrant gains, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
+        away: ``[N]`` share of the matches that an entrant wins against all others that have a table, in refits of the game; None
+            if it was not asked for.
         problem: why there are no figures at all; empty if there are.
     """
 
@@ -52,6 +59,7 @@ class ExactOdds:
     match: Floats
     exploitability: Floats
     normalised_score: Floats
+    away: "Spread | None" = None
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
@@ -65,8 +73,14 @@ class ExactOdds:
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 
-def exact_odds(game: Game, entrants: Sequence[Entrant]) -> ExactOdds:
-    """Solve every pair of entrants, and the best response to each."""
+def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = ()) -> ExactOdds:
+    """Solve every pair of entrants, and the best response to each.
+
+    Args:
+        game: the tables.
+        entrants: N of them.
+        refits: other fits of the game, two or more, in which the pairs are solved too; none: they are not.
+    """
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
 
     blank = ExactOdds(
@@ -77,12 +91,12 @@ def exact_odds(game: Game, entrants: Sequence[Entrant]) -> ExactOdds:
     )
     tables = {i: entrant.table for i, entrant in enumerate(entrants) if entrant.table is not None}
     try:
-        return _fill(blank, game, tables) if tables else blank
+        return _fill(blank, game, tables, refits) if tables else blank
     except ExactError as error:
         return dataclasses.replace(blank, problem=str(error))
 
 
-def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy]) -> ExactOdds:
+def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> ExactOdds:
     from shuttle_marl.exact import crossplay, nash_conv  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
@@ -101,7 +115,23 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy]) -
         normalised[at] = [np.nan if score is None else score for score in scores]
     # Adding 0 turns a rounded -0.0 into 0.0.
     match, exploitability, normalised = (np.round(x, _DECIMALS) + 0.0 for x in (match, exploitability, normalised))
-    return dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
+    filled = dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
+    return dataclasses.replace(filled, away=_away(len(match), tables, refits)) if refits else filled
+
+
+def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "Spread":
+    """``[N]`` share of the matches won against all others in refits; NaN without a table."""
+    from shuttle_marl.exact import crossplay  # noqa: PLC0415  numba
+    from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
+
+    def shares(refit: Game) -> "dict[str, Values]":
+        odds = crossplay([moved(table, refit) for table in tables.values()], tolerance=_AWAY)
+        share = np.full(n, np.nan)
+        share[list(tables)] = np.round(of_all_pairs(odds)["match_share"], _DECIMALS)
+        return {"share": share}
+
+    # The pairs of one refit keep all cores busy.
+    return over(refits, shares, at_once=1)["share"]
 
 
 def bradley_terry(wins: Floats) -> Floats:
@@ -199,6 +229,8 @@ class Standing:
         receiving: share of rallies won when receiving.
         forfeits: pairings that this entrant forfeited.
         exact_share: exact expected share of the matches won against the opponents that have a table; NaN without.
+        away_share: mean of the same in refits of the game, against all others; NaN without, or if it was not asked for.
+        away_low, away_high: its 95 % interval in one more refit.
         exploitability: what its best response gains on the entrant, as a value from 0 to 1; NaN without a table.
         normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
@@ -218,6 +250,9 @@ class Standing:
     receiving: float
     forfeits: int
     exact_share: float = math.nan
+    away_share: float = math.nan
+    away_low: float = math.nan
+    away_high: float = math.nan
     exploitability: float = math.nan
     normalised_score: float = math.nan
 
@@ -276,8 +311,12 @@ def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tu
 def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOdds) -> Standing:
     name, i = standing.player, exact.names.index(standing.player)
     opponents = [other for result in played if name in result.names for other in result.names if other != name]
+    share, low, high = (math.nan,) * 3 if exact.away is None else np.array(dataclasses.astuple(exact.away))[:, i].tolist()
     return dataclasses.replace(
         standing,
+        away_share=share,
+        away_low=low,
+        away_high=high,
         exact_share=exact.share(name, opponents),
         exploitability=float(exact.exploitability[i]),
         normalised_score=float(exact.normalised_score[i]),

@@ -17,7 +17,7 @@ from shuttle_marl import runs
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.shipped import refits_of, resolve_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
@@ -80,13 +80,13 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         results = run_folder.read_results(folder, pairings, finished=finished)
         if finished:
             _say(console, f"{folder}: finished already")
-            standings = rank(config.pool, results, config.seed, _exact(game, entrants, console))
+            standings = rank(config.pool, results, config.seed, _exact(config, game, entrants, console))
             return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
         runs.write_json(folder / runs.MANIFEST, about)
         strokes = _play(config, game, entrants, pairings, results, folder, console)
         seconds = time.monotonic() - begun
-        standings = _write_tables(config, game, results, folder, _exact(game, entrants, console))
+        standings = _write_tables(config, game, results, folder, _exact(config, game, entrants, console))
         done = {
             "status": "finished",
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -182,9 +182,13 @@ def _open_recorder(
     return RallyRecorder(resume_log(path, header, recorded))
 
 
-def _exact(game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+    refits = refits_of(game) if config.away else ()
+    if config.away and len(refits) < 2:
+        refits = ()
+        _say(console, "the model has fewer than two refits on resampled matches, so there are no figures away from home")
     with console.status("solving every pair exactly"):
-        exact = exact_odds(game, entrants)
+        exact = exact_odds(game, entrants, refits)
     if exact.problem:
         _say(console, f"no exact figures: {exact.problem}")
     return exact
