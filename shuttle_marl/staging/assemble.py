@@ -220,7 +220,9 @@ def _assembled(
         sign = own_frame(seat, right_handed)
         timeline, prepared, shift = ready[seat]
         found = course(skeletons[seat], prepared, shuttle * sign, branch.course(seat) if branch else None)
-        players.append(Player(course=found, plants=prepared.plants, keys=prepared.keys, lift=timeline.lift, shift=shift))
+        players.append(
+            Player(course=found, plants=prepared.plants, keys=prepared.keys, lift=timeline.lift, air=timeline.air, shift=shift)
+        )
         rows = slice(done, None)
         new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
         turn, place = bones(skeletons[seat], new)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
 from shuttle_marl.staging.feet import Feet, Plant, move, standing, steps
 from shuttle_marl.staging.impact import swing
-from shuttle_marl.staging.legs import legs, reach_of, settle
+from shuttle_marl.staging.legs import legs, reach_of, settle, smooth
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
     CONTACT,
@@ -54,6 +54,8 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 _MOST_LEAN: Final = np.radians(18)
 _JOINT: Final = 9
 """Frames over which a continued motion is joined to what was there."""
+_EVEN: Final = 6
+"""Frames within which the height of the hips is evened out between key poses."""
 _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
 """Share by which the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
@@ -104,7 +106,8 @@ class Player:
         course: hips, pose, feet and gaze.
         plants: times and places at which the left and the right foot are planted.
         keys: the key poses.
-        lift: ``[F]`` height of the jumps [m].
+        lift: ``[F]`` height of the hips in jumps, relative to standing [m].
+        air: ``[F]`` height of the feet over the floor in jumps [m].
         shift: ``[n, 3]`` by how much the hips are moved at each stroke, so that the racket gets to the shuttle [m].
     """
 
@@ -112,6 +115,7 @@ class Player:
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
     lift: Floats
+    air: Floats
     shift: Floats
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
@@ -130,7 +134,7 @@ class Player:
             pose=np.concatenate([keys.pose[:n], pose[None]]),
             slope=np.concatenate([keys.slope[:n], slope[None]]),
         )
-        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.lift), plants
+        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.lift, air=self.air), plants
 
 
 def prepare(
@@ -152,10 +156,10 @@ def prepare(
         before: ``[B]`` frames that stay as they are.
     """
     body = _between(timeline.frame, timeline.pose[:, TRUNK], _slopes(timeline, timeline.pose)[:, TRUNK], len(hips))
-    place = np.column_stack([hips, body[:, HIPS_HEIGHT] + timeline.lift])
+    place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift])
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
-    feet = move(plants, timeline.lift, len(hips), fps, len(before.hips) if before else 0)
+    feet = move(plants, timeline.air, len(hips), fps, len(before.hips) if before else 0)
     # What was settled before the joint counts as far as the moving means reach.
     done = len(before.hips) if before else 0
     rows = slice(max(done - _JOINT, 0), None)

@@ -306,12 +306,12 @@ def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, si
     return out
 
 
-def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps: int, done: int = 0) -> Feet:
+def move(plants: tuple[list[Plant], list[Plant]], air: Floats, frames: int, fps: int, done: int = 0) -> Feet:
     """Both feet in every frame.
 
     Args:
         plants: of the left and of the right foot.
-        lift: ``[F]`` how high the whole body is off the floor in jumps [m].
+        air: ``[F]`` how high the feet are off the floor in jumps [m].
         frames: F.
         fps: frames a second.
         done: frames that are known from elsewhere; swings that are over by then are left out.
@@ -326,11 +326,11 @@ def move(plants: tuple[list[Plant], list[Plant]], lift: Floats, frames: int, fps
             rows = slice(begin, end + 1)
             ball[foot, rows, :2], yaw[foot, rows], planted[foot, rows] = plant.place, plant.yaw, True
             if k + 1 < len(own) and own[k + 1].begin > done - _SETTLED:
-                _swing(plant, own[k + 1], ball[foot], yaw[foot], pitch[foot], lift, fps)
+                _swing(plant, own[k + 1], ball[foot], yaw[foot], pitch[foot], air, fps)
     return Feet(ball=ball, yaw=yaw, pitch=pitch, planted=planted)
 
 
-def _swing(here: Plant, there: Plant, ball: Floats, yaw: Floats, pitch: Floats, lift: Floats, fps: int) -> None:
+def _swing(here: Plant, there: Plant, ball: Floats, yaw: Floats, pitch: Floats, air: Floats, fps: int) -> None:
     rows = np.arange(here.end + 1, there.begin)
     if not len(rows):
         return
@@ -340,10 +340,10 @@ def _swing(here: Plant, there: Plant, ball: Floats, yaw: Floats, pitch: Floats, 
     ball[rows, :2] = here.place + ease[:, None] * way
     far = float(np.hypot(*way))
     clear = min(0.03 + 0.10 * far, 0.14) * min(1.0, len(rows) / (0.12 * fps))
-    ball[rows, 2] = clear * np.sin(np.pi * u) ** 1.2 + lift[rows]
+    ball[rows, 2] = clear * np.sin(np.pi * u) ** 1.2 + air[rows]
     turn = (there.yaw - here.yaw + np.pi) % (2 * np.pi) - np.pi
     yaw[rows] = here.yaw + ease * turn
     there.yaw = here.yaw + turn
     # The heel leaves first and lands last; a long stride lands on the heel, with the toes up.
     up, down = np.sin(np.pi * np.clip(u / 0.7, 0, 1)), np.sin(np.pi * np.clip((u - 0.55) / 0.45, 0, 1))
-    pitch[rows] = min(1.0, far / 0.6) * (0.60 * up - 0.22 * down) + np.where(lift[rows] > 0.02, 0.45, 0.0)
+    pitch[rows] = min(1.0, far / 0.6) * (0.60 * up - 0.22 * down) + np.where(air[rows] > 0.02, 0.45, 0.0)

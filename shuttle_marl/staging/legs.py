@@ -31,6 +31,8 @@ ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])
 TOE_LIMITS: Final = tuple(np.radians((-25.0, 70.0)))
 """Toes bent up against the foot [rad]."""
 _ROUNDS: Final = 4
+_DROP: Final = 8
+"""Frames over which the hips sink towards a foot that is far away."""
 _STRETCH: Final = 0.985
 """Share of the length of a leg that is used: knees never lock."""
 _HEEL: Final = np.radians(62)
@@ -86,12 +88,13 @@ def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[
         enough = away <= limit
         first = np.where(enough.any(axis=0), enough.argmax(axis=0), len(angles) - 1)
         needed = np.where(feet.planted[foot], angles[first], 0.0)
-        pitch[foot] = np.where(feet.planted[foot], np.maximum(_smooth(_widen(needed, 2), 3), needed), pitch[foot])
+        pitch[foot] = np.where(feet.planted[foot], smooth(_widen(needed, 3), 3), pitch[foot])
         ankle = _ankle(skeleton, feet.ball[foot], yaw[foot], pitch[foot])
         flat = np.minimum(np.hypot(*(ankle - joint)[:, :2].T), 0.97 * limit)
         height = ankle[:, 2] + np.sqrt(limit**2 - flat**2)
         drop = np.where(feet.planted[foot], np.maximum(drop, joint[:, 2] - height), drop)
-    drop = np.maximum(_smooth(_widen(drop, 3), 4), drop)
+    # As wide as the mean is, so that it is nowhere less than needed.
+    drop = smooth(_widen(drop, _DROP), _DROP)
     lowered = hips.copy()
     lowered[:, 2] -= drop
     return lowered, dataclasses.replace(feet, yaw=yaw, pitch=pitch)
@@ -232,7 +235,8 @@ def _widen(x: Floats, by: int) -> Floats:
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * by + 1).max(axis=1)
 
 
-def _smooth(x: Floats, by: int) -> Floats:
-    """The mean within ``by`` frames."""
+def smooth(x: Floats, by: int) -> Floats:
+    """The mean of ``[F]`` numbers within ``by`` frames, near ones weighing more (a Hann window)."""
+    kernel = np.hanning(2 * by + 3)[1:-1]
     padded = np.pad(x, by, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * by + 1).mean(axis=1)
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * by + 1) @ (kernel / kernel.sum())

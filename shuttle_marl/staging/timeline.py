@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
-from shuttle_marl.staging.flight import GRAVITY
 from shuttle_marl.staging.impact import RATIOS
+from shuttle_marl.staging.leaps import half_time, leap
 from shuttle_marl.staging.library import TRUNK, Library, bent
 from shuttle_marl.staging.motions import (
     CONTACT,
@@ -32,7 +32,14 @@ _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _SPLIT_HOP: Final = 0.035
 _HIGHEST_JUMP: Final = 0.48
-_SCISSOR: Final = 0.06
+_LEAST_JUMP: Final = 0.12
+"""Height of the jump for an attack that could be played from the floor [m]."""
+_TIME_TO_JUMP: Final = 0.6
+"""Seconds since the opponent's contact from which an attack is jumped [s]."""
+_STRETCH: Final = 0.06
+"""How much higher than is natural an overhead is met from the toes [m]."""
+_SINK: Final = 0.14
+"""How far the hips sink after a jumped stroke [m]."""
 _FULL_SWING: Final = 38.0
 """Speed of the shuttle from which on a stroke is swung in full [m/s]."""
 
@@ -84,7 +91,8 @@ class Past:
         strokes: how many strokes of the rally have been struck by then.
         keys: key poses up to that frame, the last one in it.
         stand: where the feet stand then, or land next.
-        lift: ``[F]`` height of the jumps that were planned [m].
+        lift: ``[F]`` height of the hips in the jumps that were planned, relative to standing [m].
+        air: ``[F]`` height of the feet over the floor in those jumps [m].
     """
 
     frame: int
@@ -92,6 +100,7 @@ class Past:
     keys: Keys
     stand: Stand
     lift: Floats
+    air: Floats
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +112,8 @@ class Timeline:
         pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
         known: the first of them, which are solved already.
         hits: the contacts.
-        lift: ``[F]`` height of the jumps [m].
+        lift: ``[F]`` height of the hips in jumps, relative to standing [m].
+        air: ``[F]`` height of the feet over the floor in jumps [m].
         stands: stands of the feet.
     """
 
@@ -112,6 +122,7 @@ class Timeline:
     known: Keys
     hits: tuple[Hit, ...]
     lift: Floats
+    air: Floats
     stands: list[Stand]
 
 
@@ -153,7 +164,7 @@ class TimelineBuilder:
         self.keys: dict[int, Floats] = {}
         self.fixed: set[int] = set()
         self.stands: list[Stand] = []
-        self.lift = np.zeros(self.frames)
+        self.lift, self.air = np.zeros(self.frames), np.zeros(self.frames)
         self.clock = np.rint(trajectory.time * fps).astype(np.int64)
         self.past, self.done = past, -1
         if past:
@@ -161,8 +172,8 @@ class TimelineBuilder:
             self.keys = dict(zip(past.keys.frame.tolist(), past.keys.pose, strict=True))
             self.fixed = set(self.keys)
             self.stands = [past.stand]
-            self.lift[: len(past.lift)] = past.lift[: self.frames]
-            self.lift[past.frame + 1 :] = 0.0
+            for new, old in ((self.lift, past.lift), (self.air, past.air)):
+                new[: past.frame + 1] = old[: past.frame + 1]
 
     def timeline(self) -> Timeline:
         """All of it."""
@@ -171,7 +182,7 @@ class TimelineBuilder:
         over = round(trajectory.end_time[-1] * self.fps) if len(rally) else self.frames - 1
         self._begin()
         # A jump in which the last stroke was struck lasts, so it is written again.
-        for i in range(max(self.past.strokes - 2, 0) if self.past else 0, len(rally)):
+        for i in range(max(self.past.strokes - 3, 0) if self.past else 0, len(rally)):
             frame = int(self.clock[i])
             following = self.clock[i + 1] if i + 1 < len(self.clock) else over
             if rally.striker[i] == self.seat:
@@ -195,6 +206,7 @@ class TimelineBuilder:
             known=self.past.keys if self.past else known,
             hits=tuple(dataclasses.replace(hit, key=where[hit.frame]) for hit in hits),
             lift=self.lift,
+            air=self.air,
             stands=self.stands,
         )
 
@@ -223,12 +235,13 @@ class TimelineBuilder:
         if begin < self.frames - 1:
             self.stands.append(Stand(begin=begin, end=end, place=feet[0], yaw=feet[1], last=last, hop=hop))
 
-    def _jump(self, peak: float, height: float) -> tuple[int, int]:
+    def _jump(self, peak: float, height: float, sink: float = 0.0) -> tuple[int, int]:
         """Add a jump; returns the frames of take-off and landing."""
-        half = np.sqrt(2 * height / GRAVITY) * self.fps
-        t = (np.arange(self.frames) - peak) / self.fps
-        rows = slice(self.done + 1, None)
-        self.lift[rows] = np.maximum(self.lift[rows], (height - GRAVITY / 2 * t**2)[rows])
+        rows = np.arange(self.done + 1, self.frames)
+        hips, air = leap((rows - peak) / self.fps, height, sink)
+        self.lift[rows] += hips
+        self.air[rows] = np.maximum(self.air[rows], air)
+        half = half_time(height) * self.fps
         return int(np.floor(peak - half)), int(np.ceil(peak + half))
 
     def _facing(self, frame: int) -> float:
@@ -314,7 +327,7 @@ class TimelineBuilder:
         power = float(np.clip(self.trajectory.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
         keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in OVERHEADS else keys[1:CONTACT]
         keys[CONTACT + 1 :] = keys[CONTACT] + max(power, 0.5) * (keys[CONTACT + 1 :] - keys[CONTACT])
-        lift = self._rise(keys, stance, float(point[2]), frame, ahead, float(self.higher[i]))
+        lift = self._rise(i, keys, stance, frame, ahead)
         self._key(frame, keys[CONTACT], fixed=True)
         for k, (seconds, share) in enumerate(_BEFORE):
             lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead)
@@ -328,22 +341,23 @@ class TimelineBuilder:
         self._feet(i, stance, frame, lift)
         return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal, swing=self._swing(i))
 
-    def _rise(self, keys: Floats, stance: Stance, z: float, frame: int, ahead: float, higher: float) -> tuple[int, int] | None:
+    def _rise(self, i: int, keys: Floats, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
         """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
-        motion = stance.motion
-        need = float(z - self.library.contact[motion, 0, 2])
-        air = None
+        motion, higher = stance.motion, float(self.higher[i])
+        need = float(self.trajectory.contact[i, 2] - self.library.contact[motion, 0, 2])
+        air, raised = None, higher
         if motion in OVERHEADS:
-            jump = max(0.0, need + 0.03 + higher) if need + higher > 0 else 0.0
-            if ahead > 0.6:
-                jump = max(jump, _SCISSOR)
-            if jump > 0.02:
+            rally = self.trajectory.rally
+            attack = bool(rally.catalogue.is_attack[rally.stroke[i]]) and ahead > _TIME_TO_JUMP
+            jump = max(need + 0.03 + higher, _LEAST_JUMP if attack else 0.0)
+            if attack or need + higher > _STRETCH:
                 jump = min(jump, _HIGHEST_JUMP)
-                keys[1, HIPS_HEIGHT] -= 0.3 * jump
-                air = self._jump(frame - 0.02 * self.fps, jump)
-            need, higher = min(need, 0.0), 0.0 if jump else higher
+                air = self._jump(frame - 0.02 * self.fps, jump, _SINK)
+                need, raised = min(need - jump, 0.0), 0.0
+            else:
+                raised += max(need, 0.0)
         change = bent(keys[CONTACT, TRUNK], motion, np.array([need]))[0] - keys[CONTACT, TRUNK]
-        change[HIPS_HEIGHT] += higher
+        change[HIPS_HEIGHT] += raised
         if motion in (DEFENCE, DEFENCE_BACKHAND):
             change[HIPS_HEIGHT] -= 0.04 * stance.reach
         for k, share in ((CONTACT - 1, 0.6), (CONTACT, 1.0), (CONTACT + 1, 0.8)):
