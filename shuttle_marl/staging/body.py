@@ -13,9 +13,7 @@ from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.legs import legs, reach_of, settle, smooth
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
-    CONTACT,
     DEFENCE_BACKHAND,
-    KEYS,
     KILL_BACKHAND,
     LUNGE_BACKHAND,
     OVERHEAD_BACKHAND,
@@ -290,9 +288,7 @@ def _meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tu
     point = np.array([hit.point for hit in timeline.hits])
     back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
     normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
-    keys = [KEYS[hit.stance.motion][CONTACT] for hit in timeline.hits]
-    facing = turned(poses[rows, HIPS_YAW])
-    shaft, elbow = (apply(facing, unit(np.array([getattr(key, name) for key in keys]))) for name in ("shaft", "elbow"))
+    shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
     # The motion says where the shaft points, the flight where the strings face; each gives way until they are at right angles.
     shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
     normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
@@ -351,6 +347,9 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats
         swung = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
         new = rows + side >= len(timeline.known.frame)
         poses[rows[new] + side, RACKET_ARM] = swung[new]
+    soft = np.array([hit.soft for hit in timeline.hits])[:, None]
+    early = (rows - 2 >= len(timeline.known.frame))[:, None] & (soft > 0)
+    poses[rows - 2, RACKET_ARM] += np.where(early, soft, 0.0) * (poses[rows - 1, RACKET_ARM] - poses[rows - 2, RACKET_ARM])
     slopes = _slopes(timeline, poses)
     slopes[rows, RACKET_ARM] = speed / fps
     return Keys(frame=frame, pose=poses, slope=slopes)

@@ -18,14 +18,14 @@ Floats = npt.NDArray[np.float64]
 RATIO: Final[dict[str, float]] = {
     "short-serve": 0.55,
     "long-serve": 0.62,
-    "clear": 0.62,
-    "lift": 0.62,
+    "clear": 0.72,
+    "lift": 0.68,
     "drop": 0.45,
-    "smash": 0.62,
-    "half-smash": 0.58,
-    "drive": 0.62,
-    "push": 0.55,
-    "net-kill": 0.62,
+    "smash": 0.72,
+    "half-smash": 0.70,
+    "drive": 0.68,
+    "push": 0.60,
+    "net-kill": 0.72,
     "net-shot": 0.32,
     "block": 0.30,
     "cross-court-net-shot": 0.36,
@@ -33,6 +33,16 @@ RATIO: Final[dict[str, float]] = {
 """Speed of the strings that is aimed at, relative to the shuttle's launch: what strings and shuttle give back (about 0.5 to 0.7
 for full strokes; the incoming shuttle gives the rest in soft ones)."""
 RATIOS: Final[Floats] = np.array([RATIO[shot] for shot in SHOTS])
+
+SOFT: Final[dict[str, float]] = {
+    "short-serve": 0.3,
+    "drop": 0.25,
+    "push": 0.35,
+    "net-shot": 0.75,
+    "block": 0.75,
+    "cross-court-net-shot": 0.7,
+}
+"""Strokes for which the racket is held out early and then hardly moves: share of its way that it has made at the take-back."""
 
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
 """How unwillingly each joint turns: collar bone little, shoulder, elbow and forearm most, the grip not at all."""

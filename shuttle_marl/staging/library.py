@@ -55,7 +55,7 @@ NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
 """Heights above the natural one for which each motion is solved [m]."""
 _CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
     "overhead": (0.55, -0.16, 0.0, 0.0),
-    "lunge": (0.40, -0.10, 0.18, 40.0),
+    "lunge": (0.62, -0.10, 0.27, 40.0),
     "defence": (0.40, -0.14, 0.14, 36.0),
     "other": (0.35, -0.10, 0.12, 20.0),
 }
@@ -79,6 +79,21 @@ def bent(trunk_pose: Floats, motion: int, need: Floats) -> Floats:
     out[:, HIPS_PITCH] += 0.45 * more
     out[:, SPINE_PITCH] += 0.55 * more
     return out
+
+
+def pointed(motion: int, need: Floats) -> tuple[Floats, Floats]:
+    """``[N, 3]`` directions of shaft and elbow at contacts that are ``need`` metres higher than is natural for a motion.
+
+    A player who meets the shuttle high in front of them holds the racket up, the elbow down: the head of the racket is above
+    the hand, and the elbow below the shoulder.
+    """
+    key = KEYS[motion][CONTACT]
+    shaft, elbow = (np.tile(unit(np.array(direction)), (len(need), 1)) for direction in (key.shaft, key.elbow))
+    if motion in (LUNGE, LUNGE_BACKHAND):
+        up = np.clip(need, 0.0, 0.5)
+        shaft[:, 2] += 2.6 * up
+        elbow[:, 2] -= 0.9 * up
+    return unit(shaft), unit(elbow)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,8 +161,8 @@ def _contacts(skeleton: Skeleton, pose: Floats, own: Floats, back: Floats) -> Fl
     angles = np.repeat(pose[:, RACKET_ARM], k, axis=0)
     point = np.repeat(own, k, axis=0)
     height = point[:, 2] + np.concatenate(needs)
-    keys = [KEYS[motion][CONTACT] for motion in range(m)]
-    shaft, elbow = (np.repeat(unit(np.array([getattr(key, name) for key in keys])), k, axis=0) for name in ("shaft", "elbow"))
+    both = [pointed(motion, needs[motion]) for motion in range(m)]
+    shaft, elbow = (np.concatenate([directions[which] for directions in both]) for which in (0, 1))
     for weight in (3.0, 5.0, 8.0):
         # The height is wanted; along the floor the arm goes where it likes, and the goal follows it.
         point[:, 2] = height

@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
-from shuttle_marl.staging.impact import RATIOS
+from shuttle_marl.staging.impact import RATIOS, SOFT
 from shuttle_marl.staging.leaps import half_time, leap
-from shuttle_marl.staging.library import TRUNK, Library, bent
+from shuttle_marl.staging.library import TRUNK, Library, bent, pointed
 from shuttle_marl.staging.motions import (
     CONTACT,
     DEFENCE,
@@ -22,6 +23,7 @@ from shuttle_marl.staging.motions import (
     LUNGE_BACKHAND,
     Stance,
 )
+from shuttle_marl.staging.rotation import turned
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.trajectory import RETURN, Trajectory, facing
 
@@ -55,7 +57,10 @@ class Hit:
         stance: how it is met, mirrored for a left-hander.
         point: ``[3]`` where the shuttle is [m].
         normal: ``[3]`` where the strings face.
+        shaft: ``[3]`` direction of the shaft that suits the motion.
+        elbow: ``[3]`` direction from the shoulder to the elbow that does.
         swing: ``[3]`` velocity that the strings shall have [m/s].
+        soft: share of the way from the take-back to the contact that the racket has made when it is loaded: 0 for full swings.
     """
 
     key: int
@@ -64,7 +69,10 @@ class Hit:
     stance: Stance
     point: Floats
     normal: Floats
+    shaft: Floats
+    elbow: Floats
     swing: Floats
+    soft: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -339,7 +347,23 @@ class TimelineBuilder:
         if behind > 0.8:
             self._key(frame + round(0.75 * behind * fps), self._ready(frame + round(0.75 * behind * fps)))
         self._feet(i, stance, frame, lift)
-        return Hit(key=-1, frame=frame, stroke=i, stance=stance, point=point, normal=normal, swing=self._swing(i))
+        need = np.array([point[2] - self.library.contact[motion, 0, 2]])
+        facing = turned(keys[CONTACT, HIPS_YAW])
+        shaft, elbow = (facing @ direction[0] for direction in pointed(motion, need))
+        rally = self.trajectory.rally
+        soft = SOFT.get(SHOTS[rally.catalogue.shot[rally.stroke[i]]], 0.0)
+        return Hit(
+            key=-1,
+            frame=frame,
+            stroke=i,
+            stance=stance,
+            point=point,
+            normal=normal,
+            shaft=shaft,
+            elbow=elbow,
+            swing=self._swing(i),
+            soft=soft,
+        )
 
     def _rise(self, i: int, keys: Floats, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
         """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
