@@ -31,13 +31,13 @@ from shuttle_marl.staging.motions import (
 Floats = npt.NDArray[np.float64]
 
 LEFT, RIGHT = 0, 1
-_STRIDE: Final = 0.85
+_STRIDE: Final = 1.25
 """Distance that a pair of steps is meant to cover at most, per step [m]."""
-_STEP_TIME: Final = 0.15
+_STEP_TIME: Final = 0.17
 """Least time of a step [s]."""
 _SWING: Final = 0.28
 """Longest time for which a foot is off the floor in a step [s]."""
-_STAYS: Final = 0.07
+_STAYS: Final = 0.14
 """A foot that is meant to go no further than this stays where it is [m]."""
 _CROSSED: Final = 0.30
 """Distance by which a foot may stand beyond the middle of the body [m]."""

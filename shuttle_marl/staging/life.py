@@ -55,7 +55,7 @@ class Life:
         still: frames before the serve and after the rally in which a player is motionless, and ``waiting`` how many there are.
         waiting: see ``still``.
         playing: seconds from the serve to the end of the rally.
-        step_length: ``[T]`` way of the hips from one landing of a foot to the next, while the rally lasts [m].
+        step_length: ``[T]`` way of the hips from one landing to the next step, while the rally lasts; hops are no steps [m].
         fast_wrist: frames in which the hand that plays turns faster than 2,000°/s against the forearm.
         player_frames: frames of both players.
         high_net_shot: ``[n]`` whether it is a net shot that is met above 1.2 m.
@@ -199,18 +199,20 @@ def _sink(motion: Motion, seat: int, frame: int) -> float:
 
 
 def _steps(motion: Motion) -> Floats:
-    """Ways of the hips from one landing of a foot to the next while the rally lasts; both feet of a hop land together [m]."""
+    """Ways of the hips from one landing to the next step while the rally lasts [m]; a hop, both feet at once, is no step."""
     if not len(motion.contact_frame):
         return np.zeros(0)
     over = round(float(motion.trajectory.end_time[-1]) * motion.fps)
     steps: list[Floats] = []
     for seat in (0, 1):
-        landings = [_landings(motion, seat, foot) for foot in (0, 1)]
-        frames = np.unique(np.concatenate(landings))
+        left, right = (_landings(motion, seat, foot) for foot in (0, 1))
+        frames = np.unique(np.concatenate([left, right]))
         frames = frames[(frames > motion.contact_frame[0]) & (frames <= over)]
-        together = np.diff(frames, prepend=-9) <= round(_TOGETHER * motion.fps)
-        hips = motion.position[frames[~together], seat, 0, :2].astype(np.float64)
-        steps.append(np.linalg.norm(np.diff(hips, axis=0), axis=1))
+        near = round(_TOGETHER * motion.fps)
+        hop = np.array([np.isin(side, np.arange(f - near, f + near + 1)).any() for f in frames for side in (left, right)])
+        hop = hop.reshape(-1, 2).all(axis=1)
+        hips = motion.position[frames, seat, 0, :2].astype(np.float64)
+        steps.append(np.linalg.norm(np.diff(hips, axis=0), axis=1)[~hop[1:]])
     return np.concatenate(steps)
 
 

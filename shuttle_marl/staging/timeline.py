@@ -33,6 +33,8 @@ _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 """Seconds before the contact, and share of the shuttle's flight, at which a stroke is prepared, taken back, loaded."""
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _SPLIT_HOP: Final = 0.035
+_WAY_TO_SPLIT: Final = 0.25
+"""A split step begins from where the feet are, if the hips are no further from there [m]."""
 _HIGHEST_JUMP: Final = 0.48
 _LEAST_JUMP: Final = 0.12
 """Height of the jump for an attack that could be played from the floor [m]."""
@@ -309,7 +311,7 @@ class TimelineBuilder:
         heading = self._facing(frame)
         if room > 0.16 * fps:
             up, down = self._jump(frame - 0.01 * fps, _SPLIT_HOP)
-            if i and room > 0.34 * fps:
+            if i and room > 0.34 * fps and self._away(up) > _WAY_TO_SPLIT:
                 self._stand(up - 1, up, split(self.hips[up], heading), last=i % 2)
             elif self.stands[-1].end < up:
                 # No time for a step: the hop begins from where the feet are.
@@ -317,6 +319,10 @@ class TimelineBuilder:
             self._stand(down, down + 2, split(self.hips[min(down + 1, self.frames - 1)], heading), hop=True)
         elif following - frame > 0.5 * fps:
             self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
+
+    def _away(self, frame: int) -> float:
+        """From the middle between the feet, as they stand, to the hips in a frame [m]."""
+        return float(np.hypot(*(self.stands[-1].place.mean(axis=0) - self.hips[frame])))
 
     def _mirrored(self, stance: Stance | None) -> Stance:
         """The stance, mirrored for a left-hander."""
