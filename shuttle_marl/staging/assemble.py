@@ -6,10 +6,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game import draws
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
 from shuttle_marl.staging.draw import Known, Physique, draw_trajectory
 from shuttle_marl.staging.feet import Feet
+from shuttle_marl.staging.habits import Habits, habits
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
@@ -26,7 +28,9 @@ Floats = npt.NDArray[np.float64]
 _ATTEMPTS: Final = 5
 _RETRIES: Final = 3
 _TOLERANCE: Final = 3e-3
-_TAIL: Final = 1.4
+_MOOD: Final = 1 << 20
+"""Number of the draws of the reactions, beyond those of the strokes."""
+_TAIL: Final = 2.0
 """Time after the end of the last flight [s]."""
 
 
@@ -56,6 +60,7 @@ def stage(
     athletes: tuple[str, str] = ("male", "male"),
     fps: int = 50,
     lead_in: float = LEAD_IN,
+    importance: float = 0.5,
     continuing: Motion | None = None,
     from_stroke: int | None = None,
     at: int | None = None,
@@ -72,6 +77,7 @@ def stage(
         handedness: ``right`` or ``left``, of seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
         fps: frames a second, from 25; every contact falls on a frame.
+        importance: of the point, 0 to 1: how strongly both react to the end of the rally.
         lead_in: time before the serve, or that the waiting lasts [s].
         continuing: a motion of the same rally up to ``from_stroke``; hands, athletes and frames a second are then its own.
         from_stroke: number of the first stroke that is not in it or shall be another one; by default the one behind its last.
@@ -86,29 +92,35 @@ def stage(
     if branch:
         fps, handedness, skeletons = branch.motion.fps, branch.motion.handedness, branch.motion.skeletons
     else:
-        _check(handedness, fps, lead_in)
+        _check(handedness, fps, lead_in, importance)
         skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
     right = (handedness[0] == "right", handedness[1] == "right")
     bodies = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
     known = Known(trajectory=branch.motion.trajectory, strokes=branch.strokes, frame=branch.frame) if branch else None
     trajectory = draw_trajectory(rally, load_measured(), bodies, seed=seed, fps=fps, lead_in=lead_in, known=known)
     frames = _length(trajectory, fps, lead_in, branch)
+    moods = _moods(seed, len(rally), importance)
+    added = [habits(trajectory, seat, seed, frames, fps) for seat in (0, 1)]
     for _ in range(_RETRIES):
-        ready = [_prepared(trajectory, seat, skeletons[seat], right[seat], frames, fps, branch) for seat in (0, 1)]
+        ready = [
+            _prepared(trajectory, seat, skeletons[seat], right[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)
+        ]
         missed = _missed(ready, right)
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    return _assembled(trajectory, ready, skeletons, handedness, frames, fps, branch)
+    return _assembled(trajectory, ready, added, skeletons, handedness, fps, branch)
 
 
-def _check(handedness: tuple[str, str], fps: int, lead_in: float) -> None:
+def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: float) -> None:
     if any(hand not in HANDS for hand in handedness):
         raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
     if not 25 <= fps <= 1000:
         raise StagingError(f"{fps} frames a second: expected 25 to 1000")
     if not 1.0 <= lead_in <= 3600:
         raise StagingError(f"{lead_in} s before the serve: expected 1 to 3600")
+    if not 0 <= importance <= 1:
+        raise StagingError(f"importance {importance}: expected 0 to 1")
 
 
 def _branch(rally: PlayedRally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
@@ -142,6 +154,12 @@ def _branch(rally: PlayedRally, motion: Motion | None, from_stroke: int | None, 
     return _Branch(motion, 0, frame)
 
 
+def _moods(seed: int, strokes: int, importance: float) -> list[tuple[int, float]]:
+    """Of both players: which reaction to the end of the rally is shown, and how much of it."""
+    bits = draws.draw(draws.extend(draws.stream(seed), strokes), np.array([_MOOD, _MOOD + 1]))
+    return [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
+
+
 def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: _Branch | None) -> int:
     """Number of frames."""
     if not len(trajectory.rally):
@@ -155,7 +173,8 @@ def _prepared(
     seat: int,
     skeleton: Skeleton,
     right_handed: bool,
-    frames: int,
+    added: Habits,
+    mood: tuple[int, float],
     fps: int,
     branch: _Branch | None,
 ) -> tuple[Timeline, Prepared, Floats]:
@@ -163,19 +182,19 @@ def _prepared(
 
     Where the racket does not get to the shuttle, the hips are moved and it tries again.
     """
-    shift, library = np.zeros((len(trajectory.time), 3)), library_of(skeleton)
+    shift, library, frames = np.zeros((len(trajectory.time), 3)), library_of(skeleton), len(added.place)
     mirror = np.array([1.0 if right_handed else -1.0, 1.0])
     past, known, before, walked = None, None, None, None
     if branch:
         shift[: branch.strokes] = branch.player(seat).shift[: branch.strokes]
         before = branch.course(seat)
-        walked = before.hips[:, :2] * mirror
+        walked = branch.player(seat).path[: branch.frame + 1] * mirror
     for _ in range(_ATTEMPTS):
         if branch:
             past, known = branch.player(seat).past(branch.frame, branch.strokes)
         hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps, walked) * mirror
-        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps, past).timeline()
-        prepared = prepare(skeleton, timeline, hips, fps, known, before)
+        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps, mood, past).timeline()
+        prepared = prepare(skeleton, timeline, hips, fps, added, known, before)
         missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
         if not missed.any():
             break
@@ -202,14 +221,14 @@ def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
 def _assembled(
     trajectory: Trajectory,
     ready: list[tuple[Timeline, Prepared, Floats]],
+    added: list[Habits],
     skeletons: tuple[Skeleton, Skeleton],
     handedness: tuple[str, str],
-    frames: int,
     fps: int,
     branch: _Branch | None,
 ) -> Motion:
     """Bones and shuttle in all frames; those up to the branch are taken from the motion that is continued."""
-    rally, done = trajectory.rally, branch.frame + 1 if branch else 0
+    rally, frames, done = trajectory.rally, len(added[0].place), branch.frame + 1 if branch else 0
     shuttle, velocity = shuttle_path(trajectory, frames, fps)
     rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
     planted = np.empty((frames, 2, 2), dtype=bool)
@@ -219,9 +238,17 @@ def _assembled(
         right_handed = handedness[seat] == "right"
         sign = own_frame(seat, right_handed)
         timeline, prepared, shift = ready[seat]
-        found = course(skeletons[seat], prepared, shuttle * sign, branch.course(seat) if branch else None)
+        found = course(skeletons[seat], prepared, added[seat], shuttle * sign, branch.course(seat) if branch else None)
         players.append(
-            Player(course=found, plants=prepared.plants, keys=prepared.keys, lift=timeline.lift, air=timeline.air, shift=shift)
+            Player(
+                course=found,
+                path=prepared.path,
+                plants=prepared.plants,
+                keys=prepared.keys,
+                lift=timeline.lift,
+                air=timeline.air,
+                shift=shift,
+            )
         )
         rows = slice(done, None)
         new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])

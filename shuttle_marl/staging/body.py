@@ -9,6 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
 from shuttle_marl.staging.feet import Feet, Plant, move, standing, steps
+from shuttle_marl.staging.habits import Habits
 from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.legs import legs, reach_of, settle, smooth
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
@@ -66,6 +67,7 @@ class Prepared:
 
     Attributes:
         hips: ``[F, 3]`` where the hips are [m].
+        path: ``[F, 2]`` their way over the floor, without the shifts of weight [m].
         feet: the feet.
         plants: times and places at which the left and the right foot are planted.
         keys: the key poses, those at contacts bent towards the shuttle.
@@ -73,6 +75,7 @@ class Prepared:
     """
 
     hips: Floats
+    path: Floats
     feet: Feet
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
@@ -102,6 +105,7 @@ class Player:
 
     Attributes:
         course: hips, pose, feet and gaze.
+        path: ``[F, 2]`` the way of the hips over the floor, without the shifts of weight [m].
         plants: times and places at which the left and the right foot are planted.
         keys: the key poses.
         lift: ``[F]`` height of the hips in jumps, relative to standing [m].
@@ -110,6 +114,7 @@ class Player:
     """
 
     course: Course
+    path: Floats
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
     lift: Floats
@@ -140,6 +145,7 @@ def prepare(
     timeline: Timeline,
     hips: Floats,
     fps: int,
+    added: Habits,
     known: tuple[list[Plant], list[Plant]] | None = None,
     before: Course | None = None,
 ) -> Prepared:
@@ -150,17 +156,19 @@ def prepare(
         timeline: what to do.
         hips: ``[F, 2]`` the hips over the floor [m].
         fps: frames a second.
+        added: the habits.
         known: plants that stay as they are.
         before: ``[B]`` frames that stay as they are.
     """
     body = _between(timeline.frame, timeline.pose[:, TRUNK], _slopes(timeline, timeline.pose)[:, TRUNK], len(hips))
-    place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift])
+    place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
     feet = move(plants, timeline.air, len(hips), fps, len(before.hips) if before else 0)
     # What was settled before the joint counts as far as the moving means reach.
     done = len(before.hips) if before else 0
     rows = slice(max(done - _JOINT, 0), None)
+    body[:, HIPS_YAW : HIPS_ROLL + 1] += added.pose[:, HIPS_YAW : HIPS_ROLL + 1]
     root = yaw_pitch_roll(body[rows, HIPS_YAW], body[rows, HIPS_PITCH], body[rows, HIPS_ROLL])
     place, feet = settle(skeleton, place[rows], root, feet.part(rows))
     if before:
@@ -170,20 +178,21 @@ def prepare(
         place = np.concatenate([before.hips, after[1:]])
         feet = before.feet.followed(feet.part(slice(min(done, _JOINT), None)))
     keys, miss = _meet(skeleton, timeline, place, fps)
-    return Prepared(hips=place, feet=feet, plants=plants, keys=keys, miss=miss)
+    return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss)
 
 
-def course(skeleton: Skeleton, prepared: Prepared, shuttle: Floats, before: Course | None = None) -> Course:
+def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Floats, before: Course | None = None) -> Course:
     """All that bones follow from, in all frames.
 
     Args:
         skeleton: the athlete.
         prepared: feet, hips and key poses.
+        added: the habits.
         shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
         before: ``[B]`` frames that stay as they are.
     """
     keys, done = prepared.keys, len(before.hips) if before else 0
-    pose = _between(keys.frame, keys.pose, keys.slope, len(prepared.hips))
+    pose = _between(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + added.pose
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])

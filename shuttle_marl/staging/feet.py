@@ -129,7 +129,7 @@ class Feet:
         return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
 
 
-def feet_at(motion: int, root: Floats, heading: float, reach: float) -> tuple[Floats, Floats, int]:
+def feet_at(motion: int, root: Floats, heading: float, reach: float, high: float = 0.0) -> tuple[Floats, Floats, int]:
     """Places ``[2, 2]`` and headings ``[2]`` of the feet at a contact, and the foot that lands last.
 
     Args:
@@ -137,6 +137,7 @@ def feet_at(motion: int, root: Floats, heading: float, reach: float) -> tuple[Fl
         root: ``[2]`` the hips over the floor [m].
         heading: how far the stroke frame is turned to the left [rad].
         reach: 0 to 1, how far the player has to stretch sideways.
+        high: how much higher than is natural the shuttle is met, which makes a lunge shorter [m].
     """
     left, right, last = _AT_CONTACT[motion]
     spots = np.array([left, right])
@@ -146,6 +147,7 @@ def feet_at(motion: int, root: Floats, heading: float, reach: float) -> tuple[Fl
         spots[LEFT, 0] -= 0.16 * reach
     elif motion in (LUNGE, LUNGE_BACKHAND):
         spots[RIGHT, 1] += 0.05 * reach
+        spots[:, 1] *= 1 - 0.9 * float(np.clip(high, 0.0, 0.5))
     place, yaw = _placed(spots, root, heading)
     return place, yaw, last
 

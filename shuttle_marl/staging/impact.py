@@ -16,7 +16,7 @@ from shuttle_marl.staging.arm import LIMITS, Arm, sweet_spot_jacobian
 Floats = npt.NDArray[np.float64]
 
 RATIO: Final[dict[str, float]] = {
-    "short-serve": 0.55,
+    "short-serve": 0.60,
     "long-serve": 0.62,
     "clear": 0.72,
     "lift": 0.68,
@@ -25,7 +25,7 @@ RATIO: Final[dict[str, float]] = {
     "half-smash": 0.70,
     "drive": 0.68,
     "push": 0.60,
-    "net-kill": 0.72,
+    "net-kill": 0.80,
     "net-shot": 0.32,
     "block": 0.30,
     "cross-court-net-shot": 0.36,

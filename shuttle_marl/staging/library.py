@@ -15,6 +15,7 @@ from shuttle_marl.staging.motions import (
     DEFENCE,
     DEFENCE_BACKHAND,
     KEYS,
+    LOSES,
     LUNGE,
     LUNGE_BACKHAND,
     MOTIONS,
@@ -25,6 +26,7 @@ from shuttle_marl.staging.motions import (
     SIDE,
     SIDE_BACKHAND,
     WAIT,
+    WINS,
     Key,
 )
 from shuttle_marl.staging.rotation import apply, turned, unit
@@ -55,7 +57,7 @@ NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
 """Heights above the natural one for which each motion is solved [m]."""
 _CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
     "overhead": (0.55, -0.16, 0.0, 0.0),
-    "lunge": (0.62, -0.10, 0.27, 40.0),
+    "lunge": (0.48, -0.10, 0.21, 40.0),
     "defence": (0.40, -0.14, 0.14, 36.0),
     "other": (0.35, -0.10, 0.12, 20.0),
 }
@@ -105,6 +107,8 @@ class Library:
         ready: ``[27]`` between strokes.
         wait: ``[27]`` before the serve, the receiver.
         rest: ``[27]`` after the rally.
+        wins: ``[2, 27]`` reactions of who has won it.
+        loses: ``[2, 27]`` reactions of who has lost it.
         contact: ``[13, 7, 3]`` where each motion meets the shuttle best, in the stroke frame [m]: at its own height, and
             at the heights of :data:`NEEDS` above it.
         miss: ``[13, 6]`` how far the racket is from where the motions want it [m].
@@ -114,6 +118,8 @@ class Library:
     ready: Floats
     wait: Floats
     rest: Floats
+    wins: Floats
+    loses: Floats
     contact: Floats
     miss: Floats
 
@@ -128,7 +134,7 @@ class Library:
 @functools.cache
 def library_of(skeleton: Skeleton) -> Library:
     """All poses of an athlete, scaled to their size."""
-    keys = [*(key for motion in range(len(MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST]
+    keys = [*(key for motion in range(len(MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST, *WINS, *LOSES]
     aim = np.zeros((len(keys), 3))
     hit = np.zeros(len(keys), dtype=bool)
     hit[CONTACT : 6 * len(MOTIONS) : 6] = True
@@ -142,6 +148,8 @@ def library_of(skeleton: Skeleton) -> Library:
         ready=poses[n],
         wait=poses[n + 1],
         rest=poses[n + 2],
+        wins=poses[n + 3 : n + 5],
+        loses=poses[n + 5 : n + 7],
         contact=_contacts(skeleton, poses[:n].reshape(-1, 6, N_POSE)[:, CONTACT], reached[hit], back),
         miss=miss[:n].reshape(-1, 6),
     )

@@ -209,8 +209,7 @@ def _steps(motion: Motion) -> Floats:
         frames = np.unique(np.concatenate([left, right]))
         frames = frames[(frames > motion.contact_frame[0]) & (frames <= over)]
         near = round(_TOGETHER * motion.fps)
-        hop = np.array([np.isin(side, np.arange(f - near, f + near + 1)).any() for f in frames for side in (left, right)])
-        hop = hop.reshape(-1, 2).all(axis=1)
+        hop = np.array([all((np.abs(side - f) <= near).any() for side in (left, right)) for f in frames], dtype=bool)
         hips = motion.position[frames, seat, 0, :2].astype(np.float64)
         steps.append(np.linalg.norm(np.diff(hips, axis=0), axis=1)[~hop[1:]])
     return np.concatenate(steps)

@@ -43,7 +43,7 @@ MOTIONS: Final = (
 _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
     "short-serve": ((0.98, 1.10), (0.98, 1.10)),
     "long-serve": ((0.68, 0.90), (0.68, 0.90)),
-    "clear": ((1.05, 1.42), (2.34, 2.61)),
+    "clear": ((1.05, 1.42), (2.34, 2.60)),
     "lift": ((0.50, 1.20), (1.62, 1.80)),
     "drop": ((1.05, 1.42), (2.30, 2.59)),
     "smash": ((1.30, 1.45), (2.50, 2.84)),
@@ -203,6 +203,21 @@ REST: Final = Key(
     free_elbow=(-0.35, -0.15, -0.92),
 )
 """After the rally."""
+
+WINS: Final = (
+    Key(hips=(0.975, 0, 0, 0), spine=(8, -6, 0), grip=(0.34, 0.10, 0.92), shaft=(0.05, 0.90, -0.30),
+        elbow=(0.45, -0.20, -0.87), free=(-0.20, 0.36, 1.44), free_elbow=(-0.60, 0.40, -0.69)),
+    Key(hips=(0.985, 0, -2, 0), spine=(-6, -10, 0), grip=(0.36, 0.12, 1.80), shaft=(0.05, 0.05, 1.00),
+        elbow=(0.78, 0.25, 0.57), free=(-0.44, 0.10, 1.02), free_elbow=(-0.75, -0.2, -0.6)),
+)  # fmt: skip
+"""After a point that was won: a fist in front of the face, the racket raised."""
+LOSES: Final = (
+    Key(hips=(0.90, 0, 24, 0), spine=(0, 38, 0), grip=(0.24, 0.46, 0.66), shaft=(-0.35, 0.75, -0.45),
+        elbow=(0.62, -0.15, -0.77), free=(-0.24, 0.44, 0.64), free_elbow=(-0.62, -0.15, -0.77)),
+    Key(hips=(0.97, 6, 4, 2), spine=(6, 16, 0), grip=(0.10, 0.40, 1.16), shaft=(-0.62, 0.28, 0.73),
+        elbow=(0.60, 0.05, -0.80), free=(-0.20, 0.46, 1.36), free_elbow=(-0.62, 0.2, -0.75)),
+)  # fmt: skip
+"""After a point that was lost: bent over, the hands at the knees; a look at the strings."""
 
 AIM: Final[dict[int, Triple]] = {
     SERVE_BACKHAND: (0.05, 0.70, 1.04),

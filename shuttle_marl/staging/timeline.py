@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.game.rally import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.impact import RATIOS, SOFT
@@ -40,7 +41,7 @@ _LEAST_JUMP: Final = 0.12
 """Height of the jump for an attack that could be played from the floor [m]."""
 _TIME_TO_JUMP: Final = 0.6
 """Seconds since the opponent's contact from which an attack is jumped [s]."""
-_STRETCH: Final = 0.06
+_STRETCH: Final = 0.08
 """How much higher than is natural an overhead is met from the toes [m]."""
 _SINK: Final = 0.14
 """How far the hips sink after a jumped stroke [m]."""
@@ -153,6 +154,7 @@ class TimelineBuilder:
         hips: ``[F, 2]`` the hips over the floor, mirrored for a left-hander [m].
         higher: ``[n]`` how much higher the hips shall be at each stroke than the pose has them [m].
         fps: frames a second.
+        mood: which of the two reactions to the end of the rally is shown, and how much of it, 0 to 1.
         past: what stays as it is.
     """
 
@@ -165,6 +167,7 @@ class TimelineBuilder:
         hips: Floats,
         higher: Floats,
         fps: int,
+        mood: tuple[int, float],
         past: Past | None = None,
     ) -> None:
         self.trajectory, self.seat, self.library, self.hips, self.fps = trajectory, seat, library, hips, fps
@@ -176,7 +179,7 @@ class TimelineBuilder:
         self.stands: list[Stand] = []
         self.lift, self.air = np.zeros(self.frames), np.zeros(self.frames)
         self.clock = np.rint(trajectory.time * fps).astype(np.int64)
-        self.past, self.done = past, -1
+        self.mood, self.past, self.done = mood, past, -1
         if past:
             self.done = past.frame
             self.keys = dict(zip(past.keys.frame.tolist(), past.keys.pose, strict=True))
@@ -397,7 +400,8 @@ class TimelineBuilder:
     def _feet(self, i: int, stance: Stance, frame: int, air: tuple[int, int] | None) -> None:
         fps = self.fps
         root = self.hips[frame]
-        place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach)
+        high = float(self.trajectory.contact[i, 2] - self.library.contact[stance.motion, 0, 2])
+        place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach, high)
         if i == 0:
             return
         if air is None:
@@ -426,13 +430,21 @@ class TimelineBuilder:
         return float(RATIOS[rally.catalogue.shot[rally.stroke[i]]]) * out[0] * self.sign
 
     def _finish(self, over: int) -> None:
-        """After the rally both let the racket sink."""
-        fps = self.fps
-        last = max(over, int(self.clock[-1]) + round(0.5 * fps))
-        rest = self.library.rest.copy()
-        rest[HIPS_YAW] += self._facing(last)
-        if self.trajectory.rally.striker[-1] != self.seat and self.trajectory.end[-1] != RETURN:
+        """After the rally one is glad and the other is not, then both let the racket sink."""
+        fps, (which, much) = self.fps, self.mood
+        rally = self.trajectory.rally
+        last = max(over, int(self.clock[-1]) + round(0.4 * fps))
+        turn = self._facing(last)
+        if rally.striker[-1] != self.seat and self.trajectory.end[-1] != RETURN:
             self._key(over - round(0.05 * fps), self._ready(over, 0.02))
-        self._key(min(last + round(0.75 * fps), self.frames - 1), rest, fixed=True)
-        self._key(self.frames - 1, rest)
-        self._stand(self.frames - 2, self.frames - 1, split(self.hips[-1], self._facing(self.frames - 1)))
+        won = (rally.ending == WINNER) == (rally.striker[-1] == self.seat)
+        shown = (self.library.wins if won else self.library.loses)[which]
+        rest = self.library.rest.copy()
+        felt = rest + much * (shown - rest)
+        for pose in (rest, felt):
+            pose[HIPS_YAW] += turn
+        # Joy comes at once and passes, disappointment comes slowly and stays.
+        for seconds in (0.5, 1.0) if won else (0.9, 1.7):
+            self._key(last + round(seconds * fps), felt)
+        self._key(self.frames - 1, rest if won else felt, fixed=True)
+        self._stand(last + round(0.9 * fps), self.frames - 1, split(self.hips[-1], self._facing(self.frames - 1)))

@@ -1,0 +1,108 @@
+"""What players do all the time: they breathe, shift their weight, and turn the racket in the hand; tired ones breathe harder.
+
+It is added to the pose between key poses, and vanishes at the player's own contacts, where the racket has to meet the shuttle.
+All of it is a function of the time and of what has happened until then, so that a continued motion goes through it evenly.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.staging.arm import BEND, DEVIATION, ELBOW, PRONATION, RAISE, ROLL, SWING_1
+from shuttle_marl.staging.library import FREE_ARM, N_POSE, RACKET_ARM
+from shuttle_marl.staging.skeleton import HIPS_ROLL, HIPS_YAW, SPINE_PITCH, SPINE_ROLL
+from shuttle_marl.staging.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+_CLEAR: Final = 0.06
+"""Seconds around an own contact in which nothing is added."""
+_COMING: Final = 0.20
+"""Seconds before that in which habits fade: a contact must not be felt before the opponent has struck, the branch of a
+continued motion."""
+_IN_PLAY: Final = 0.4
+"""Share of the habits while the rally lasts."""
+_CALM: Final = 0.5
+"""Seconds in which a player comes to rest or gets ready [s]."""
+_BREATH: Final = (3.4, 1.7)
+"""Seconds of a breath, rested and tired."""
+_MOST_EFFORT: Final = 6
+"""Attacks in a rally after which a player is as tired as can be."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Habits:
+    """What is added over F frames, for a player in their own frame, as a right-hander.
+
+    Attributes:
+        pose: ``[F, 27]`` to trunk and arms [rad].
+        place: ``[F, 3]`` to the hips [m].
+    """
+
+    pose: Floats
+    place: Floats
+
+
+def habits(trajectory: Trajectory, seat: int, seed: int, frames: int, fps: int) -> Habits:
+    """Habits of a player.
+
+    Args:
+        trajectory: the rally.
+        seat: 0 or 1.
+        seed: names the player's own rhythm.
+        frames: F.
+        fps: frames a second.
+    """
+    time = np.arange(frames) / fps
+    own = trajectory.time[trajectory.rally.striker == seat]
+    late = time[:, None] - own
+    free = np.where(late < 0, _ease((-late - _CLEAR) / _COMING), _ease((late - _CLEAR) / _CALM)).prod(axis=1)
+    begun = float(trajectory.time[0]) if len(trajectory.time) else np.inf
+    over = np.inf if trajectory.rally.open or not len(trajectory.time) else float(trajectory.end_time[-1])
+    resting = np.maximum(1 - _ease((time - begun + 0.9) / _CALM), _ease((time - over) / _CALM))
+    much = free * (_IN_PLAY + (1 - _IN_PLAY) * resting)
+    tired = free * _tiredness(trajectory, seat, time)
+    phase = np.random.default_rng([seed & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
+    breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
+
+    def wave(k: int, seconds: float) -> Floats:
+        return np.sin(2 * np.pi * time / seconds + phase[k])
+
+    pose = np.zeros((frames, N_POSE))
+    pose[:, SPINE_PITCH] = much * (0.014 + 0.035 * tired) * breath + 0.10 * tired
+    weight = wave(1, 2.7) + 0.5 * wave(2, 1.7)
+    pose[:, HIPS_ROLL], pose[:, SPINE_ROLL] = 0.016 * much * weight, -0.020 * much * weight
+    pose[:, HIPS_YAW] = 0.022 * much * wave(3, 3.1)
+    for part in (RACKET_ARM, FREE_ARM):
+        pose[:, part.start + RAISE] = much * (0.02 + 0.03 * tired) * breath
+    arm = RACKET_ARM.start
+    pose[:, arm + ELBOW] = 0.06 * much * wave(4, 1.9) - 0.10 * tired
+    pose[:, arm + SWING_1] = 0.03 * much * wave(5, 2.3)
+    pose[:, arm + BEND], pose[:, arm + DEVIATION] = 0.08 * much * wave(6, 1.3), 0.04 * much * wave(7, 1.1)
+    turns = resting * free * _twirl(time + phase[3])
+    pose[:, arm + ROLL], pose[:, arm + PRONATION] = 0.9 * turns, 0.35 * turns
+    pose[:, FREE_ARM.start + ELBOW] = 0.04 * much * wave(5, 1.6)
+    place = np.stack([0.016 * weight, 0.010 * wave(4, 2.2), 0.006 * wave(6, 0.95) - 0.004], axis=1)
+    place *= (free * (0.12 + 0.88 * resting))[:, None]
+    return Habits(pose=pose, place=place)
+
+
+def _tiredness(trajectory: Trajectory, seat: int, time: Floats) -> Floats:
+    """``[F]`` 0 to 1: the attacks of a player in this rally until now; the last one tells within a second."""
+    rally = trajectory.rally
+    attacks = trajectory.time[(rally.striker == seat) & rally.catalogue.is_attack[rally.stroke]]
+    done = _ease(time[:, None] - attacks).sum(axis=1)
+    return np.minimum(done / _MOST_EFFORT, 1.0)
+
+
+def _twirl(time: Floats) -> Floats:
+    """The racket turned in the fingers and back, now and then."""
+    since = time % 2.6
+    return np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
+
+
+def _ease(u: Floats) -> Floats:
+    u = np.clip(u, 0, 1)
+    return u * u * (3 - 2 * u)
