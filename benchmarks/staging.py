@@ -3,14 +3,17 @@
     python -m benchmarks.staging [--rallies N] [--quick] [--json]
 
 Rallies between two behaviour-cloned players are staged, right- and left-handers, male and female athletes in turn, and
-measured as motion: positions, rotations, and the path of the shuttle. Seconds are CPU seconds of the process, which has one
-thread (set OMP_NUM_THREADS=1).
+measured as motion: positions, rotations, and the path of the shuttle; each is packed and unpacked again, and every tenth one is
+staged stroke by stroke as it would be in play. Seconds are CPU seconds of the process, which has one thread (set
+OMP_NUM_THREADS=1).
 """
 
+import dataclasses
 import json
 import time
 from typing import Annotated, Any, Final
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
@@ -18,20 +21,24 @@ from rich.table import Table
 
 from benchmarks.machine import this_machine
 from shuttle_marl.game import default_game
+from shuttle_marl.game.rally import RETURNED_BELOW
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging import ATHLETES, measure, play_rallies, stage, summary
+from shuttle_marl.staging import ATHLETES, Motion, PlayedRally, measure, play_rallies, stage, summary
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
+_CONTINUED: Final = 10
+"""One rally in so many is continued stroke by stroke too."""
 
 
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
-    """Stage and measure; see the keys. Lengths are metres."""
+    """Stage and measure; see the keys. Lengths are metres but for names that say otherwise."""
     game = default_game()
     policy = resolve("bc", game)
     played = play_rallies(game, (policy, policy), rallies, seed=seed)
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are kept
-    cpu, found = 0.0, []
+    cpu, size, error, found = 0.0, 0, 0.0, []
+    extensions: list[float] = []
     for i, rally in enumerate(track(played, "staging", console=console)):
         hands = (_HANDS[i % 3], _HANDS[i // 3 % 3])
         athletes = (ATHLETES[i % 2], ATHLETES[i // 2 % 2])
@@ -39,9 +46,46 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         motion = stage(rally, seed=i, handedness=hands, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
-
+        packed = motion.pack()
+        size += len(packed)
+        error = max(error, pack_error(motion, Motion.unpack(packed)))
+        if i % _CONTINUED == 0:
+            extensions += continued(rally, i, hands, athletes)
     figures = summary(found)
-    return {**this_machine(), **figures, "times_real_time": figures["seconds"] / cpu}
+    return {
+        **this_machine(),
+        **figures,
+        "pack_kb_per_s": size / 1024 / figures["seconds"],
+        "pack_error_mm": 1000 * error,
+        "continue_ms": 1000 * float(np.median(extensions)),
+        "realtime": figures["seconds"] / cpu,
+    }
+
+
+def pack_error(motion: Motion, again: Motion) -> float:
+    """Greatest distance between strings, bones and shuttles of two motions [m]."""
+    names = ("sweet_spot", "position", "shuttle")
+    return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
+
+
+def continued(rally: PlayedRally, seed: int, hands: tuple[str, str], athletes: tuple[str, str]) -> list[float]:
+    """CPU seconds of each extension of a rally that is staged as it is played: a stroke of a player and the reply to it."""
+    motion = stage(first_strokes(rally, 0), seed=seed, handedness=hands, athletes=athletes)
+    seconds = []
+    for k in range(2, len(rally) + 2, 2):
+        grown = first_strokes(rally, min(k, len(rally)))
+        begun = time.process_time()
+        motion = stage(grown, seed=seed, continuing=motion)
+        seconds.append(time.process_time() - begun)
+    return seconds
+
+
+def first_strokes(rally: PlayedRally, strokes: int) -> PlayedRally:
+    """The first strokes of a rally, while it was open."""
+    if strokes == len(rally):
+        return rally
+    ending = RETURNED_BELOW + int(rally.catalogue.height[rally.stroke[strokes]])
+    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], ending=ending)
 
 
 def main(
@@ -65,7 +109,10 @@ def main(
         return
     table = Table("", "measured")
     for name, value in result.items():
-        table.add_row(name.replace("_", " "), f"{value:,.4f}" if isinstance(value, float) else str(value))
+        rows = value.items() if isinstance(value, dict) else [("", value)]
+        for part, number in rows:
+            text = f"{number:,.4f}" if isinstance(number, float) else str(number)
+            table.add_row(f"{name.replace('_', ' ')} {part}".strip(), text)
     Console().print(table)
 
 

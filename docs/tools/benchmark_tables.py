@@ -131,6 +131,14 @@ def _millions(speed: float) -> str:
     return f"{speed / 1e6:.1f}" if speed >= 1e6 else f"{speed / 1e6:.3f}"
 
 
+def _share(value: float) -> str:
+    return f"{value:.2f}"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.1f} %"
+
+
 def staging() -> str:
     """Measures of how natural staged rallies look, from ``benchmarks/results/staging.json``."""
     result = saved("benchmarks", "staging")
@@ -144,7 +152,29 @@ def staging() -> str:
         ("end of a flight to the chosen point, worst", f"{1000 * result['landing_error_max']:.1f} mm", "50 mm"),
         ("strokes that end as they must: in their area, out, in the net", f"{100 * result['ends_as_it_must']:.1f} %", "100 %"),
         ("flight times within the quartiles of their shot type", f"{100 * result['flight_times_in_quartiles']:.1f} %", "90 %"),
-        ("faster than real time, one core", f"{result['times_real_time']:.0f} times", "20 times"),
+        ("speed of the strings, relative to the shuttle's: smash", _share(result["impact_ratio"]["smash"]), "0.45 to 0.75"),
+        ("clear", _share(result["impact_ratio"]["clear"]), "0.45 to 0.75"),
+        ("drive", _share(result["impact_ratio"]["drive"]), "0.45 to 0.75"),
+        ("lift", _share(result["impact_ratio"]["lift"]), "0.45 to 0.75"),
+        ("net kill", _share(result["impact_ratio"]["net-kill"]), "0.45 to 0.75"),
+        ("fastest instant of the strings after the contact, median", f"{result['impact_peak_ms']:.0f} ms", "within 10 ms"),
+        ("cosine between strings and shuttle at the contact, median", _share(result["impact_cosine"]), "0.8"),
+        (
+            "vertical acceleration of the hips around 99 % of the strokes",
+            f"{result['vertical_acceleration']:.0f} m/s²",
+            "35 m/s²",
+        ),
+        ("hips sink after a jumped smash, median", f"{100 * result['landing_sink']:.0f} cm", "10 cm"),
+        ("clears and drops in the air", " and ".join(_percent(result["airborne"][s]) for s in ("clear", "drop")), "30 %"),
+        ("motionless before the serve and after the rally", _percent(result["still_share"]), "5 %"),
+        ("step, median", f"{result['step_length']:.2f} m", "0.45 m"),
+        ("wrist faster than 2,000°/s", _percent(result["wrist_speed"]), "0.1 %"),
+        ("net shots above 1.2 m with a high elbow", _percent(result["net_shot_high_elbow"]), "10 %"),
+        ("net shots above 1.2 m with a hanging racket", _percent(result["net_shot_hanging_racket"]), "10 %"),
+        ("packed", f"{result['pack_kb_per_s']:.1f} KB a second", "6 KB a second"),
+        ("off after unpacking, worst", f"{result['pack_error_mm']:.1f} mm", "2 mm"),
+        ("a stroke and its reply put behind an open rally, median", f"{result['continue_ms']:.0f} ms", "50 ms"),
+        ("faster than real time, one core", f"{result['realtime']:.0f} times", "40 times"),
     ]
     staged = (
         f"{result['rallies']:,} rallies between imitated players, {result['strokes']:,} strokes, {result['plants']:,} plants of "

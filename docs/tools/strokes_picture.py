@@ -1,9 +1,11 @@
-"""Draws ``docs/images/strokes.png``: every kind of stroke motion at six instants around the contact, from staged rallies.
+"""Draws ``docs/images/strokes.png``: every kind of stroke motion at six instants around the contact, from staged rallies;
+with ``--film`` every shot type with every technique at thirteen instants, as ``docs/images/filmstrips.png``.
 
-python -m docs.tools.strokes_picture [OUT.png] [--hand left] [--seed N]
+python -m docs.tools.strokes_picture [OUT.png] [--film] [--hand left] [--seed N]
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -12,6 +14,7 @@ import numpy as np
 from docs.tools.markdown import IMAGES
 from experiments.pictures.raster import Camera, Canvas
 from shuttle_marl.game import default_game
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.scene import models
 from shuttle_marl.staging import Motion, play_rallies, stage
@@ -21,11 +24,12 @@ from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import facing
 
 INSTANTS = (-0.50, -0.28, -0.12, 0.0, 0.12, 0.35)
+FILM = (-0.36, -0.24, -0.16, -0.10, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12, 0.20, 0.32, 0.48)
 SIZE = 170
 CLOTH = ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05))
 
 
-def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarray:
+def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray, size: int) -> np.ndarray:
     """The player from diagonally ahead on the racket side."""
     right = motion.handedness[seat] == "right"
     ahead, aside = facing(seat), facing(seat) * (1 if right else -1)
@@ -34,7 +38,7 @@ def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarra
         target=(float(centre[0]), float(centre[1]), 1.15),
         field=37,
     )
-    canvas = Canvas(SIZE, SIZE, camera, (0.80, 0.83, 0.85))
+    canvas = Canvas(size, size, camera, (0.80, 0.83, 0.85))
     ground = np.array([*np.round(centre[:2]), 0.0])
     for k in range(-6, 7):
         for line in ([(k / 2, -3, 0), (k / 2, 3, 0)], [(-3, k / 2, 0), (3, k / 2, 0)]):
@@ -54,38 +58,76 @@ def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray) -> np.ndarra
     return canvas.image()
 
 
+def kind_of_motion(motion: Motion, stroke: int) -> int:
+    """Kind of motion of a stroke."""
+    return motion.trajectory.stance[stroke].motion
+
+
+def kind_of_stroke(motion: Motion, stroke: int) -> int:
+    """Shot type and technique of a stroke, as one number."""
+    rally = motion.trajectory.rally
+    index = rally.stroke[stroke]
+    return N_TECHNIQUES * int(rally.catalogue.shot[index]) + int(rally.catalogue.technique[index])
+
+
 def main() -> None:
-    """Draw one row a kind of motion."""
+    """Draw one row a kind."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", nargs="?", type=Path, default=IMAGES / "strokes.png")
+    parser.add_argument("out", nargs="?", type=Path)
+    parser.add_argument("--film", action="store_true")
     parser.add_argument("--hand", choices=("right", "left"), default="right")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
+    out = args.out or IMAGES / ("filmstrips.png" if args.film else "strokes.png")
     game = default_game()
-    policy = resolve("bc", game)
-    random = resolve("random", game)
+    if args.film:
+        names = {N_TECHNIQUES * k + t: f"{SHOTS[k]}, {TECHNIQUES[t]}" for k in range(N_SHOTS) for t in range(N_TECHNIQUES)}
+        played = set((N_TECHNIQUES * game.catalogue.shot + game.catalogue.technique).tolist())
+        kinds, kind, instants, size = {k: names[k] for k in sorted(played)}, kind_of_stroke, FILM, 130
+    else:
+        kinds, kind, instants, size = dict(enumerate(MOTIONS)), kind_of_motion, INSTANTS, SIZE
+    rows = strips(kinds, kind, instants, (args.hand, args.seed), size)
+    figure, axes = plt.subplots(len(rows), 1, figsize=(size * len(instants) / 100, size * len(rows) / 100), dpi=100)
+    for axis, row in zip(axes, sorted(rows), strict=True):
+        axis.imshow(rows[row], interpolation="nearest", aspect="auto")
+        axis.set_axis_off()
+        axis.text(6, 18, kinds[row], fontsize=9, weight="bold")
+        for n, seconds in enumerate(instants):
+            axis.text(size * n + size - 6, size - 8, f"{seconds:+.2f} s", fontsize=7, ha="right")
+    figure.subplots_adjust(0, 0, 1, 1, 0, 0.01)
+    figure.savefig(out)
+
+
+def strips(
+    kinds: dict[int, str],
+    kind: Callable[[Motion, int], int],
+    instants: tuple[float, ...],
+    player: tuple[str, int],
+    size: int,
+) -> dict[int, np.ndarray]:
+    """One row of pictures for each kind of stroke that is played."""
+    hand, seed = player
+    game = default_game()
+    policy, random = resolve("bc", game), resolve("random", game)
     rows: dict[int, np.ndarray] = {}
-    played = play_rallies(game, (policy, policy), 120, seed=args.seed) + play_rallies(game, (random, policy), 120, seed=args.seed)
+    played = play_rallies(game, (policy, policy), 120, seed=seed) + play_rallies(game, (random, random), 400, seed=seed)
     for i, rally in enumerate(played):
-        motion = stage(rally, seed=i, handedness=(args.hand, args.hand), athletes=("male", "female"))
-        for k, stance in enumerate(motion.trajectory.stance):
-            at, seat = int(motion.contact_frame[k]), int(rally.striker[k])
-            frames = [at + round(seconds * motion.fps) for seconds in INSTANTS]
-            if stance.motion in rows or frames[0] < 0:
+        motion = None
+        for k in range(len(rally)):
+            catalogue = rally.catalogue
+            stroke = N_TECHNIQUES * int(catalogue.shot[rally.stroke[k]]) + int(catalogue.technique[rally.stroke[k]])
+            if kind is kind_of_stroke and stroke in rows:
+                continue
+            motion = motion or stage(rally, seed=i, handedness=(hand, hand), athletes=("male", "female"))
+            at, seat, what = int(motion.contact_frame[k]), int(rally.striker[k]), kind(motion, k)
+            frames = [at + round(seconds * motion.fps) for seconds in instants]
+            if what in rows or frames[0] < 0:
                 continue
             centre = motion.position[at, seat, 0].astype(float)
-            rows[stance.motion] = np.concatenate([draw(motion, seat, frame, centre) for frame in frames], axis=1)
-        if len(rows) == len(MOTIONS):
+            rows[what] = np.concatenate([draw(motion, seat, frame, centre, size) for frame in frames], axis=1)
+        if len(rows) == len(kinds):
             break
-    figure, axes = plt.subplots(len(rows), 1, figsize=(SIZE * len(INSTANTS) / 100, SIZE * len(rows) / 100), dpi=100)
-    for axis, kind in zip(axes, sorted(rows), strict=True):
-        axis.imshow(rows[kind], interpolation="nearest", aspect="auto")
-        axis.set_axis_off()
-        axis.text(6, 18, MOTIONS[kind], fontsize=9, weight="bold")
-        for n, seconds in enumerate(INSTANTS):
-            axis.text(SIZE * n + SIZE - 6, SIZE - 8, f"{seconds:+.2f} s", fontsize=7, ha="right")
-    figure.subplots_adjust(0, 0, 1, 1, 0, 0.01)
-    figure.savefig(args.out)
+    return rows
 
 
 if __name__ == "__main__":

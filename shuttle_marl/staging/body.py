@@ -131,7 +131,7 @@ class Player:
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]
             slope = np.zeros_like(pose)
-        stand, plants = standing(self.plants, frame)
+        stand, plants = standing(self.plants, self.course.feet.ball[:, frame], frame)
         known = Keys(
             frame=np.r_[keys.frame[:n], frame],
             pose=np.concatenate([keys.pose[:n], pose[None]]),
@@ -172,11 +172,11 @@ def prepare(
     root = yaw_pitch_roll(body[rows, HIPS_YAW], body[rows, HIPS_PITCH], body[rows, HIPS_ROLL])
     place, feet = settle(skeleton, place[rows], root, feet.part(rows))
     if before:
-        # The way over the floor is joined already, the height is not.
-        after = place[min(done, _JOINT) - 1 :]
-        after[1:, 2:] = _joined(before.hips[:, 2:], after[:, 2:])
-        place = np.concatenate([before.hips, after[1:]])
-        feet = before.feet.followed(feet.part(slice(min(done, _JOINT), None)))
+        # The way over the floor is joined already, the height is not; then the legs have to reach the feet once more.
+        at = min(done, _JOINT)
+        place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
+        later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
+        place, feet = np.concatenate([before.hips, later]), before.feet.followed(after)
     keys, miss = _meet(skeleton, timeline, place, fps)
     return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss)
 

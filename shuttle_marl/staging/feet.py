@@ -41,6 +41,8 @@ _STAYS: Final = 0.14
 """A foot that is meant to go no further than this stays where it is [m]."""
 _CROSSED: Final = 0.30
 """Distance by which a foot may stand beyond the middle of the body [m]."""
+_SOON: Final = 5
+"""Frames within which a foot in the air lands where a motion is continued."""
 _SETTLED: Final = 12
 """Frames before those asked for in which feet are needed too, for moving means."""
 _WIDTH: Final = 0.15
@@ -121,12 +123,27 @@ class Feet:
 
     def part(self, rows: slice) -> "Feet":
         """Some of the frames."""
-        return Feet(ball=self.ball[:, rows], yaw=self.yaw[:, rows], pitch=self.pitch[:, rows], planted=self.planted[:, rows])
+        names = [field.name for field in dataclasses.fields(self)]
+        return Feet(**{name: getattr(self, name)[:, rows].copy() for name in names})
 
     def followed(self, after: "Feet") -> "Feet":
         """These frames and others behind them."""
         names = [field.name for field in dataclasses.fields(self)]
         return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
+
+    def joined(self, after: "Feet") -> "Feet":
+        """What follows these frames, from ``after``, whose first one is the last of these; feet in the air change their way."""
+        out = after.part(slice(1, None))
+        for foot in (LEFT, RIGHT):
+            flying = np.flatnonzero(np.r_[out.planted[foot], True])[0]
+            if self.planted[foot, -1] or not flying:
+                continue
+            u = np.arange(1, flying + 1) / (flying + 1)
+            share = 1 - u * u * (3 - 2 * u)
+            out.ball[foot, :flying] += share[:, None] * (self.ball[foot, -1] - after.ball[foot, 0])
+            out.yaw[foot, :flying] += share * ((self.yaw[foot, -1] - after.yaw[foot, 0] + np.pi) % (2 * np.pi) - np.pi)
+            out.pitch[foot, :flying] += share * (self.pitch[foot, -1] - after.pitch[foot, 0])
+        return out
 
 
 def feet_at(motion: int, root: Floats, heading: float, reach: float, high: float = 0.0) -> tuple[Floats, Floats, int]:
@@ -174,8 +191,16 @@ def _placed(spots: Floats, root: Floats, heading: float) -> tuple[Floats, Floats
     return root + np.stack([c * x - s * y, s * x + c * y], axis=1), np.radians(spots[:, 2]) + heading
 
 
-def standing(plants: tuple[list[Plant], list[Plant]], frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
-    """Plants up to a frame, with those at which feet in the air land next, and both feet as they will then stand."""
+def standing(plants: tuple[list[Plant], list[Plant]], ball: Floats, frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
+    """Plants up to a frame, with those at which feet in the air land next, and both feet as they will then stand.
+
+    A foot that was to land later than in a few frames does so there, on its way.
+
+    Args:
+        plants: of both feet.
+        ball: ``[2, 3]`` where the feet are in that frame [m].
+        frame: the last one that stays as it is.
+    """
     kept: tuple[list[Plant], list[Plant]] = ([], [])
     for foot in (LEFT, RIGHT):
         own = plants[foot]
@@ -183,7 +208,10 @@ def standing(plants: tuple[list[Plant], list[Plant]], frame: int) -> tuple[Stand
         kept[foot].extend(dataclasses.replace(plant) for plant in own[:n])
         here = kept[foot][-1]
         if here.end < frame and n < len(own):
-            kept[foot].append(dataclasses.replace(own[n], end=own[n].begin))
+            soon = min(own[n].begin, frame + _SOON)
+            share = (soon - frame) / (own[n].begin - frame)
+            place = ball[foot, :2] + share * (own[n].place - ball[foot, :2])
+            kept[foot].append(Plant(soon, soon, place if soon < own[n].begin else own[n].place, own[n].yaw))
         else:
             here.end = max(frame, here.begin)
     last = [kept[foot][-1] for foot in (LEFT, RIGHT)]
