@@ -3,6 +3,7 @@
 import contextlib
 import webbrowser
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
@@ -23,6 +24,10 @@ def watch(
     seed: int = 0,
     athletes: tuple[Athlete, Athlete] = ("male", "male"),
     hands: tuple[Hand, Hand] = ("right", "right"),
+    replay: Path | None = None,
+    real: Path | None = None,
+    rally: int | None = None,
+    record: Path = Path("runs/watch"),
     game: str = "default",
     profile: Profile | None = None,
     host: str = "127.0.0.1",
@@ -38,6 +43,10 @@ def watch(
         seed: names all draws of the first match.
         athletes: who is seen at seats A and B.
         hands: with which they play.
+        replay: show the rallies of this log instead of a match.
+        real: show the rallies of annotated matches instead: a stroke table, or a folder with the raw files.
+        rally: number of the rally that is shown first, from 0.
+        record: folder for the log of rallies that you play.
         game: model on whose game they play: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.
         host: address to serve on; the default is for this machine alone.
@@ -46,17 +55,28 @@ def watch(
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
+    from shuttle_marl.watch.diary import Diary  # noqa: PLC0415
     from shuttle_marl.watch.plan import Side  # noqa: PLC0415
+    from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
     from shuttle_marl.watch.server import Server, application, bind, hosts_of  # noqa: PLC0415
+    from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
+    from shuttle_marl.watch.tables import Tables  # noqa: PLC0415
 
     console = cli.console(stderr=True)
+    if replay is not None and real is not None:
+        raise WatchError("say what to show: either --replay LOG or --real MATCH")
     sides = Side(policy=a, temperature=temperature[0]), Side(policy=b, temperature=temperature[1])
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    answers = Answers(resolve_game(game, profile), sides, seed, athletes, hands)
-    with contextlib.closing(bind(host, port)) as listener:
+    found = resolve_game(game, profile)
+    tables = Tables(found, (a, b))
+    recorded = LogRallies(replay, found) if replay is not None else RealRallies(real, found) if real is not None else None
+    if recorded is not None and not 0 <= (rally or 0) < recorded.count:
+        raise WatchError(f"--rally {rally}: there are rallies 0 to {recorded.count - 1}")
+    with contextlib.closing(bind(host, port)) as listener, contextlib.closing(Diary(record, found, tables)) as diary:
+        answers = Answers(tables, sides, seed, Stager(found, athletes, hands), recorded=recorded, first=rally or 0, diary=diary)
         address = f"http://{f'[{host}]' if ':' in host else host}:{listener.getsockname()[1]}/"
         server = Server(application(answers, page, hosts=hosts_of(host)))
         console.print(f"{address} shows the match; Ctrl-C ends it", soft_wrap=True)

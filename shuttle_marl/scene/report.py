@@ -184,7 +184,7 @@ class Annotator:
         games = (int(rally.score[0, 2]), int(rally.score[0, 3]))
         points = (int(rally.score[0, 0]), int(rally.score[0, 1]))
         winner = int(rally.winner[0])
-        value = self._value((first, second))
+        value = self.values((first, second))
         match_odds = None if value is None else self._match_odds(header, value, games, points)
         return RallyReport(
             number=number,
@@ -202,7 +202,7 @@ class Annotator:
             match_win_after=None if match_odds is None else match_odds[winner],
             points_after=(points[0] + (winner == 0), points[1] + (winner == 1)),
             ends_changed=ends_changed(points, games, header.rules),
-            key=_key(header, rally),
+            key=staging_key(header, rally),
         )
 
     def _annotation(
@@ -224,7 +224,7 @@ class Annotator:
             efforts=(efforts if seat == 0 else efforts[::-1]) if game.levels > 1 else None,
             duel=int(game.duel(state)) if game.counts_duels else None,
         )
-        table = self._table(striker)
+        table = self.table(striker)
         if table is None:
             return known
         strokes, p = game.legal_strokes(state), table.probability_of(pairs)
@@ -251,8 +251,8 @@ class Annotator:
             match_win=match_odds[1] + rally_win * (match_odds[0] - match_odds[1]),
         )
 
-    def _table(self, player: Player) -> TabulatedPolicy | None:
-        """The policy as it played, None if it cannot be had."""
+    def table(self, player: Player) -> TabulatedPolicy | None:
+        """The policy as it played; None if it cannot be had, and :attr:`unknown` says why."""
         if player not in self._tables:
             try:
                 table = tabulate(self._resolve(player.name, self._game), self._game, player.name)
@@ -262,8 +262,9 @@ class Annotator:
                 self._tables[player], self.unknown[printable(player.name)] = None, printable(str(error))
         return self._tables[player]
 
-    def _value(self, players: tuple[Player, Player]) -> ProfileValue | None:
-        first, second = (self._table(player) for player in players)
+    def values(self, players: tuple[Player, Player]) -> ProfileValue | None:
+        """Exact values of seat 0 against seat 1; None if one of the policies cannot be had."""
+        first, second = (self.table(player) for player in players)
         if first is None or second is None:
             return None
         if players not in self._values:
@@ -307,7 +308,7 @@ def _check_same(player: Player, table: TabulatedPolicy) -> None:
         )
 
 
-def _key(header: LogHeader, rally: Rallies) -> int:
-    """Name the rally by its content, wherever in a log it stands."""
+def staging_key(header: LogHeader, rally: Rallies) -> int:
+    """Seed of the staging of a rally, by its content, wherever in a log it stands."""
     strokes = zlib.crc32(rally.stroke.astype("<u2").tobytes())
     return int(stream(header.seed, int(rally.match[0]), int(rally.rally[0]), strokes)[0] >> np.uint64(1))

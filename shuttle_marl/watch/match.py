@@ -7,17 +7,22 @@ are those of ``match_v0``: by seed, match 0, rally and stroke.
 import dataclasses
 import itertools
 import threading
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
 from shuttle_marl.errors import printable
-from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
 from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
-from shuttle_marl.game.scoring import BWF, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, count_rally
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.tables import Tables
+
+PERSON: Final = "you"
+"""Name under which a person plays."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -30,6 +35,7 @@ class Score:
         finished: points of the games before, seat 0 first.
         server: seat that serves.
         over: whether the match is over; then there is no rally.
+        rules: when a game and the match are won.
     """
 
     points: tuple[int, int] = (0, 0)
@@ -37,11 +43,12 @@ class Score:
     finished: tuple[tuple[int, int], ...] = ()
     server: int = 0
     over: bool = False
+    rules: Rules = BWF
 
     def after(self, winner: int) -> "Score":
         """The score after a rally that a seat won."""
         points, games = [*self.points], [*self.games]
-        counted = count_rally(points[winner], points[1 - winner], games[winner], BWF)
+        counted = count_rally(points[winner], points[1 - winner], games[winner], self.rules)
         points[winner], games[winner] = counted.points, counted.games
         finished = (*self.finished, (points[0], points[1])) if counted.game_won else self.finished
         return Score(
@@ -50,6 +57,7 @@ class Score:
             finished=finished,
             server=winner,
             over=bool(counted.match_won),
+            rules=self.rules,
         )
 
 
@@ -147,49 +155,86 @@ class Match:
             while len(self._scores) <= number and not self._scores[-1].over:
                 before = self._play(len(self._scores) - 1, person)
                 if before.winner is None:
-                    raise WatchError(f"rally {before.number} is not finished; choose a stroke there")
+                    raise WatchError(f"rally {before.number + 1} is not finished; choose a stroke there")
                 self._scores.append(before.score.after(before.winner))
         if number >= len(self._scores) or self._scores[number].over:
-            raise WatchError(f"rally {number}: the match was over before")
+            raise WatchError(f"rally {number + 1}: the match was over before")
         return self._play(number, person)
 
     def _play(self, number: int, person: Person | None) -> Rally:
-        sides, chosen = self.plan.sides_in(number), self.plan.chosen_in(number)
-        tables = [self._tables.of(side) for side in sides]
-        game, score = self._game, self._scores[number]
-        key = stream(self.plan.seed, 0, number)
-        strokes: list[int] = []
-        states: list[int] = []
-        state, ending = ROOT, None
-        for i in itertools.count():
-            striker = (score.server + i) % 2
-            bits = draw(key, i)
-            if i in chosen:
-                rank = int(game.rank(state, chosen[i])) if chosen[i] < game.n_strokes else -1
-                if rank < 0:
-                    raise WatchError(f"rally {number}: the stroke chosen as number {i + 1} is not legal there")
-            elif person is not None and person.chooses(number, i, striker):
-                break
-            else:
-                rank = _choice(tables[striker], state, int(choice_draw(bits)[0]))
-            strokes.append(int(game.stroke_at(state, rank)))
-            states.append(state)
-            outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
-            if outcome[0] < RETURNED_BELOW:
-                ending = FAULT if outcome[0] == FAULT else WINNER
-                break
-            state = int(following[0])
-        return Rally(
-            number=number,
-            names=(side_name(sides[0]), side_name(sides[1])),
-            score=score,
-            stroke=tuple(strokes),
-            state=tuple(states),
-            ending=ending,
-            turn=state if ending is None else None,
-            chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
-            key=int(key[0] >> np.uint64(1)),
+        sides = self.plan.sides_in(number)
+        names = [side_name(side) for side in sides]
+        if person is not None and number >= person.rally:
+            names[person.seat] = PERSON
+        return play_rally(
+            self._game,
+            (self._tables.of(sides[0]), self._tables.of(sides[1])),
+            stream(self.plan.seed, 0, number),
+            number,
+            (names[0], names[1]),
+            self._scores[number],
+            self.plan.chosen_in(number),
+            person,
         )
+
+
+def play_rally(
+    game: Game,
+    tables: tuple[TabulatedPolicy, TabulatedPolicy],
+    key: UInt64s,
+    number: int,
+    names: tuple[str, str],
+    score: Score,
+    chosen: Mapping[int, int],
+    person: Person | None = None,
+) -> Rally:
+    """Play a rally to its end, or to the turn of a person.
+
+    Args:
+        game: the tables.
+        tables: the policies of seats 0 and 1.
+        key: ``[1]`` of its draws.
+        number: of the rally.
+        names: of the players.
+        score: before it.
+        chosen: catalogue index of the strokes that no policy chooses, by their number.
+        person: who plays for a policy.
+
+    Raises:
+        WatchError: a chosen stroke is not legal.
+    """
+    strokes: list[int] = []
+    states: list[int] = []
+    state, ending = ROOT, None
+    for i in itertools.count():
+        striker = (score.server + i) % 2
+        bits = draw(key, i)
+        if i in chosen:
+            rank = int(game.rank(state, chosen[i])) if chosen[i] < game.n_strokes else -1
+            if rank < 0:
+                raise WatchError(f"rally {number + 1}: the stroke chosen as number {i + 1} is not legal there")
+        elif person is not None and person.chooses(number, i, striker):
+            break
+        else:
+            rank = _choice(tables[striker], state, int(choice_draw(bits)[0]))
+        strokes.append(int(game.stroke_at(state, rank)))
+        states.append(state)
+        outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
+        if outcome[0] < RETURNED_BELOW:
+            ending = FAULT if outcome[0] == FAULT else WINNER
+            break
+        state = int(following[0])
+    return Rally(
+        number=number,
+        names=names,
+        score=score,
+        stroke=tuple(strokes),
+        state=tuple(states),
+        ending=ending,
+        turn=state if ending is None else None,
+        chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
+        key=int(key[0] >> np.uint64(1)),
+    )
 
 
 def _choice(table: TabulatedPolicy, state: int, number: int) -> int:

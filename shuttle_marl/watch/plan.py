@@ -16,6 +16,8 @@ MOST_CHOSEN: Final = 20_000
 """Strokes of a match that no policy chose."""
 MOST_RALLIES: Final = 1000
 """Numbers of rallies are below this; no match by the rules of the sport is as long."""
+MOST_NUMBERS: Final = 1 << 40
+"""Numbers of rallies in a log are below this."""
 _LONGEST_NAME: Final = 200
 _HIGHEST_SEED: Final = 1 << 53
 """JavaScript holds whole numbers up to this."""
@@ -99,7 +101,7 @@ class Plan:
         if not isinstance(chosen, dict):
             raise WatchError("chosen strokes are given by the number of their rally")
         first, second = (Side.parse(side) for side in sides)
-        found = {_key(number, MOST_RALLIES): _chosen(strokes) for number, strokes in chosen.items()}
+        found = {_key(number, MOST_RALLIES): parse_chosen(strokes) for number, strokes in chosen.items()}
         if sum(map(len, found.values())) > MOST_CHOSEN:
             raise WatchError(f"a match with more than {MOST_CHOSEN:,} strokes that no policy chose")
         return cls(
@@ -121,6 +123,12 @@ class Plan:
         """Catalogue index of the strokes of a rally that no policy chose, by their number."""
         return dict(next((strokes for number, strokes in self.chosen if number == rally), ()))
 
+    def without(self, rally: int, stroke: int) -> "Plan":
+        """The plan without what was chosen in a rally from a stroke on, and after that rally."""
+        kept = tuple((k, s) for k, s in self.chosen_in(rally).items() if k < stroke)
+        before = tuple(entry for entry in self.chosen if entry[0] < rally)
+        return dataclasses.replace(self, chosen=(*before, (rally, kept)) if kept else before)
+
 
 def whole(value: Any, name: str, limit: int) -> int:
     """A whole number from 0 up to, and without, a limit.
@@ -139,7 +147,12 @@ def _change(raw: Any) -> Change:
     return Change(rally=rally, seat=seat, side=Side.parse(fields["side"]))
 
 
-def _chosen(raw: Any) -> tuple[tuple[int, int], ...]:
+def parse_chosen(raw: Any) -> tuple[tuple[int, int], ...]:
+    """Strokes of a rally by their number, in order, from ``{"NUMBER": STROKE}``.
+
+    Raises:
+        WatchError: it is something else.
+    """
     if not isinstance(raw, dict):
         raise WatchError("the chosen strokes of a rally are given by their number")
     return tuple(

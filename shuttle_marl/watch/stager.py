@@ -1,13 +1,14 @@
 """Rallies as motion, staged once for all who watch them."""
 
 import threading
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import RETURNED_BELOW, Game
 from shuttle_marl.staging import Motion, PlayedRally, stage
-from shuttle_marl.watch.match import Rally
+from shuttle_marl.watch.match import Person, Rally
 from shuttle_marl.watch.tables import Kept
 
 FPS: Final = 50
@@ -29,24 +30,37 @@ class Stager:
         # Staging takes one core; two at a time would only make both late.
         self._one = threading.Lock()
 
-    def motion(self, rally: Rally) -> Motion | None:
-        """The motion of a rally; None if no stroke was played.
+    def kept(self, rally: Rally, person: Person | None, make: Callable[[], Motion]) -> Motion:
+        """The motion of a rally, made by ``make`` if it is not there.
+
+        Where strokes were chosen by a person, it depends on when they did, because frames that were seen stay as they are.
+        """
+        since = person.stroke if person is not None and person.rally == rally.number else 0
+        key = (rally.key, rally.server, rally.stroke, rally.ending, rally.turn, rally.chosen, person is not None, since)
+        return self._motions.get(key, make)
+
+    def stage(self, rally: Rally, continuing: Motion | None = None, from_stroke: int | None = None) -> Motion:
+        """Stage a rally; one that waits for a person up to where they are expected to strike.
+
+        Args:
+            rally: as it was played.
+            continuing: a motion with the same strokes before ``from_stroke``, whose frames stay as they are.
+            from_stroke: number of the first stroke that is another one.
 
         Raises:
             StagingError: it cannot be staged.
         """
-        if not rally.stroke or rally.ending is None:
-            return None
-        key = (rally.key, rally.server, rally.stroke, rally.ending)
-        return self._motions.get(key, lambda: self._staged(rally))
-
-    def _staged(self, rally: Rally) -> Motion:
-        assert rally.ending is not None
+        ending = rally.ending
+        if ending is None:
+            assert rally.turn is not None
+            ending = RETURNED_BELOW + int(self._game.contact(rally.turn))
         played = PlayedRally(
             catalogue=self._game.catalogue,
             server=rally.server,
             stroke=np.array(rally.stroke, dtype=np.int64),
-            ending=rally.ending,
+            ending=ending,
         )
         with self._one:
+            if continuing is not None:
+                return stage(played, seed=rally.key, continuing=continuing, from_stroke=from_stroke)
             return stage(played, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)

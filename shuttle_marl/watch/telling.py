@@ -84,14 +84,8 @@ def stroke_facts(game: Game, stroke: int, seat: int) -> dict[str, Any]:
     }
 
 
-def rally_facts(game: Game, rally: Rally, motion: Motion | None) -> dict[str, Any]:
-    """A rally without its motion: score, strokes with their probabilities, places and times.
-
-    Args:
-        game: the tables.
-        rally: as it was played.
-        motion: of it; None: it has no stroke yet.
-    """
+def rally_facts(game: Game, rally: Rally, motion: Motion) -> dict[str, Any]:
+    """A rally without its motion: score, strokes with their probabilities, places and times, and a person's turn."""
     return {
         "number": rally.number,
         "names": rally.names,
@@ -102,13 +96,21 @@ def rally_facts(game: Game, rally: Rally, motion: Motion | None) -> dict[str, An
         "winner": rally.winner,
         "reason": None if rally.ending is None else OUTCOMES[rally.ending],
         "after": None if rally.winner is None else _score_facts(rally),
-        "strokes": [_stroke(game, rally, motion, i) for i in range(len(rally.stroke))] if motion is not None else [],
-        "fps": None if motion is None else motion.fps,
-        "frames": 0 if motion is None else len(motion.time),
-        "players": None
-        if motion is None
-        else [{"athlete": motion.skeletons[seat].name, "hand": motion.handedness[seat]} for seat in (0, 1)],
+        "strokes": [_stroke(game, rally, motion, i) for i in range(len(rally.stroke))],
+        "turn": None if rally.turn is None else _turn(game, rally, rally.turn),
+        "players": [{"athlete": motion.skeletons[seat].name, "hand": motion.handedness[seat]} for seat in (0, 1)],
     }
+
+
+def _turn(game: Game, rally: Rally, state: int) -> dict[str, Any]:
+    seat = rally.striker(len(rally.stroke))
+    strokes = game.legal_strokes(state)
+    good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
+    legal = [
+        {**stroke_facts(game, stroke, seat), "p_succ": float(good[k]), "p_ret": float(returned[k])}
+        for k, stroke in enumerate(strokes.tolist())
+    ]
+    return {"seat": seat, "number": len(rally.stroke), "height": HEIGHTS[int(game.contact(state))], "strokes": legal}
 
 
 def _score_facts(rally: Rally) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from shuttle_marl.exact import ProfileValue
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.scoring import BWF, match_win_probability
+from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy
@@ -28,9 +28,9 @@ SHOWN: Final = 8
 """Strokes that are listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """Imitated elite players, with whom everyone is compared."""
-_POOR, _BAD = 0.02, 0.05
+_POOR, _BAD = 0.10, 0.15
 """Regrets from which a stroke is marked ``?!`` and ``?``."""
-_FINE, _RARE, _VERY_RARE = 0.002, 0.15, 0.05
+_FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
 """A stroke of no more regret than the first is marked ``!`` or ``!!`` if elite players choose it more seldom than the others."""
 _THIN, _SOME = 20, 100
 """Real strokes behind a probability, below which it says little, and below which it says something."""
@@ -43,15 +43,15 @@ class Decision:
     Attributes:
         strokes: ``[K]`` catalogue indices of the legal ones.
         pairs: ``[K]`` their legal pairs.
-        probability: ``[K]`` with which the striker's policy chooses each; None: it is not known.
-        win: ``[K]`` probability that the striker wins with each if both continue as they do; None: not known.
+        probability: ``[K]`` with which the striker's policy chooses each.
+        win: ``[K]`` probability that the striker wins with each if both continue as they do.
         best: ``[K]`` the same if both play perfectly from then on.
     """
 
     strokes: npt.NDArray[np.integer]
     pairs: npt.NDArray[np.integer]
-    probability: Floats | None
-    win: Floats | None
+    probability: Floats
+    win: Floats
     best: Floats
 
     @property
@@ -70,13 +70,13 @@ class Worth:
     def __init__(self, tables: Tables) -> None:
         self._tables, self._game = tables, tables.game
 
-    def decision(self, state: int, seat: int, players: "Players | None") -> Decision:
+    def decision(self, state: int, seat: int, players: "Players") -> Decision:
         """The choice in a state.
 
         Args:
             state: of the striker.
             seat: of the striker.
-            players: who plays; None: not known.
+            players: who plays.
         """
         game = self._game
         strokes = game.legal_strokes(state)
@@ -85,8 +85,8 @@ class Worth:
         return Decision(
             strokes=strokes,
             pairs=pairs,
-            probability=None if players is None else players.tables[seat].probability_of(pairs),
-            win=None if players is None else (1 + game.stroke_values(players.value.striking[1 - seat], pairs)) / 2,
+            probability=players.tables[seat].probability_of(pairs),
+            win=(1 + game.stroke_values(players.value.striking[1 - seat], pairs)) / 2,
             best=(1 + game.stroke_values(after, pairs)) / 2,
         )
 
@@ -99,11 +99,11 @@ class Worth:
         first, second = (self._tables.of(side) for side in sides)
         return Players(tables=(first, second), value=self._tables.values(sides))
 
-    def analysis(self, rally: Rally, players: "Players | None") -> dict[str, Any]:
+    def analysis(self, rally: Rally, players: "Players") -> dict[str, Any]:
         """What every stroke of a rally was worth; see ``docs/watch.md``."""
         strokes, landings = [], []
         shares: tuple[list[float], list[float]] = ([], [])
-        odds = None if players is None else match_odds(players.value, rally.score)
+        odds = match_odds(players.value, rally.score)
         for i, (state, stroke) in enumerate(zip(rally.state, rally.stroke, strict=True)):
             seat = rally.striker(i)
             decision = self.decision(state, seat, players)
@@ -118,23 +118,22 @@ class Worth:
             "strokes": strokes,
             "landings": landings,
             "win_after": None if winner is None else float(winner == 0),
-            "match_after": None if winner is None or odds is None else odds[winner],
+            "match_after": None if winner is None else odds[winner],
             "accuracy": [round(float(np.mean(share)), 4) if share else None for share in shares],
         }
 
     def _stroke(
-        self, decision: Decision, rank: int, state: int, seat: int, players: "Players | None", odds: tuple[float, float] | None
+        self, decision: Decision, rank: int, state: int, seat: int, players: "Players", odds: tuple[float, float]
     ) -> dict[str, Any]:
-        win = None if players is None else (1 + float(players.value.striking[seat][state])) / 2
-        chosen = None if decision.win is None else float(decision.win[rank])
-        first = win if win is None or seat == 0 else 1 - win
+        win, chosen = (1 + float(players.value.striking[seat][state])) / 2, float(decision.win[rank])
+        first = win if seat == 0 else 1 - win
         regret = float(decision.regret[rank])
         better = int(np.argmax(decision.best))
         return {
             "win": first,
-            "chosen": chosen if chosen is None or seat == 0 else 1 - chosen,
-            "match": None if odds is None or first is None else odds[1] + first * (odds[0] - odds[1]),
-            "probability": None if decision.probability is None else float(decision.probability[rank]),
+            "chosen": chosen if seat == 0 else 1 - chosen,
+            "match": odds[1] + first * (odds[0] - odds[1]),
+            "probability": float(decision.probability[rank]),
             "regret": regret,
             "mark": self._mark(regret, int(decision.pairs[rank])),
             "better": int(decision.strokes[better]),
@@ -143,7 +142,7 @@ class Worth:
         }
 
     def options(self, decision: Decision, seat: int, *, always: tuple[int, ...] = (), most: int = SHOWN) -> list[dict[str, Any]]:
-        """The strokes of a decision, likeliest first (the best first where no policy is known).
+        """The strokes of a decision, likeliest first.
 
         Args:
             decision: between which strokes.
@@ -151,7 +150,7 @@ class Worth:
             always: positions that are listed in any case.
             most: how many are listed.
         """
-        order = np.argsort(-(decision.best if decision.probability is None else decision.probability), kind="stable").tolist()
+        order = np.argsort(-decision.probability, kind="stable").tolist()
         kept = list(dict.fromkeys([*order[: most - len(always)], *always, *order]))[:most]
         good, returned, _ = self._game.stroke_probabilities(decision.pairs)
         support = self._support(decision.pairs)
@@ -161,8 +160,8 @@ class Worth:
                 "p_succ": float(good[k]),
                 "p_ret": float(returned[k]),
                 "support": None if support is None else round(float(support[k]), 1),
-                "probability": None if decision.probability is None else float(decision.probability[k]),
-                "win": None if decision.win is None else float(decision.win[k]),
+                "probability": float(decision.probability[k]),
+                "win": float(decision.win[k]),
                 "best": float(decision.best[k]),
                 "regret": float(decision.regret[k]),
             }
@@ -231,16 +230,14 @@ def match_odds(value: ProfileValue, score: Score) -> tuple[float, float]:
             out.append(float(winner == 0))
             continue
         probability = match_win_probability(
-            odds.serving, odds.receiving, first_server=winner, games=after.games, points=after.points, rules=BWF
+            odds.serving, odds.receiving, first_server=winner, games=after.games, points=after.points, rules=score.rules
         )
         out.append(float(probability))
     return out[0], out[1]
 
 
-def _aims(game: Game, decision: Decision) -> list[float] | None:
+def _aims(game: Game, decision: Decision) -> list[float]:
     """``[9]`` how likely the policy aims at each area."""
-    if decision.probability is None:
-        return None
     areas = game.catalogue.area[decision.strokes]
     return [round(float(p), 4) for p in np.bincount(areas, decision.probability, N_AREAS)]
 

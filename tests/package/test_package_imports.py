@@ -23,6 +23,7 @@ TABLE_LAYERS = (
     "league",
     "staging",
     "scene",
+    "watch",
 )
 """Layers that run on tables: they work without PyTorch."""
 NEED_TORCH = ("shuttle_marl.env.batched",)

@@ -8,17 +8,17 @@ export interface Option extends StrokeFacts {
   p_succ: number;
   p_ret: number;
   support: number | null;
-  probability: number | null;
-  win: number | null;
+  probability: number;
+  win: number;
   best: number;
   regret: number;
 }
 
 export interface StrokeValue {
-  win: number | null;
-  chosen: number | null;
-  match: number | null;
-  probability: number | null;
+  win: number;
+  chosen: number;
+  match: number;
+  probability: number;
   regret: number;
   mark: string;
   options: Option[];
@@ -40,9 +40,6 @@ export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number;
   const steps: { time: number; win: number }[] = [];
   analysis.strokes.forEach((value, i) => {
     const stroke = rally.strokes[i]!;
-    if (value.win === null || value.chosen === null) {
-      return;
-    }
     steps.push({ time: i === 0 ? 0 : stroke.time - 1e-3, win: value.win });
     steps.push({ time: stroke.time, win: value.chosen });
   });
@@ -177,22 +174,22 @@ export class OptionTable {
     if (!stroke || !value) {
       return;
     }
-    const most = Math.max(...value.options.map((option) => option.probability ?? 0), 0.01);
+    const most = Math.max(...value.options.map((option) => option.probability), 0.01);
     const rows = value.options.map((option) => {
       const chosen = option.stroke === stroke.stroke;
       const name = `${words(option.shot)} → ${words(option.area)}`;
       const button = h(
         "button",
         { onclick: () => this.tryOut(option.stroke), title: `What if: ${name}, ${words(option.technique)}` },
-        h("i", { style: `width:${(100 * (option.probability ?? 0)) / most}%` }),
+        h("i", { style: `width:${(100 * (option.probability)) / most}%` }),
         h("span", {}, name, option.technique === "forehand" ? "" : option.technique === "backhand" ? " · bh" : " · ath"),
       );
       return h(
         "tr",
         { class: `${chosen ? "chosen " : ""}${option.stroke === value.better ? "best" : ""}` },
         h("td", {}, button),
-        h("td", {}, option.probability === null ? "–" : percent(option.probability)),
-        h("td", {}, (option.win ?? option.best).toFixed(3)),
+        h("td", {}, percent(option.probability)),
+        h("td", {}, option.win.toFixed(3)),
         h("td", {}, option.p_succ.toFixed(2)),
         h("td", {}, option.p_ret.toFixed(2)),
       );

@@ -1,170 +1,186 @@
 // The page: what is shown, what plays, and who is asked for it.
 
-import { Chances, Curve, LandingMap, MoveList, OptionTable, type Analysis } from "./analysis";
+import { Chances, Curve, LandingMap, MoveList, OptionTable, type Analysis, type Option } from "./analysis";
+import { Board } from "./board";
 import { cameraButtons, Chip, ScoreBug } from "./court_view";
-import { h, replaceChildren } from "./dom";
-import { icon } from "./icons";
-import { readLink, writeLink } from "./link";
-import { Motion } from "./motion";
+import { h, percent, replaceChildren, words } from "./dom";
+import { Layout, MODES, type Mode } from "./layout";
+import { Learn } from "./learn";
+import { readLink, writeLink, type Place } from "./link";
+import type { Motion } from "./motion";
 import { Player, SPEEDS } from "./player";
 import { SideCard, StylePanel, type Styles } from "./sides";
 import { CAMERAS, Stage, type Camera } from "./stage";
+import { save } from "./share";
 import { endSentence, startSentence, strokeSentence } from "./told";
 import type { Hello, Person, Plan, RallyFacts, Side } from "./wire";
 
-export interface Source {
-  rally(plan: Plan | null, rally: number, person: Person | null): Promise<{ rally: RallyFacts; motion: Motion }>;
-  analysis(plan: Plan | null, rally: number, person: Person | null): Promise<Analysis>;
-  styles(plan: Plan, rally: number): Promise<Styles>;
-  model(athlete: string): Promise<ArrayBuffer>;
+/** A rally that is asked for: of a match by its plan, or of what was recorded. */
+export interface Wanted {
+  plan: Plan | null;
+  rally: number;
+  person: Person | null;
+  tried: Record<string, number>;
 }
 
-interface Shown {
+export interface Shown {
   rally: RallyFacts;
   motion: Motion;
 }
 
+export interface Source {
+  /** `before` has the frames before the branch of a motion that continues it. */
+  rally(wanted: Wanted, before: Motion | null): Promise<Shown>;
+  analysis(wanted: Wanted): Promise<Analysis>;
+  options(wanted: Wanted): Promise<Option[]>;
+  styles(wanted: Wanted): Promise<Styles>;
+  model(athlete: string): Promise<ArrayBuffer>;
+  /** A page that opens from disk with these rallies; null where the page itself is one. */
+  share: ((wanted: Wanted[], title: string, hash: string) => Promise<Blob>) | null;
+}
+
+const EARLY = 0.35; // how long before they strike a person is waited for [s]
+
 export class App {
   readonly player = new Player();
-  readonly stage: Stage;
-  plan: Plan | null;
-  number = 0;
-  analysis: Analysis | null = null;
+  readonly stage: Stage | null;
+  private plan: Plan | null;
+  private number = 0;
+  private tried: Record<string, number> = {};
+  private person: Person | null = null;
+  private analysis: Analysis | null = null;
+  private mode: Mode = "watch";
+  private shown: Shown | null = null;
+  private original: Plan | null = null;
+  private readonly modes: readonly Mode[];
+  private readonly layout: Layout;
   private readonly bug = new ScoreBug();
   private readonly chip = new Chip();
   private readonly cameras = cameraButtons((camera) => this.setCamera(camera));
   private readonly curve = new Curve((time) => this.seek(time));
   private readonly moves = new MoveList((stroke) => this.seekStroke(stroke));
-  private readonly options = new OptionTable((stroke) => this.whatIf(stroke));
+  private readonly options = new OptionTable((stroke) => void this.whatIf(stroke));
   private readonly chances = new Chances();
   private readonly landing: LandingMap;
   private readonly styles = new StylePanel();
+  private readonly learn: Learn;
+  private readonly board: Board;
+  private readonly back = h("button", { class: "back hidden", onclick: () => void this.backToPlayed() }, "What if · back to what was played");
   private readonly sides: [SideCard, SideCard];
-  private readonly banner = h("div", { class: "banner hidden", role: "status" });
-  private readonly notice = h("div", { class: "notice hidden", role: "alert" });
-  private readonly told = h("ol", { class: "told", "aria-live": "polite", "aria-label": "The rally in words" });
-  private readonly what = h("div", { class: "what" });
-  private readonly playButton: HTMLButtonElement;
-  private readonly speedSelect: HTMLSelectElement;
-  private readonly scrubber: HTMLInputElement;
-  private readonly clock = h("span", { class: "clock" });
-  private readonly court = h("div", { class: "court" });
   private readonly cache = new Map<string, Promise<Shown>>();
-  private shown: Shown | null = null;
+  private readonly played: { number: number; rally: RallyFacts; analysis: Promise<Analysis> }[] = [];
+  private aim: [number, number, number, number] | null = null;
+  private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
   private request = 0;
   private loopRally = false;
   private autoNext = true;
   private last = 0;
   private saidStroke = -2;
   private shownStroke = -2;
-  private frameTimes: number[] = [];
-  person: Person | null = null;
+  private ended = false;
+  private readonly frameTimes: number[] = [];
+  private chosenAt = 0;
+  private turnTimes: number[] = [];
 
   constructor(
-    hello: Hello,
+    private readonly hello: Hello,
     private readonly source: Source,
-    private readonly recorded: boolean,
   ) {
     const place = readLink(location.hash);
+    const recorded = hello.recorded !== null;
+    this.modes = recorded || !source.share ? MODES.slice(0, 3) : MODES;
     this.plan = recorded ? null : (place.plan ?? hello.plan);
-    const asked = new URLSearchParams(location.search).get("quality");
-    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.stage = new Stage(hello.hall, (name) => source.model(name), asked === "full" || asked === "lite" ? asked : "auto", still);
+    this.tried = place.tried;
+    this.stage = this.makeStage();
     this.landing = new LandingMap(hello.hall);
-    const card = (seat: number) => new SideCard(seat, hello.policies, (side) => this.changeSide(seat, side), () => this.takeOver(seat));
+    const card = (seat: number) => new SideCard(seat, hello.policies, (side) => this.changeSide(seat, side), () => void this.takeOver(seat));
     this.sides = [card(0), card(1)];
-    this.playButton = h("button", { class: "play", onclick: () => this.toggle(), "aria-label": "Play" }, icon("play"));
-    this.speedSelect = h(
-      "select",
-      { "aria-label": "Speed", onchange: () => (this.player.speed = Number(this.speedSelect.value)) },
-      ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)),
+    this.learn = new Learn({
+      stopBefore: (stroke) => this.stopBefore(stroke),
+      reveal: (upTo) => this.reveal(upTo),
+      finish: () => void this.go(this.number + 1),
+    });
+    this.board = new Board(hello.hall, {
+      hit: (stroke) => void this.hit(stroke),
+      hints: () => source.options(this.wanted(this.number)),
+      aim: (box) => (this.aim = box),
+    });
+    this.layout = new Layout(
+      {
+        canvas: this.stage?.canvas ?? null,
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.back, this.board.element],
+        left: [...(recorded || !source.share ? [] : this.sides.map((side) => side.element)), recorded ? null : this.styles.element],
+        right: [this.learn.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        curve: this.curve.element,
+      },
+      this.modes,
+      {
+        mode: (mode) => this.setMode(mode),
+        newMatch: () => this.newMatch(),
+        copyLink: () => this.copyLink(),
+        savePicture: () => this.savePicture(),
+        savePage: (match) => void this.savePage(match),
+        rally: (step) => void this.go(this.number + step),
+        stroke: (step) => this.stepStroke(step),
+        toggle: () => this.toggle(),
+        replay: () => this.player.replayLast(),
+        speed: (speed) => (this.player.speed = speed),
+        loop: (on) => (this.loopRally = on),
+        autoNext: (on) => (this.autoNext = on),
+        seek: (time) => this.seek(time),
+        textMode: (on) => this.layout.showText(on),
+      },
+      source.share !== null,
+      !recorded && source.share !== null,
     );
-    this.speedSelect.value = "1";
-    this.scrubber = h("input", { type: "range", min: 0, max: 1, step: 0.02, value: 0, "aria-label": "Time in the rally", oninput: () => this.seek(Number(this.scrubber.value)) });
-    this.build();
+    this.layout.showMode(this.mode, this.modes);
+    this.layout.showText(!this.stage);
+    new ResizeObserver(() => this.resize()).observe(this.layout.court);
+    this.resize();
     this.listen();
-    void this.go(place.rally, place.stroke);
+    const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
+    void this.go(first, place.stroke, place.stroke === null);
     requestAnimationFrame((now) => this.frame(now));
   }
 
-  private build(): void {
-    const newMatch = h("button", { onclick: () => this.newMatch() }, "New match");
-    const link = h("button", { onclick: () => this.copyLink() }, "Copy link");
-    const help = h("button", { onclick: () => this.help.showModal(), "aria-label": "Keys" }, "? ", h("kbd", {}, "h"));
-    const button = (name: string, label: string, act: () => void) => h("button", { onclick: act, "aria-label": label, title: label }, icon(name));
-    const transport = h(
-      "div",
-      { class: "transport", role: "group", "aria-label": "Playback" },
-      button("first", "Rally before", () => void this.go(this.number - 1)),
-      button("back", "Stroke before", () => this.stepStroke(-1)),
-      this.playButton,
-      button("forward", "Next stroke", () => this.stepStroke(1)),
-      button("last", "Next rally", () => void this.go(this.number + 1)),
-      button("replay", "Last stroke again, slowly", () => this.replay()),
-      this.speedSelect,
-      this.toggleButton("loop rally", () => (this.loopRally = !this.loopRally)),
-      this.toggleButton("auto-next", () => (this.autoNext = !this.autoNext), true),
-      this.scrubber,
-      this.clock,
-    );
-    this.curve.element.append(transport);
-    this.court.append(this.stage.canvas, this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.banner, this.notice);
-    this.stage.canvas.setAttribute("aria-label", "The court");
-    this.stage.canvas.setAttribute("role", "img");
-    const keys = h("section", { class: "panel" }, h("h2", {}, "Keys"), h("div", { class: "keys" }, ...keyList().flatMap(([key, what]) => [h("span", {}, h("kbd", {}, key), ` ${what}`)])));
-    const words = h("section", { class: "panel" }, h("h2", {}, "In words"), this.told);
-    document.body.append(
-      h("header", { class: "top" }, h("h1", {}, "shuttle_marl"), this.what, this.recorded ? null : newMatch, link, help),
-      h(
-        "main",
-        { class: "page" },
-        h("div", { class: "column agents" }, ...(this.recorded ? [] : this.sides.map((side) => side.element)), this.styles.element, keys),
-        h("div", { class: "middle" }, this.court, this.curve.element),
-        h("div", { class: "column" }, this.moves.element, this.options.element, this.chances.element, this.landing.element, words),
-      ),
-      this.help,
-    );
-    new ResizeObserver(() => this.resize()).observe(this.court);
-    this.resize();
-    this.cameras.show(this.stage.camera);
-  }
-
-  private readonly help = h(
-    "dialog",
-    { "aria-label": "Keys" },
-    h("h2", {}, "Keys"),
-    h("ul", {}, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))),
-    h("p", { style: "margin-top:12px" }, h("button", { onclick: () => this.help.close() }, "Close")),
-  );
-
-  private toggleButton(name: string, act: () => void, on = false): HTMLButtonElement {
-    const button = h("button", {
-      "aria-pressed": String(on),
-      onclick: () => {
-        act();
-        button.setAttribute("aria-pressed", String(button.getAttribute("aria-pressed") !== "true"));
-      },
-    }, name);
-    return button;
+  private makeStage(): Stage | null {
+    const asked = new URLSearchParams(location.search).get("quality");
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    try {
+      const stage = new Stage(this.hello.hall, (name) => this.source.model(name), asked === "full" || asked === "lite" ? asked : "auto", still);
+      stage.canvas.addEventListener("click", (event) => {
+        const place = stage.floorAt(event.clientX, event.clientY);
+        if (place && this.board.turn) {
+          this.board.aimAt(...place);
+        }
+      });
+      return stage;
+    } catch {
+      return null;
+    }
   }
 
   private resize(): void {
-    const { clientWidth, clientHeight } = this.court;
+    const { clientWidth, clientHeight } = this.layout.court;
     if (clientWidth && clientHeight) {
-      this.stage.resize(clientWidth, clientHeight);
+      this.stage?.resize(clientWidth, clientHeight);
     }
   }
 
   // What is shown.
 
-  private load(plan: Plan | null, number: number): Promise<Shown> {
-    const key = JSON.stringify([plan, number, this.person]);
+  private wanted(rally: number): Wanted {
+    return { plan: this.plan, rally, person: this.person, tried: rally === this.number ? this.tried : {} };
+  }
+
+  private load(wanted: Wanted, before: Motion | null = null): Promise<Shown> {
+    const key = JSON.stringify(wanted);
     let found = this.cache.get(key);
     if (!found) {
-      found = this.source.rally(plan, number, this.person);
+      found = this.source.rally(wanted, before);
       this.cache.set(key, found);
       found.catch(() => this.cache.delete(key));
-      while (this.cache.size > 12) {
+      while (this.cache.size > 10) {
         this.cache.delete(this.cache.keys().next().value!);
       }
     }
@@ -172,92 +188,138 @@ export class App {
   }
 
   /** Shows a rally, from its start or from a stroke of it. */
-  async go(number: number, stroke: number | null = null, playing = this.player.playing || this.shown === null): Promise<void> {
-    if (number < 0) {
+  async go(number: number, stroke: number | null = null, playing = this.player.playing): Promise<void> {
+    const most = this.hello.recorded?.count ?? Infinity;
+    if (number < 0 || number >= most) {
       return;
     }
+    if (number !== this.number) {
+      this.tried = {};
+    }
+    const shown = await this.fetch(this.wanted(number));
+    if (shown) {
+      this.number = number;
+      const time = stroke === null ? 0 : (shown.rally.strokes[stroke]?.time ?? 0);
+      this.show(shown, time, playing && stroke === null);
+    }
+  }
+
+  /** A rally, or null if something else was asked for meanwhile, or it cannot be had. */
+  private async fetch(wanted: Wanted, before: Motion | null = null): Promise<Shown | null> {
     const request = ++this.request;
     try {
-      const shown = await this.load(this.plan, number);
-      await this.stage.prepare(shown.rally);
-      if (request !== this.request) {
-        return;
-      }
-      this.notice.classList.add("hidden");
-      this.number = number;
-      this.shown = shown;
-      this.player.show(shown.rally, shown.motion, stroke === null ? 0 : (shown.rally.strokes[stroke]?.time ?? 0));
-      this.player.playing = playing && stroke === null;
-      this.showRally();
-      void this.analyse(request);
-      if (!shown.rally.after?.over) {
-        this.load(this.plan, number + 1).catch(() => {}); // staged while this one plays
-      }
+      const shown = await this.load(wanted, before);
+      await this.stage?.prepare(shown.rally);
+      return request === this.request ? shown : null;
     } catch (error) {
       if (request === this.request) {
-        this.say(String((error as Error).message));
+        this.layout.say((error as Error).message, true);
       }
+      return null;
+    }
+  }
+
+  private show(shown: Shown, time: number, playing: boolean): void {
+    this.layout.quiet();
+    this.shown = shown;
+    this.player.show(shown.rally, shown.motion, time);
+    this.player.playing = playing;
+    this.player.stopAt = shown.rally.turn ? Math.max(0, this.player.duration - EARLY) : null;
+    this.ended = false;
+    this.analysis = null;
+    this.shownStroke = this.saidStroke = -2;
+    this.hidden = this.mode === "learn" ? 0 : null;
+    this.learn.end();
+    this.board.show(null);
+    this.showRally();
+    void this.analyse(this.request);
+    if (shown.rally.winner !== null && !shown.rally.after?.over && this.mode !== "learn") {
+      this.load({ ...this.wanted(this.number + 1), tried: {} }).catch(() => {}); // staged while this one plays
     }
   }
 
   private async analyse(request: number): Promise<void> {
+    const wanted = this.wanted(this.number);
+    const { rally } = this.shown!;
     try {
-      const analysis = await this.source.analysis(this.plan, this.number, this.person);
-      if (request === this.request) {
-        this.analysis = analysis;
-        this.showAnalysis();
+      if (rally.strokes.length) {
+        const asked = this.source.analysis(wanted);
+        if (this.person && rally.winner !== null && !this.played.some((one) => one.number === rally.number)) {
+          this.played.push({ number: rally.number, rally, analysis: asked });
+        }
+        const analysis = await asked;
+        if (request === this.request) {
+          this.analysis = analysis;
+          this.showWorth();
+          if (this.mode === "learn") {
+            this.learn.begin(rally, analysis);
+          }
+        }
       }
       if (this.plan) {
-        const styles = await this.source.styles(this.plan, this.number);
+        const styles = await this.source.styles(wanted);
         if (request === this.request) {
           this.styles.show(styles);
         }
       }
     } catch (error) {
       if (request === this.request) {
-        this.say(String((error as Error).message));
+        this.layout.say((error as Error).message, true);
       }
     }
   }
 
   private showRally(): void {
     const { rally } = this.shown!;
-    this.analysis = null;
-    this.shownStroke = this.saidStroke = -2;
-    this.scrubber.max = String(this.player.duration);
-    const seed = this.plan ? ` · seed ${this.plan.seed}` : "";
-    this.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B)${seed} · rally ${rally.number + 1}`;
-    const sides = this.plan ? sidesIn(this.plan, this.number) : null;
-    sides?.forEach((side, seat) => this.sides[seat]!.show(side, this.person?.seat === seat));
-    replaceChildren(this.told, h("li", {}, startSentence(rally)));
-    this.banner.classList.add("hidden");
-    this.showAnalysis();
+    this.layout.scrubber.max = String(this.player.duration);
+    const where = this.hello.recorded ? ` · ${this.hello.recorded.title}` : this.plan ? ` · seed ${this.plan.seed}` : "";
+    this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B)${where} · rally ${rally.number + 1}`;
+    if (this.plan) {
+      sidesIn(this.plan, this.number).forEach((side, seat) => this.sides[seat]!.show(side, this.person?.seat === seat));
+    }
+    replaceChildren(this.layout.told, h("li", {}, startSentence(rally)));
+    this.layout.banner.classList.add("hidden");
+    this.back.classList.toggle("hidden", this.original === null && !Object.keys(this.tried).length);
+    this.showWorth();
     this.remember();
   }
 
-  private showAnalysis(): void {
+  private showWorth(): void {
     const { rally } = this.shown!;
-    this.curve.show(rally, this.player.duration, this.analysis);
-    this.moves.show(rally, this.analysis);
+    const seen = this.hidden === null ? this.analysis : null;
+    this.curve.show(rally, this.player.duration, seen);
+    this.moves.show(rally, seen, this.hidden ?? (this.mode === "play" ? Math.max(this.player.stroke + 1, 0) : Infinity));
     this.shownStroke = -2;
   }
 
-  private say(words: string): void {
-    this.notice.textContent = words;
-    this.notice.classList.remove("hidden");
-  }
-
   // What the viewer does.
+
+  setMode(mode: Mode): void {
+    const before = this.mode;
+    this.mode = mode;
+    this.layout.showMode(mode, this.modes);
+    this.autoNext = mode === "watch" || mode === "play";
+    this.layout.showAutoNext(this.autoNext);
+    if (mode === "play" && !this.person) {
+      void this.takeOver(0);
+      return;
+    }
+    if (before === "play" && this.person) {
+      this.person = null;
+    }
+    void this.go(this.number, mode === "analyse" ? Math.max(this.player.stroke, 0) : null, mode === "watch");
+  }
 
   toggle(): void {
     if (!this.player.playing && this.player.time >= this.player.duration) {
       this.player.seek(0);
     }
-    this.player.playing = !this.player.playing;
+    this.player.playing = !this.player.playing && !(this.board.turn && this.player.time >= this.player.duration - EARLY);
   }
 
   seek(time: number): void {
-    this.player.seek(time);
+    const limit = this.shown?.rally.turn ? this.player.duration - EARLY : Infinity;
+    this.player.seek(Math.min(time, limit));
   }
 
   seekStroke(stroke: number): void {
@@ -269,35 +331,33 @@ export class App {
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
       this.remember();
-    } else if (step > 0) {
-      this.seek(this.player.duration);
     } else {
-      this.seek(0);
+      this.seek(step > 0 ? this.player.duration : 0);
     }
   }
 
-  replay(): void {
-    this.player.replayLast();
-  }
-
   setCamera(camera: Camera): void {
-    this.stage.camera = camera;
-    this.cameras.show(camera);
+    if (this.stage) {
+      this.stage.camera = camera;
+      this.cameras.show(camera);
+    }
   }
 
   setSpeed(step: number): void {
     const at = SPEEDS.findIndex((speed) => speed >= this.player.speed);
     this.player.speed = SPEEDS[Math.min(Math.max(at + step, 0), SPEEDS.length - 1)]!;
-    this.speedSelect.value = String(this.player.speed);
+    this.layout.speed.value = String(this.player.speed);
   }
 
   newMatch(): void {
-    if (this.plan) {
-      const sides = sidesIn(this.plan, this.number);
-      this.plan = { seed: Math.floor(Math.random() * 2 ** 31), sides };
-      this.person = null;
-      this.player.playing = true;
-      void this.go(0);
+    if (this.plan && this.source.share) {
+      this.plan = { seed: Math.floor(Math.random() * 2 ** 31), sides: sidesIn(this.plan, this.number) };
+      this.original = null;
+      this.played.length = 0;
+      if (this.person) {
+        this.person = { ...this.person, rally: 0, stroke: 0 };
+      }
+      void this.go(0, null, true);
     }
   }
 
@@ -316,17 +376,121 @@ export class App {
     }
     const kept = (this.plan.changes ?? []).filter((change) => change.rally < from || (change.rally === from && change.seat !== seat));
     this.plan = { ...this.plan, changes: [...kept, { rally: from, seat, side }] };
-    this.say(`${side.policy} plays from the next rally on`);
+    this.layout.say(`${side.policy} plays from the next rally on`);
     this.remember();
-    this.load(this.plan, from).catch((error: Error) => this.say(error.message));
+    this.load(this.wanted(from)).catch((error: Error) => this.layout.say(error.message, true));
   }
 
-  takeOver(_seat: number): void {}
+  /** A person takes the place of a policy from the next stroke that can still be chosen, or hands it back. */
+  async takeOver(seat: number): Promise<void> {
+    if (!this.plan || !this.source.share || !this.shown) {
+      return;
+    }
+    if (this.person?.seat === seat) {
+      const open = this.shown.rally.winner === null;
+      this.person = null;
+      this.setModeQuietly("watch");
+      await this.go(this.number, null, true);
+      this.layout.say(open ? "The policy plays this rally from its start" : "The policy plays on");
+      return;
+    }
+    const stroke = this.player.stroke;
+    const { time } = this.player;
+    this.person = { seat, rally: this.number, stroke: stroke < 0 ? 0 : stroke + 2 };
+    this.setModeQuietly("play");
+    const shown = await this.fetch(this.wanted(this.number));
+    if (shown) {
+      this.show(shown, Math.min(time, shown.motion.duration), true);
+      this.layout.say(`You play side ${"AB"[seat]}: choose a stroke, then Enter`);
+    }
+  }
 
-  whatIf(_stroke: number): void {}
+  private setModeQuietly(mode: Mode): void {
+    this.mode = mode;
+    this.autoNext = true;
+    this.layout.showMode(mode, this.modes);
+    this.layout.showAutoNext(true);
+  }
+
+  private async hit(stroke: number): Promise<void> {
+    const { shown, plan } = this;
+    if (!shown?.rally.turn || !plan) {
+      return;
+    }
+    this.chosenAt = performance.now();
+    const { number } = shown.rally.turn;
+    const chosen = { ...plan.chosen?.[this.number], [number]: stroke };
+    this.plan = { ...plan, chosen: { ...plan.chosen, [this.number]: chosen } };
+    const time = this.player.time;
+    this.board.show(null);
+    const next = await this.fetch(this.wanted(this.number), shown.motion);
+    if (next) {
+      const contact = next.rally.strokes[number]?.time ?? Infinity;
+      this.stage?.blendFrom(shown.motion, time);
+      this.show(next, Math.min(time, contact - 0.12), true);
+    }
+  }
+
+  /** Plays another stroke where one was struck; the rally continues from there. */
+  async whatIf(stroke: number): Promise<void> {
+    const { shown, plan } = this;
+    if (!shown || !this.source.share) {
+      return;
+    }
+    const at = Math.max(this.player.stroke, 0);
+    if (plan) {
+      this.original ??= plan;
+      const earlier = Object.entries(plan.chosen?.[this.number] ?? {}).filter(([k]) => Number(k) < at);
+      const before = Object.entries(plan.chosen ?? {}).filter(([rally]) => Number(rally) < this.number);
+      this.plan = { ...plan, chosen: { ...Object.fromEntries(before), [this.number]: { ...Object.fromEntries(earlier), [at]: stroke } } };
+    } else {
+      const earlier = Object.entries(this.tried).filter(([k]) => Number(k) < at);
+      this.tried = { ...Object.fromEntries(earlier), [at]: stroke };
+    }
+    const next = await this.fetch(this.wanted(this.number));
+    if (next) {
+      const contact = next.rally.strokes[at]!.time;
+      const earliest = at ? next.rally.strokes[at - 1]!.time : 0;
+      this.show(next, Math.max(earliest, contact - 0.5), true);
+    }
+  }
+
+  private async backToPlayed(): Promise<void> {
+    const stroke = Math.max(this.player.stroke, 0);
+    this.plan = this.original ?? this.plan;
+    this.original = null;
+    this.tried = {};
+    await this.go(this.number, stroke);
+  }
+
+  // Learn.
+
+  private stopBefore(stroke: number): void {
+    const { strokes } = this.shown!.rally;
+    const target = strokes[stroke]!.time - 0.03;
+    const from = stroke ? strokes[stroke - 1]!.time - 0.3 : 0;
+    if (this.player.time < from || this.player.time > target) {
+      this.player.seek(Math.max(0, from));
+    }
+    this.hidden = stroke;
+    this.showWorth();
+    this.player.stopAt = target;
+    this.player.playing = true;
+  }
+
+  private reveal(upTo: number): void {
+    this.hidden = upTo === Infinity ? null : upTo + 1;
+    this.showWorth();
+    if (upTo !== Infinity) {
+      this.player.stopAt = this.shown!.rally.strokes[upTo]!.end_time;
+      this.player.playing = true;
+    }
+  }
+
+  // Links, pictures, pages.
 
   get link(): string {
-    return writeLink(this.plan, this.number, this.player.stroke >= 0 ? this.player.stroke : null);
+    return writeLink({ plan: this.plan, rally: this.number, stroke: this.player.stroke >= 0 ? this.player.stroke : null, tried: this.tried } satisfies Place);
   }
 
   private remember(): void {
@@ -335,8 +499,29 @@ export class App {
 
   private copyLink(): void {
     this.remember();
-    void navigator.clipboard?.writeText(location.href);
-    this.say("The link names seed, rally and stroke; it is in the clipboard");
+    navigator.clipboard?.writeText(location.href).catch(() => {});
+    this.layout.say("The address names seed, rally and stroke; it is in the clipboard");
+  }
+
+  private savePicture(): void {
+    this.draw();
+    this.stage?.canvas.toBlob((picture) => picture && save(picture, `rally-${this.number + 1}.png`));
+  }
+
+  private async savePage(match: boolean): Promise<void> {
+    if (!this.source.share || !this.shown) {
+      return;
+    }
+    this.layout.say("making the page …");
+    const numbers = match && this.plan ? Array.from({ length: this.number + 1 }, (_, i) => i) : [this.number];
+    const { names } = this.shown.rally;
+    try {
+      const page = await this.source.share(numbers.map((number) => this.wanted(number)), `${names[0]} v ${names[1]}`, this.link);
+      save(page, match ? "match.html" : `rally-${this.number + 1}.html`);
+      this.layout.say(`saved, ${(page.size / 1e6).toFixed(1)} MB; it opens from disk`);
+    } catch (error) {
+      this.layout.say((error as Error).message, true);
+    }
   }
 
   // Time.
@@ -350,6 +535,10 @@ export class App {
     if (ended) {
       this.atEnd();
     }
+    if (this.chosenAt && this.player.playing && !this.board.turn) {
+      this.turnTimes.push(performance.now() - this.chosenAt);
+      this.chosenAt = 0;
+    }
     this.frameTimes.push(performance.now() - began);
     if (this.frameTimes.length > 240) {
       this.frameTimes.shift();
@@ -358,15 +547,13 @@ export class App {
   }
 
   private atEnd(): void {
+    const { rally } = this.shown!;
+    this.player.playing = false;
     if (this.loopRally) {
       this.player.seek(0);
-    } else if (this.autoNext && !this.shown?.rally.after?.over) {
       this.player.playing = true;
-      const next = this.number + 1;
-      this.player.playing = false;
-      void this.go(next, null, true);
-    } else {
-      this.player.playing = false;
+    } else if (this.autoNext && rally.winner !== null && !rally.after?.over) {
+      void this.go(this.number + 1, null, true);
     }
   }
 
@@ -377,59 +564,104 @@ export class App {
       return;
     }
     const { rally, motion } = shown;
-    this.stage.draw(rally, motion, player.time, null);
+    if (!document.body.classList.contains("text")) {
+      this.stage?.draw(rally, motion, player.time, this.aim);
+    }
     const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
     this.bug.show(rally, over);
     this.chip.show(rally, player.stroke);
     this.curve.move(player.time);
-    this.cameras.show(this.stage.camera);
-    this.scrubber.value = String(player.time);
-    this.clock.textContent = `${player.time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
-    const name = player.playing ? "Pause" : "Play";
-    if (this.playButton.getAttribute("aria-label") !== name) {
-      this.playButton.setAttribute("aria-label", name);
-      replaceChildren(this.playButton, icon(name.toLowerCase()));
+    if (this.stage) {
+      this.cameras.show(this.stage.camera);
     }
-    this.showBanner(over);
+    this.layout.scrubber.value = String(player.time);
+    this.layout.clock.textContent = `${player.time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
+    this.layout.showPlaying(player.playing);
     if (player.stroke !== this.shownStroke) {
-      this.shownStroke = player.stroke;
       this.showStroke(player.stroke);
+    }
+    if (over && !this.ended) {
+      this.rallyEnded();
+    }
+    if (rally.turn && player.stroke === rally.turn.number - 1) {
+      this.board.show(rally.turn);
+    }
+    const question = this.learn.current;
+    if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - 0.03)) < 0.05) {
+      this.learn.ask();
     }
   }
 
   private showStroke(stroke: number): void {
     const { rally } = this.shown!;
+    this.shownStroke = stroke;
+    if (this.mode === "play") {
+      this.showWorth();
+      this.shownStroke = stroke;
+    }
     const at = Math.max(stroke, 0);
-    const value = this.analysis?.strokes[at];
+    const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
     this.moves.mark(stroke);
-    this.options.show(rally, at, value);
+    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined);
     this.chances.show(rally, at);
-    const landing = this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null;
+    const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);
     for (let i = Math.max(this.saidStroke + 1, 0); i <= stroke; i++) {
-      this.told.append(h("li", {}, strokeSentence(rally, i)));
+      this.layout.tell(strokeSentence(rally, i));
     }
     this.saidStroke = Math.max(this.saidStroke, stroke);
-    this.told.scrollTop = this.told.scrollHeight;
   }
 
-  private showBanner(over: boolean): void {
+  private rallyEnded(): void {
     const { rally } = this.shown!;
-    if (over === !this.banner.classList.contains("hidden")) {
-      return;
+    const after = rally.after!;
+    this.ended = true;
+    const won = after.over ? "wins the match" : after.game_won ? "wins the game" : "wins the rally";
+    replaceChildren(
+      this.layout.banner,
+      h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
+      ` ${won}`,
+      h("small", {}, `${after.points[0]} – ${after.points[1]}`),
+    );
+    this.layout.banner.classList.remove("hidden");
+    this.layout.tell(endSentence(rally));
+    if (after.game_won && this.person) {
+      void this.showGame(rally);
     }
-    this.banner.classList.toggle("hidden", !over);
-    if (over && rally.after) {
-      const { after } = rally;
-      const won = after.over ? "wins the match" : after.game_won ? "wins the game" : "wins the rally";
-      replaceChildren(
-        this.banner,
-        h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
-        ` ${won}`,
-        h("small", {}, `${after.points[0]} – ${after.points[1]}`),
+  }
+
+  /** The costliest decisions of a person in the game that is over. */
+  private async showGame(rally: RallyFacts): Promise<void> {
+    const games = rally.games[0] + rally.games[1];
+    const seat = this.person!.seat;
+    const mine = this.played.filter((one) => one.rally.games[0] + one.rally.games[1] === games);
+    const found = await Promise.all(mine.map(async (one) => ({ ...one, analysis: await one.analysis })));
+    const strokes = found.flatMap(({ number, rally: { strokes }, analysis }) =>
+      strokes.flatMap((stroke, i) => (stroke.seat === seat && stroke.person ? [{ number, i, stroke, value: analysis.strokes[i]! }] : [])),
+    );
+    const worst = strokes.filter(({ value }) => value.regret > 0).sort((a, b) => b.value.regret - a.value.regret).slice(0, 5);
+    const rows = worst.map(({ number, i, stroke, value }) => {
+      const better = value.options.find((option) => option.stroke === value.better);
+      const go = () => {
+        this.layout.summary.close();
+        this.setMode("analyse");
+        void this.go(number, i);
+      };
+      return h(
+        "li",
+        { style: "margin:6px 0" },
+        h("button", { onclick: go }, `rally ${number + 1}, stroke ${i + 1}`),
+        ` ${words(stroke.shot)} to ${words(stroke.area)} gave away ${percent(value.regret)}`,
+        better ? `; better: ${words(better.shot)} to ${words(better.area)}` : "",
       );
-      this.told.append(h("li", {}, endSentence(rally)));
-    }
+    });
+    const mean = strokes.length ? strokes.reduce((sum, { value }) => sum + value.regret, 0) / strokes.length : 0;
+    replaceChildren(
+      this.layout.summary.querySelector("div")!,
+      h("p", {}, `${rally.after!.points[0]} – ${rally.after!.points[1]}. You chose ${strokes.length} strokes; each gave away ${(100 * mean).toFixed(1)} % of a rally on average. The costliest:`),
+      h("ol", {}, ...rows),
+    );
+    this.layout.summary.showModal();
   }
 
   // Keys.
@@ -437,10 +669,12 @@ export class App {
   private listen(): void {
     document.addEventListener("keydown", (event) => {
       const target = event.target as HTMLElement;
-      if (event.ctrlKey || event.metaKey || event.altKey || /^(SELECT|TEXTAREA)$/.test(target.tagName) || (target as HTMLInputElement).type === "range") {
+      const typing = /^(SELECT|TEXTAREA)$/.test(target.tagName) || (target as HTMLInputElement).type === "range";
+      const dialog = document.querySelector("dialog[open]") !== null && event.key !== "h";
+      if (event.ctrlKey || event.metaKey || event.altKey || typing || dialog || (event.key === " " && target.closest("button, summary"))) {
         return;
       }
-      if (event.key === " " && target.tagName === "BUTTON") {
+      if (event.key === "Enter" && target.closest("button, summary") && !this.board.element.contains(target)) {
         return;
       }
       if (this.key(event.key)) {
@@ -449,14 +683,19 @@ export class App {
     });
     window.addEventListener("hashchange", () => {
       const place = readLink(location.hash);
-      if (place.plan && !this.recorded) {
+      if (place.plan && !this.hello.recorded) {
         this.plan = place.plan;
       }
+      this.number = place.rally;
+      this.tried = place.tried;
       void this.go(place.rally, place.stroke);
     });
   }
 
   key(key: string): boolean {
+    if (this.board.key(key)) {
+      return true;
+    }
     const camera = CAMERAS[Number(key) - 1];
     if (camera) {
       this.setCamera(camera);
@@ -472,11 +711,14 @@ export class App {
       ".": () => this.player.stepFrame(1),
       "<": () => this.setSpeed(-1),
       ">": () => this.setSpeed(1),
-      r: () => this.replay(),
-      f: () => (this.stage.flipped = !this.stage.flipped),
+      r: () => this.player.replayLast(),
+      f: () => this.stage && (this.stage.flipped = !this.stage.flipped),
       n: () => this.newMatch(),
-      h: () => (this.help.open ? this.help.close() : this.help.showModal()),
-      "?": () => this.help.showModal(),
+      t: () => void this.takeOver(0),
+      T: () => void this.takeOver(1),
+      w: () => this.layout.showText(!document.body.classList.contains("text")),
+      h: () => this.layout.toggleHelp(),
+      "?": () => this.layout.toggleHelp(),
     };
     acts[key]?.();
     return key in acts;
@@ -486,34 +728,40 @@ export class App {
   state(): Record<string, unknown> {
     const { shown, player, stage } = this;
     const rally = shown?.rally ?? null;
-    const frame = Math.round(player.time * player.duration);
     return {
       ready: rally !== null,
+      mode: this.mode,
       rally: this.number,
       names: rally?.names,
       points: rally?.points,
       games: rally?.games,
+      after: rally?.after,
       server: rally?.server,
       winner: rally?.winner,
       strokes: rally?.strokes.map((stroke) => stroke.stroke),
       contacts: rally?.strokes.map((stroke) => stroke.time),
       strikers: rally?.strokes.map((stroke) => stroke.seat),
       stroke: player.stroke,
-      frame,
       time: player.time,
       duration: player.duration,
       playing: player.playing,
       speed: player.speed,
-      camera: stage.camera,
-      lite: stage.lite,
-      target: stage.targetArea,
+      turn: this.board.turn,
+      selected: this.board.selected ?? null,
+      person: this.person,
+      asked: this.learn.current,
+      camera: stage?.camera,
+      lite: stage?.lite,
+      target: stage?.targetArea ?? null,
       shuttle: shown ? shown.motion.shuttleAt(player.time, [0, 0, 0]) : null,
-      rackets: [stage.sweetSpot(0), stage.sweetSpot(1)],
+      hips: shown ? [0, 1].map((seat) => shown.motion.hipsAt(player.time, seat, [0, 0, 0])) : null,
+      rackets: [stage?.sweetSpot(0) ?? null, stage?.sweetSpot(1) ?? null],
       analysis: this.analysis,
       plan: this.plan,
       link: this.link,
-      figures: stage.figures,
+      figures: stage?.figures,
       script_ms: [...this.frameTimes],
+      turn_ms: [...this.turnTimes],
     };
   }
 }
@@ -527,19 +775,4 @@ export function sidesIn(plan: Plan, rally: number): [Side, Side] {
     }
   }
   return sides;
-}
-
-function keyList(): [string, string][] {
-  return [
-    ["space", "play, pause"],
-    ["← →", "stroke"],
-    ["↑ ↓", "rally"],
-    [", .", "frame"],
-    ["< >", "speed"],
-    ["1 – 6", "camera"],
-    ["f", "other end"],
-    ["r", "slow replay"],
-    ["n", "new match"],
-    ["h", "keys"],
-  ];
 }

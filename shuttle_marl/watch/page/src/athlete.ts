@@ -65,6 +65,14 @@ export class Athlete {
     this.bones[0]!.position.copy(at(...motion.hipsAt(time, seat, this.hips)));
     this.bones.forEach((bone, i) => turned(this.rotations, i * 4, (i === this.racketBone ? this.racket : bone!).quaternion));
   }
+
+  /** Moves the pose back towards that of another motion; `share` 1 leaves it as it is. */
+  moveFrom(motion: Motion, time: number, seat: number, share: number): void {
+    motion.rotationsAt(time, seat, this.rotations);
+    const old = new THREE.Quaternion();
+    this.bones[0]!.position.lerp(at(...motion.hipsAt(time, seat, this.hips)), 1 - share);
+    this.bones.forEach((bone, i) => (i === this.racketBone ? this.racket : bone!).quaternion.slerp(turned(this.rotations, i * 4, old), 1 - share));
+  }
 }
 
 class Ring extends THREE.Curve<THREE.Vector3> {

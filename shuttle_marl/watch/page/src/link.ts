@@ -6,6 +6,7 @@ export interface Place {
   plan: Plan | null;
   rally: number;
   stroke: number | null;
+  tried: Record<string, number>;
 }
 
 function sideOf(text: string | null): Side | null {
@@ -17,25 +18,29 @@ function sideText({ policy, temperature }: Side): string {
   return temperature === 1 ? policy : `${policy}*${temperature}`;
 }
 
+/** An object in a link; a link that was cut off still names the rest. */
+function parsed<T extends object>(text: string | null): T {
+  try {
+    return JSON.parse(text ?? "{}") as T;
+  } catch {
+    return {} as T;
+  }
+}
+
 /** What a link names; parts that it does not name are null or 0. */
 export function readLink(hash: string): Place {
   const found = new URLSearchParams(hash.replace(/^#/, ""));
   const [a, b, seed] = [sideOf(found.get("a")), sideOf(found.get("b")), Number(found.get("seed"))];
   const rally = Math.max(0, Math.floor(Number(found.get("rally") ?? 1)) - 1) || 0;
   const stroke = found.has("stroke") ? Math.max(0, Math.floor(Number(found.get("stroke"))) - 1) || 0 : null;
+  const tried = parsed<Record<string, number>>(found.get("tried"));
   if (!a || !b || !Number.isSafeInteger(seed) || seed < 0) {
-    return { plan: null, rally, stroke };
+    return { plan: null, rally, stroke, tried };
   }
-  const plan: Plan = { seed, sides: [a, b] };
-  try {
-    Object.assign(plan, JSON.parse(found.get("more") ?? "{}"));
-  } catch {
-    // A link that was cut off still names the match.
-  }
-  return { plan, rally, stroke };
+  return { plan: { seed, sides: [a, b], ...parsed<Partial<Plan>>(found.get("more")) }, rally, stroke, tried };
 }
 
-export function writeLink(plan: Plan | null, rally: number, stroke: number | null): string {
+export function writeLink({ plan, rally, stroke, tried }: Place): string {
   const out = new URLSearchParams();
   if (plan) {
     out.set("seed", String(plan.seed));
@@ -55,6 +60,9 @@ export function writeLink(plan: Plan | null, rally: number, stroke: number | nul
   out.set("rally", String(rally + 1));
   if (stroke !== null && stroke >= 0) {
     out.set("stroke", String(stroke + 1));
+  }
+  if (Object.keys(tried).length) {
+    out.set("tried", JSON.stringify(tried));
   }
   return `#${out}`;
 }

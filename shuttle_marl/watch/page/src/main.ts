@@ -1,9 +1,10 @@
-// Starts the page: connects to its server and shows what it plays.
+// Starts the page: connects to its server, or opens what it was saved with, and shows what is played.
 
 import "./style.css";
-import { App, type Source } from "./app";
+import { App, type Source, type Wanted } from "./app";
 import { h } from "./dom";
 import { Motion } from "./motion";
+import { openShared, packShared, readShared, sharedPage, ungzipped, type Shared } from "./share";
 import { Connection, type Hello, type RallyFacts } from "./wire";
 
 declare global {
@@ -12,25 +13,70 @@ declare global {
   }
 }
 
-const lost = h("div", { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px" }, "The server does not answer; waiting for it …");
-document.body.append(lost);
+function body({ plan, rally, person, tried }: Wanted): object {
+  return plan ? { plan, rally, person } : { plan: null, rally, tried };
+}
 
-const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
-const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
+async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: ArrayBuffer }, before: Motion | null = null) {
+  return { rally: facts.rally, motion: await Motion.unpack(body, before) };
+}
 
-const source: Source = {
-  async rally(plan, rally, person) {
-    const { facts, body } = await server.ask<{ rally: RallyFacts }>("rally", { plan, rally, person });
-    return { rally: facts.rally, motion: await Motion.unpack(body) };
-  },
-  analysis: async (plan, rally, person) => (await server.ask<never>("analysis", { plan, rally, person })).facts,
-  styles: async (plan, rally) => (await server.ask<never>("styles", { plan, rally })).facts,
-  model: async (athlete) => (await fetch(`${athlete}.glb`)).arrayBuffer(),
-};
+/** Everything from a server. */
+async function served(): Promise<{ hello: Hello; source: Source }> {
+  const lost = h("div", { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" }, "The server does not answer; waiting for it …");
+  document.body.append(lost);
+  const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
+  const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
+  const { facts: hello, raw } = await server.ask<Hello>("hello");
+  const model = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
+  const source: Source = {
+    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...body(wanted), have: before !== null }), before),
+    analysis: async (wanted) => (await server.ask<never>("analysis", body(wanted))).facts,
+    options: async (wanted) => (await server.ask<{ options: never }>("options", body(wanted))).facts.options,
+    styles: async (wanted) => (await server.ask<never>("styles", body(wanted))).facts,
+    model,
+    share: async (rallies, title, hash) => {
+      const [script, style] = await Promise.all(["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()));
+      const replies = new Map<string, ArrayBuffer>();
+      const athletes = new Set<string>();
+      for (const wanted of rallies) {
+        const reply = await server.ask<{ rally: RallyFacts }>("rally", body(wanted));
+        reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
+        replies.set(`rally ${wanted.rally}`, reply.raw);
+        replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", body(wanted))).raw);
+        if (wanted.plan && !replies.has("styles")) {
+          replies.set("styles", (await server.ask("styles", body(wanted))).raw);
+        }
+      }
+      const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await model(name)] as const)));
+      return sharedPage(script!, style!, await packShared(raw, replies, models), title, hash);
+    },
+  };
+  return { hello, source };
+}
 
+/** Everything from the page itself. */
+async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
+  const { facts: hello } = await openShared<Hello>(shared.hello);
+  const find = <F>(key: string) => {
+    const reply = shared.replies[key];
+    return reply === undefined ? Promise.reject(new Error("this page was saved without that rally")) : openShared<F>(reply);
+  };
+  const source: Source = {
+    rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
+    analysis: async ({ rally }) => (await find<never>(`analysis ${rally}`)).facts,
+    options: () => Promise.reject(new Error("a saved page plays no one")),
+    styles: async () => (await find<never>("styles")).facts,
+    model: (athlete) => ungzipped(shared.models[athlete]!),
+    share: null,
+  };
+  return { hello, source };
+}
+
+const shared = readShared();
 try {
-  const { facts } = await server.ask<Hello>("hello");
-  const app = new App(facts, source, false);
+  const { hello, source } = await (shared ? saved(shared) : served());
+  const app = new App(hello, source);
   window.viewer = {
     state: () => app.state(),
     seek: (time: number) => (app.seek(time), app.draw()),
@@ -39,5 +85,5 @@ try {
     draw: () => app.draw(),
   };
 } catch (error) {
-  document.body.append(h("p", { role: "alert", style: "padding:20px" }, String((error as Error).message)));
+  document.body.append(h("p", { role: "alert", style: "padding:20px" }, (error as Error).message));
 }

@@ -19,6 +19,8 @@ const KITS: [Kit, Kit] = [
   { shirt: 0xc1122f, shorts: 0x14141c, racket: 0xfb7185 },
 ];
 
+const BLEND = 180; // [ms]
+
 interface View {
   eye: THREE.Vector3;
   look: THREE.Vector3;
@@ -50,6 +52,7 @@ export class Stage {
   private cast = "";
   private aim: View = { eye: at(0, -13, 7.5), look: at(0, 1, 0.5), fov: 36 };
   private shownCamera: Camera | null = null;
+  private blend: { motion: Motion; time: number; began: number } | null = null;
   private area: [number, number, number, number] | null = null;
 
   constructor(
@@ -121,12 +124,26 @@ export class Stage {
     this.eye.updateProjectionMatrix();
   }
 
+  /** From now on for a moment, poses move from what was seen in another motion to what is drawn. */
+  blendFrom(motion: Motion, time: number): void {
+    this.blend = { motion, time, began: performance.now() };
+  }
+
   /** Draws a rally at a time [s]; `target` replaces the area that is shown, null leaves it as it is played. */
   draw(rally: RallyFacts, motion: Motion, time: number, target: [number, number, number, number] | null): void {
     if (!this.athletes) {
       return;
     }
-    this.athletes.forEach((athlete, seat) => athlete.pose(motion, time, seat));
+    const share = this.blend ? (performance.now() - this.blend.began) / BLEND : 1;
+    if (share >= 1) {
+      this.blend = null;
+    }
+    this.athletes.forEach((athlete, seat) => {
+      athlete.pose(motion, time, seat);
+      if (this.blend) {
+        athlete.moveFrom(this.blend.motion, this.blend.time, seat, share);
+      }
+    });
     const hips: Vec3 = [0, 0, 0];
     this.shades.forEach((shade, seat) => {
       motion.hipsAt(time, seat, hips);
@@ -189,7 +206,7 @@ export class Stage {
       default: {
         const shuttle = motion.shuttleAt(time, [0, 0, 0]);
         const sway = rally.strokes.length ? 0.1 * shuttle[0] : 0;
-        return { eye: at(sway, -end * 13.2, 6.6), look: at(0.4 * sway, -end * 0.15, 0.75), fov: 37 * Math.min(wide, 1.5) };
+        return { eye: at(sway, -end * 12.6, 6.2), look: at(0.4 * sway, -end * 0.55, 0.8), fov: 35 * Math.min(wide, 1.5) };
       }
     }
   }

@@ -79,6 +79,19 @@ export interface Stroke extends StrokeFacts {
   speed: number;
 }
 
+export interface TurnStroke extends StrokeFacts {
+  p_succ: number;
+  p_ret: number;
+}
+
+/** A person has to choose. */
+export interface Turn {
+  seat: number;
+  number: number;
+  height: string;
+  strokes: TurnStroke[];
+}
+
 export interface RallyFacts {
   number: number;
   names: [string, string];
@@ -90,8 +103,7 @@ export interface RallyFacts {
   reason: string | null;
   after: { points: [number, number]; games: [number, number]; over: boolean; game_won: boolean } | null;
   strokes: Stroke[];
-  fps: number;
-  frames: number;
+  turn: Turn | null;
   players: [{ athlete: string; hand: string }, { athlete: string; hand: string }];
 }
 
@@ -101,18 +113,20 @@ export interface Hello {
   hall: HallFacts;
   policies: string[];
   plan: Plan;
+  recorded: { title: string; count: number; first: number } | null;
 }
 
 export interface Reply<F> {
   facts: F;
   body: ArrayBuffer;
+  raw: ArrayBuffer;
 }
 
 /** Splits a message: length of the JSON, the JSON, and what follows. */
 export function parseMessage(message: ArrayBuffer): Reply<Record<string, unknown>> {
   const length = new DataView(message).getUint32(0, true);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length)));
-  return { facts, body: message.slice(4 + length) };
+  return { facts, body: message.slice(4 + length), raw: message };
 }
 
 interface Waiting {

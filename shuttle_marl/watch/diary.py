@@ -1,0 +1,92 @@
+"""The log of the rallies that a person played, one file for each match against the same opponent."""
+
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from shuttle_marl.game.rally import Game
+from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.recording.recorder import RallyRecorder
+from shuttle_marl.recording.schema import Rallies
+from shuttle_marl.watch.match import PERSON, Rally
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.tables import Tables
+
+
+class Diary:
+    """Keeps finished rallies; a context manager that closes the last log.
+
+    Args:
+        folder: where the logs go; made when there is a rally to keep.
+        game: the tables.
+        tables: the policies.
+    """
+
+    def __init__(self, folder: Path, game: Game, tables: Tables) -> None:
+        self._folder, self._game, self._tables = folder, game, tables
+        self._open: tuple[object, RallyRecorder] | None = None
+        self._kept: set[tuple[object, int]] = set()
+        self._lock = threading.Lock()
+        self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
+
+    def keep(self, plan: Plan, rally: Rally) -> None:
+        """Keep a rally if it is finished and not there yet.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
+        winner = rally.winner
+        if winner is None:
+            return
+        match = (plan.seed, rally.names, plan.sides_in(rally.number))
+        with self._lock:
+            if (match, rally.number) in self._kept:
+                return
+            recorder = self._recorder(match, plan, rally)
+            recorder.add(self._row(rally, winner))
+            recorder.flush(sync=False)
+            self._kept.add((match, rally.number))
+
+    def close(self) -> None:
+        """Finish the log that is open."""
+        with self._lock:
+            if self._open is not None:
+                self._open[1].close()
+                self._open = None
+
+    def _recorder(self, match: object, plan: Plan, rally: Rally) -> RallyRecorder:
+        if self._open is not None and self._open[0] == match:
+            return self._open[1]
+        if self._open is not None:
+            self._open[1].close()
+            self._open = None
+        sides = plan.sides_in(rally.number)
+        players = tuple(
+            Player(name=name) if name == PERSON else Player(name=name, hash=self._tables.of(side).hash)
+            for name, side in zip(rally.names, sides, strict=True)
+        )
+        header = LogHeader(
+            seed=plan.seed, game=self._game.hash, strokes=self._game.catalogue.names, policies=players, draws="match_v0"
+        )
+        self._count += 1
+        self._folder.mkdir(parents=True, exist_ok=True)
+        recorder = RallyRecorder.create(self._folder / f"played-{self._started}-{self._count}.mcap", header)
+        self._open = match, recorder
+        return recorder
+
+    def _row(self, rally: Rally, winner: int) -> Rallies:
+        numbers = np.uint8 if self._game.n_strokes <= 256 else np.uint16
+        return Rallies(
+            pairing=np.zeros(1, np.uint32),
+            match=np.zeros(1, np.uint32),
+            rally=np.array([rally.number], np.uint16),
+            policy=np.array([[0, 1]], np.uint16),
+            server=np.array([rally.server], np.uint8),
+            winner=np.array([winner], np.uint8),
+            reason=np.array([rally.ending], np.uint8),
+            score=np.array([[*rally.score.points, *rally.score.games]], np.uint8),
+            length=np.array([len(rally.stroke)], np.int32),
+            stroke=np.array(rally.stroke, numbers),
+        )

@@ -1,0 +1,217 @@
+// The board of a person who plays: legal strokes, targets, techniques; others are dimmed.
+
+import type { Option } from "./analysis";
+import { h, percent, replaceChildren, words } from "./dom";
+import { COLOURS } from "./stage";
+import type { HallFacts, Turn, TurnStroke } from "./wire";
+
+const KEYS: Record<string, string> = {
+  "short-serve": "s",
+  "long-serve": "g",
+  clear: "c",
+  lift: "l",
+  drop: "d",
+  smash: "s",
+  "half-smash": "a",
+  drive: "v",
+  push: "p",
+  "net-kill": "k",
+  "net-shot": "n",
+  block: "b",
+  "cross-court-net-shot": "x",
+};
+
+export interface BoardHooks {
+  hit(stroke: number): void;
+  hints(): Promise<Option[]>;
+  aim(box: [number, number, number, number] | null): void;
+}
+
+export class Board {
+  readonly element = h("section", { class: "board hidden", "aria-label": "Your stroke" });
+  turn: Turn | null = null;
+  private shot = "";
+  private area = "";
+  private technique = "";
+  private worth = new Map<number, Option>();
+
+  constructor(
+    private readonly hall: HallFacts,
+    private readonly hooks: BoardHooks,
+  ) {}
+
+  show(turn: Turn | null): void {
+    if (turn === this.turn) {
+      return;
+    }
+    this.turn = turn;
+    this.worth.clear();
+    this.element.classList.toggle("hidden", turn === null);
+    if (turn) {
+      this.element.style.setProperty("--mine", COLOURS[turn.seat]!);
+      this.shot = this.area = this.technique = "";
+      this.choose({});
+      (this.element.querySelector(".shots button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
+    } else {
+      this.hooks.aim(null);
+    }
+  }
+
+  get selected(): TurnStroke | undefined {
+    return this.turn?.strokes.find((s) => s.shot === this.shot && s.area === this.area && s.technique === this.technique);
+  }
+
+  /** Chooses parts of a stroke; parts that do not fit together any more move to the first that does. */
+  private choose(parts: { shot?: string; area?: string; technique?: string }): void {
+    const { strokes } = this.turn!;
+    const fits = (test: (s: TurnStroke) => boolean) => strokes.filter(test);
+    this.shot = parts.shot ?? (this.shot || this.likeliest(strokes).shot);
+    let left = fits((s) => s.shot === this.shot);
+    const area = parts.area ?? this.area;
+    this.area = left.some((s) => s.area === area) ? area : this.likeliest(left).area;
+    left = left.filter((s) => s.area === this.area);
+    const technique = parts.technique ?? this.technique;
+    this.technique = left.some((s) => s.technique === technique) ? technique : this.likeliest(left).technique;
+    this.draw();
+    this.hooks.aim(this.selected?.box ?? null);
+  }
+
+  private likeliest(strokes: TurnStroke[]): TurnStroke {
+    return strokes.reduce((best, s) => (s.p_succ > best.p_succ ? s : best));
+  }
+
+  private best(strokes: TurnStroke[]): string {
+    const worth = strokes.map((s) => this.worth.get(s.stroke)).filter((option) => option !== undefined);
+    const top = worth.reduce<Option | null>((best, option) => (!best || option.win > best.win ? option : best), null);
+    return top ? `wins ${percent(top.win)}` : "";
+  }
+
+  private draw(): void {
+    const { strokes, seat, height } = this.turn!;
+    const focused = (document.activeElement as HTMLElement | null)?.dataset["key"];
+    const serves = strokes[0]!.shot.endsWith("serve");
+    const shots = this.hall.shots.filter((shot) => shot.endsWith("serve") === serves);
+    const shotButtons = shots.map((shot) => {
+      const mine = strokes.filter((s) => s.shot === shot);
+      return h(
+        "button",
+        { disabled: !mine.length, "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
+        words(shot),
+        h("small", {}, mine.length ? `${KEYS[shot]}  ${this.best(mine)}` : "not from here"),
+      );
+    });
+    const ofShot = strokes.filter((s) => s.shot === this.shot);
+    // As the striker sees the other half: far areas above, their own left on the left.
+    const order = [6, 7, 8, 3, 4, 5, 0, 1, 2];
+    const areaButtons = order.map((index, place) => {
+      const area = this.hall.areas[index]!.name;
+      const mine = ofShot.filter((s) => s.area === area);
+      const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
+      return h(
+        "button",
+        {
+          disabled: !mine.length,
+          "aria-pressed": String(area === this.area),
+          "data-key": `area ${area}`,
+          "aria-label": `${words(area)}${mine.length ? `, good with ${percent(share)}` : ", not from here"}`,
+          title: `${words(area)} (${keypad(place)})`,
+          style: mine.length ? `background:hsl(${Math.round(120 * share ** 3)} 55% 24%)` : "",
+          onclick: () => this.choose({ area }),
+        },
+        mine.length ? this.best(mine).replace("wins ", "") || share.toFixed(2) : "–",
+      );
+    });
+    const techniques = this.hall.techniques.map((technique) => {
+      const there = ofShot.some((s) => s.area === this.area && s.technique === technique);
+      return h("button", { disabled: !there, "aria-pressed": String(technique === this.technique), "data-key": `technique ${technique}`, onclick: () => this.choose({ technique }) }, words(technique));
+    });
+    const now = this.selected;
+    const option = now ? this.worth.get(now.stroke) : undefined;
+    const chances = now ? `good ${percent(now.p_succ)} · returned ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}` : "";
+    replaceChildren(
+      this.element,
+      h(
+        "div",
+        {},
+        h("h2", {}, h("span", {}, `Your stroke · ${"AB"[seat]} · ${serves ? "serve" : `from ${height} the net`}`)),
+        h("div", { class: "shots" }, ...shotButtons),
+        h(
+          "div",
+          { class: "row" },
+          ...techniques,
+          h("button", { "data-key": "hint", onclick: () => void this.askHints() }, "Hint ", h("kbd", {}, "i")),
+          h("span", { role: "status" }, chances),
+          h("button", { class: "hit", "data-key": "hit", onclick: () => this.hit() }, "Hit ", h("kbd", {}, "Enter")),
+        ),
+      ),
+      h("div", {}, h("h2", {}, h("span", {}, "Target · or click the court")), h("div", { class: "targets" }, ...areaButtons)),
+    );
+    if (focused) {
+      (this.element.querySelector(`[data-key="${CSS.escape(focused)}"]`) as HTMLElement | null)?.focus({ preventScroll: true });
+    }
+  }
+
+  private async askHints(): Promise<void> {
+    const { turn } = this;
+    const options = await this.hooks.hints();
+    if (turn === this.turn && turn) {
+      this.worth = new Map(options.map((option) => [option.stroke, option]));
+      this.draw();
+    }
+  }
+
+  hit(): void {
+    const stroke = this.selected;
+    if (stroke) {
+      this.hooks.hit(stroke.stroke);
+    }
+  }
+
+  /** Chooses the area that a place on the court lies in. */
+  aimAt(x: number, y: number): void {
+    const found = this.turn?.strokes.find(({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1);
+    if (found) {
+      this.choose({ area: found.area });
+    }
+  }
+
+  key(key: string): boolean {
+    if (!this.turn) {
+      return false;
+    }
+    const { strokes } = this.turn;
+    if (key === "Enter") {
+      this.hit();
+      return true;
+    }
+    if (key === "i") {
+      void this.askHints();
+      return true;
+    }
+    if (key === "q") {
+      const { techniques } = this.hall;
+      const there = techniques.filter((t) => strokes.some((s) => s.shot === this.shot && s.area === this.area && s.technique === t));
+      this.choose({ technique: there[(there.indexOf(this.technique) + 1) % there.length] ?? this.technique });
+      return true;
+    }
+    const place = [7, 8, 9, 4, 5, 6, 1, 2, 3].indexOf(Number(key));
+    if (/^[1-9]$/.test(key)) {
+      const area = this.hall.areas[[6, 7, 8, 3, 4, 5, 0, 1, 2][place]!]!.name;
+      if (strokes.some((s) => s.shot === this.shot && s.area === area)) {
+        this.choose({ area });
+      }
+      return true;
+    }
+    const shot = this.hall.shots.find((name) => KEYS[name] === key && strokes.some((s) => s.shot === name));
+    if (shot) {
+      this.choose({ shot });
+      return true;
+    }
+    return false;
+  }
+}
+
+/** The key of a place in the grid of areas, as on a keypad. */
+function keypad(place: number): number {
+  return [7, 8, 9, 4, 5, 6, 1, 2, 3][place]!;
+}

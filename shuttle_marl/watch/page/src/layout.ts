@@ -1,0 +1,224 @@
+// Where everything stands on the page.
+
+import { h, replaceChildren } from "./dom";
+import { icon } from "./icons";
+import { SPEEDS } from "./player";
+
+export const MODES = ["watch", "analyse", "learn", "play"] as const;
+export type Mode = (typeof MODES)[number];
+
+export interface Hooks {
+  mode(mode: Mode): void;
+  newMatch(): void;
+  copyLink(): void;
+  savePicture(): void;
+  savePage(match: boolean): void;
+  rally(step: number): void;
+  stroke(step: number): void;
+  toggle(): void;
+  replay(): void;
+  speed(speed: number): void;
+  loop(on: boolean): void;
+  autoNext(on: boolean): void;
+  seek(time: number): void;
+  textMode(on: boolean): void;
+}
+
+/** Panels that others fill. */
+export interface Parts {
+  canvas: HTMLCanvasElement | null;
+  overlays: HTMLElement[];
+  left: (HTMLElement | null)[];
+  right: HTMLElement[];
+  curve: HTMLElement;
+}
+
+export function keyList(): [string, string][] {
+  return [
+    ["space", "play, pause"],
+    ["← →", "stroke"],
+    ["↑ ↓", "rally"],
+    [", .", "frame"],
+    ["< >", "speed"],
+    ["1 – 6", "camera"],
+    ["f", "other end"],
+    ["r", "slow replay"],
+    ["t T", "take over A, B"],
+    ["n", "new match"],
+    ["w", "in words"],
+    ["h", "keys"],
+  ];
+}
+
+export class Layout {
+  readonly court = h("div", { class: "court" });
+  readonly notice = h("div", { class: "notice hidden", role: "alert" });
+  readonly banner = h("div", { class: "banner hidden" });
+  readonly told = h("ol", { class: "told", "aria-live": "polite", "aria-label": "The rally in words", tabindex: 0 });
+  readonly what = h("p", { class: "what" });
+  readonly clock = h("span", { class: "clock" });
+  readonly scrubber: HTMLInputElement;
+  readonly speed: HTMLSelectElement;
+  readonly summary: HTMLDialogElement;
+  private readonly play: HTMLButtonElement;
+  private readonly help: HTMLDialogElement;
+  private readonly tabs: HTMLButtonElement[];
+  private readonly autoNext: HTMLButtonElement;
+  private readonly words: HTMLElement;
+  private readonly textButton: HTMLButtonElement;
+  private timer = 0;
+
+  constructor(
+    parts: Parts,
+    modes: readonly Mode[],
+    private readonly hooks: Hooks,
+    canShare: boolean,
+    isMatch: boolean,
+  ) {
+    this.help = dialog("Keys", h("ul", { class: "keys" }, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))));
+    this.summary = dialog("The game", h("div"));
+    this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": "Play" }, icon("play"));
+    this.speed = h("select", { "aria-label": "Speed", onchange: () => hooks.speed(Number(this.speed.value)) }, ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)));
+    this.speed.value = "1";
+    this.scrubber = h("input", { type: "range", min: 0, max: 1, step: 0.02, value: 0, "aria-label": "Time in the rally", oninput: () => hooks.seek(Number(this.scrubber.value)) });
+    this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
+    this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
+    this.tabs = modes.map((mode) => h("button", { role: "tab", "aria-selected": "false", onclick: () => hooks.mode(mode) }, mode[0]!.toUpperCase() + mode.slice(1)));
+    parts.curve.append(this.transport());
+    const canvas = parts.canvas ?? h("p", { class: "end" }, "This browser draws no 3D; the rally is told in words.");
+    this.court.append(canvas, ...parts.overlays, this.banner, this.notice);
+    this.words = h("section", { class: "panel", "aria-label": "In words" }, h("h2", {}, "In words"), this.told);
+    const keys = h("section", { class: "panel", "aria-label": "Keys" }, h("h2", {}, "Keys"), h("div", { class: "keys" }, ...keyList().map(([key, what]) => h("span", {}, h("kbd", {}, key), ` ${what}`))));
+    const share = canShare
+      ? h(
+          "details",
+          { class: "menu" },
+          h("summary", {}, "Share"),
+          h(
+            "div",
+            {},
+            h("button", { onclick: () => hooks.copyLink() }, "Copy link"),
+            h("button", { onclick: () => hooks.savePage(false) }, "Save this rally (.html)"),
+            h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
+            h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
+          ),
+        )
+      : h("button", { onclick: () => hooks.savePicture() }, "Save picture");
+    document.body.append(
+      h(
+        "header",
+        { class: "top" },
+        h("h1", {}, "shuttle_marl"),
+        h("div", { class: "tabs", role: "tablist", "aria-label": "What to do" }, ...this.tabs),
+        this.what,
+        isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
+        this.textButton,
+        share,
+        h("button", { onclick: () => this.toggleHelp(), "aria-label": "Keys" }, "? ", h("kbd", {}, "h")),
+      ),
+      h(
+        "main",
+        { class: "page" },
+        h("div", { class: "column agents" }, ...parts.left.filter((part) => part !== null), keys),
+        h("div", { class: "middle" }, this.court, parts.curve),
+        h("div", { class: "column facts" }, ...parts.right, this.words),
+      ),
+      this.help,
+      this.summary,
+    );
+  }
+
+  private transport(): HTMLElement {
+    const { hooks } = this;
+    const button = (name: string, label: string, act: () => void) => h("button", { onclick: act, "aria-label": label, title: label }, icon(name));
+    return h(
+      "div",
+      { class: "transport", role: "group", "aria-label": "Playback" },
+      button("first", "Rally before", () => hooks.rally(-1)),
+      button("back", "Stroke before", () => hooks.stroke(-1)),
+      this.play,
+      button("forward", "Next stroke", () => hooks.stroke(1)),
+      button("last", "Next rally", () => hooks.rally(1)),
+      button("replay", "Last stroke again, slowly", () => hooks.replay()),
+      this.speed,
+      toggleButton("loop rally", false, (on) => hooks.loop(on)),
+      this.autoNext,
+      this.scrubber,
+      this.clock,
+    );
+  }
+
+  showMode(mode: Mode, modes: readonly Mode[]): void {
+    this.tabs.forEach((tab, i) => {
+      tab.setAttribute("aria-selected", String(modes[i] === mode));
+      tab.tabIndex = modes[i] === mode ? 0 : -1;
+    });
+    document.body.dataset["mode"] = mode;
+  }
+
+  showPlaying(playing: boolean): void {
+    const name = playing ? "Pause" : "Play";
+    if (this.play.getAttribute("aria-label") !== name) {
+      this.play.setAttribute("aria-label", name);
+      replaceChildren(this.play, icon(name.toLowerCase()));
+    }
+  }
+
+  showAutoNext(on: boolean): void {
+    this.autoNext.setAttribute("aria-pressed", String(on));
+  }
+
+  /** Whether the words take the place of the court. */
+  showText(on: boolean): void {
+    document.body.classList.toggle("text", on);
+    this.textButton.setAttribute("aria-pressed", String(on));
+  }
+
+  toggleHelp(): void {
+    if (this.help.open) {
+      this.help.close();
+    } else {
+      this.help.showModal();
+    }
+  }
+
+  /** Says something; it goes away by itself unless it is a failure. */
+  say(words: string, failure = false): void {
+    clearTimeout(this.timer);
+    this.notice.textContent = words;
+    this.notice.classList.toggle("good", !failure);
+    this.notice.classList.remove("hidden");
+    if (!failure) {
+      this.timer = window.setTimeout(() => this.notice.classList.add("hidden"), 4000);
+    }
+  }
+
+  quiet(): void {
+    if (!this.notice.classList.contains("good")) {
+      this.notice.classList.add("hidden");
+    }
+  }
+
+  tell(words: string): void {
+    this.told.append(h("li", {}, words));
+    this.told.scrollTop = this.told.scrollHeight;
+  }
+}
+
+function toggleButton(name: string, on: boolean, act: (on: boolean) => void): HTMLButtonElement {
+  const button = h("button", {
+    "aria-pressed": String(on),
+    onclick: () => {
+      const now = button.getAttribute("aria-pressed") !== "true";
+      button.setAttribute("aria-pressed", String(now));
+      act(now);
+    },
+  }, name);
+  return button;
+}
+
+function dialog(name: string, content: HTMLElement): HTMLDialogElement {
+  const close = h("button", { onclick: () => element.close() }, "Close");
+  const element: HTMLDialogElement = h("dialog", { "aria-label": name }, h("h2", {}, name), content, h("p", { style: "margin-top:14px" }, close));
+  return element;
+}

@@ -1,0 +1,278 @@
+"""Rallies that were played before: those of a rally log, and of annotated matches."""
+
+import dataclasses
+import threading
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.errors import printable
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game
+from shuttle_marl.game.stroke import N_SERVES
+from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.replay import states
+from shuttle_marl.scene.report import Annotator, staging_key
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.match import Rally, Score
+from shuttle_marl.watch.tables import Kept
+from shuttle_marl.watch.worth import Players
+
+Ints = npt.NDArray[np.int64]
+
+_MOST_MATCHES: Final = 16
+_FAR: Final = 1000
+"""Distance of a stroke of another shot type; larger than any of area and technique."""
+
+
+class Recorded(Protocol):
+    """Rallies by number, from 0."""
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        ...
+
+    @property
+    def title(self) -> str:
+        """What they are, in words."""
+        ...
+
+    def rally(self, number: int) -> Rally:
+        """One of them.
+
+        Raises:
+            ShuttleError: there is no such rally, or it cannot be shown.
+        """
+        ...
+
+    def players(self, number: int) -> Players | None:
+        """Who played it; None: not known."""
+        ...
+
+
+class LogRallies:
+    """The rallies of a log.
+
+    Policies that the log names are resolved without running code, and only if their table is the one that played.
+
+    Args:
+        path: a rally log, or a folder of them.
+        game: the game it was played on.
+
+    Raises:
+        RecordingError: it cannot be read, or was played on another game.
+    """
+
+    def __init__(self, path: Path, game: Game) -> None:
+        self._log, self._game = RallyLog(path), game
+        self._lock = threading.RLock()  # a log is one open file, and answers come from several threads
+        self._annotator, self._games = Annotator(self._log, game), Kept(_MOST_MATCHES)
+        self.title = printable(path.name)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self._log.n_rallies
+
+    def rally(self, number: int) -> Rally:
+        """One of them; see :class:`Recorded`."""
+        with self._lock:
+            return self._rally(number)
+
+    def _rally(self, number: int) -> Rally:
+        found = self._log.rally(number)
+        header = self._log.files[self._log.file_of(number)].header
+        state, _ = states(self._game, found)
+        if (state < 0).any():
+            raise WatchError(f"rally {number + 1}: stroke {int((state < 0).argmax()) + 1} is not legal in this game")
+        first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
+        points, games = found.score[0, :2].tolist(), found.score[0, 2:].tolist()
+        finished = self._finished(int(found.pairing[0]), int(found.match[0])).get(number, ())
+        return Rally(
+            number=number,
+            names=(printable(first.name), printable(second.name)),
+            score=Score(
+                points=(points[0], points[1]),
+                games=(games[0], games[1]),
+                finished=finished,
+                server=int(found.server[0]),
+                rules=header.rules,
+            ),
+            stroke=tuple(found.stroke.astype(int).tolist()),
+            state=tuple(state.tolist()),
+            ending=int(found.reason[0]),
+            key=staging_key(header, found),
+        )
+
+    def players(self, number: int) -> Players | None:
+        """Who played it; see :class:`Recorded`."""
+        with self._lock:
+            first, second = (self._log.policies[int(policy)] for policy in self._log.rally(number).policy[0])
+            tables = [self._annotator.table(player) for player in (first, second)]
+            value = self._annotator.values((first, second))
+        if tables[0] is None or tables[1] is None or value is None:
+            return None
+        return Players(tables=(tables[0], tables[1]), value=value)
+
+    def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
+        """Points of the games before each rally of a match, by the number of the rally."""
+        known: dict[int, tuple[tuple[int, int], ...]] = self._games.get((pairing, match), lambda: self._count(pairing, match))
+        return known
+
+    def _count(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
+        out: dict[int, tuple[tuple[int, int], ...]] = {}
+        finished: tuple[tuple[int, int], ...] = ()
+        last: tuple[int, tuple[int, int]] | None = None
+        for number in self._log.numbers_of_match(pairing, match).tolist():
+            found = self._log.rally(number)
+            points, games = found.score[0, :2].astype(int), int(found.score[0, 2:].sum())
+            if last is not None and games > last[0]:
+                finished = (*finished, last[1])
+            out[number] = finished
+            points[int(found.winner[0])] += 1
+            last = games, (int(points[0]), int(points[1]))
+        return out
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class _Annotated:
+    """A rally of an annotated match."""
+
+    players: tuple[str, str]
+    score: Score
+    rows: Ints
+
+
+class RealRallies:
+    """The rallies of annotated matches, as strokes of the game.
+
+    An annotated stroke is shown as the legal one nearest to it: same contact, then shot type, technique and area. How long the
+    shuttle flew and where exactly it came down is drawn as for every rally.
+
+    Args:
+        path: a stroke table, or a folder with the raw files.
+        game: the tables.
+
+    Raises:
+        DataError: it cannot be read.
+        WatchError: it holds no whole rally.
+    """
+
+    def __init__(self, path: Path, game: Game) -> None:
+        table = load_strokes(path)
+        self._game = game
+        self._columns = {
+            name: table[name].combine_chunks().to_numpy(zero_copy_only=False)
+            for name in (
+                "match",
+                "game",
+                "rally",
+                "stroke",
+                "player",
+                "opponent",
+                "shot",
+                "height",
+                "technique",
+                "area",
+                "outcome",
+                "points",
+                "points_opponent",
+            )
+        }
+        self._rallies = list(self._found())
+        if not self._rallies:
+            raise WatchError(f"{printable(str(path))}: holds no whole rally")
+        self.title = printable(path.name)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self._rallies)
+
+    def players(self, number: int) -> None:
+        """Not known: people played."""
+
+    def rally(self, number: int) -> Rally:
+        """One of them; see :class:`Recorded`."""
+        if not 0 <= number < self.count:
+            raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
+        found, column = self._rallies[number], self._columns
+        strokes: list[int] = []
+        played: list[int] = []
+        state, game = ROOT, self._game
+        for i, row in enumerate(found.rows.tolist()):
+            stroke = self._nearest(state, row)
+            strokes.append(stroke)
+            played.append(state)
+            if i + 1 < len(found.rows):
+                arrivals = game.arrivals(game.pair(state, np.array([stroke])))[0]
+                state = int(arrivals[int(column["height"][found.rows[i + 1]])])
+        ending = FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER
+        return Rally(
+            number=number,
+            names=(printable(found.players[0]), printable(found.players[1])),
+            score=found.score,
+            stroke=tuple(strokes),
+            state=tuple(played),
+            ending=ending,
+            key=int(stream(0, number)[0] >> np.uint64(1)),
+        )
+
+    def _nearest(self, state: int, row: int) -> int:
+        legal, catalogue, column = self._game.legal_strokes(state), self._game.catalogue, self._columns
+        area = column["area"][row]
+        distance = _FAR * (catalogue.shot[legal] != column["shot"][row]) + 10.0 * (
+            catalogue.technique[legal] != column["technique"][row]
+        )
+        if not np.isnan(area):
+            there = catalogue.area[legal].astype(int)
+            distance = distance + np.abs(there // 3 - int(area) // 3) + np.abs(there % 3 - int(area) % 3)
+        return int(legal[int(distance.argmin())])
+
+    def _found(self) -> list[_Annotated]:
+        """Whole rallies: from a serve to a stroke that ended them, none missing. Seat 0 is who strikes first in a match."""
+        column = self._columns
+        if not len(column["rally"]):
+            return []
+        changes = [column[name][1:] != column[name][:-1] for name in ("match", "game", "rally")]
+        starts = np.flatnonzero(np.r_[True, np.logical_or.reduce(changes)])
+        out: list[_Annotated] = []
+        match, seats = "", ("", "")
+        finished: tuple[tuple[int, int], ...] = ()
+        last: tuple[int, tuple[int, int]] = (0, (0, 0))
+        for first, end in zip(starts, np.r_[starts[1:], len(column["rally"])], strict=True):
+            striker = str(column["player"][first])
+            if column["match"][first] != match:
+                match, seats = str(column["match"][first]), (striker, str(column["opponent"][first]))
+                finished, last = (), (int(column["game"][first]), (0, 0))
+            if column["game"][first] != last[0]:
+                finished, last = (*finished, last[1]), (int(column["game"][first]), (0, 0))
+            rows = np.arange(first, end)
+            points = self._points_after(int(first), seats.index(striker))
+            ended = int(column["outcome"][end - 1])
+            serves = column["stroke"][first] == 1 and column["shot"][first] < N_SERVES
+            if serves and (np.diff(column["stroke"][rows]) == 1).all() and ended in (Outcome.FAULT, Outcome.WINNER):
+                server = seats.index(striker)
+                striking = (server + len(rows) - 1) % 2
+                winner = striking if ended == Outcome.WINNER else 1 - striking
+                before = [*(last[1] if points is None else points)]
+                before[winner] -= points is not None
+                games = [sum(game[seat] > game[1 - seat] for game in finished) for seat in (0, 1)]
+                score = Score(
+                    points=(max(0, before[0]), max(0, before[1])), games=(games[0], games[1]), finished=finished, server=server
+                )
+                out.append(_Annotated(players=seats, score=score, rows=rows))
+            last = last[0], last[1] if points is None else points
+        return out
+
+    def _points_after(self, row: int, seat: int) -> tuple[int, int] | None:
+        """Points of seats 0 and 1 after the rally of a row whose striker has a seat; None: not recorded."""
+        own, other = self._columns["points"][row], self._columns["points_opponent"][row]
+        if np.isnan(own) or np.isnan(other):
+            return None
+        return (int(own), int(other)) if seat == 0 else (int(other), int(own))
