@@ -33,14 +33,15 @@ Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"
 """Whose figures, by name at home, and their spreads away; None without refits."""
 
 _EXTRAS: Final = {
+    "av": "video",
     "foxglove": "scene",
     "lightgbm": "train",
     "matplotlib": "plot",
     "mcap_protobuf": "scene",
+    "playwright": "video",
     "pygame": "render",
     "pygltflib": "scene",
     "torch": "train",
-    "websockets": "scene",
 }
 """Extras of the package by the libraries that they install and that not every command needs."""
 _WIDTH: Final = 160

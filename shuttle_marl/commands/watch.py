@@ -1,16 +1,23 @@
 """``python -m shuttle_marl.watch``: a page on this machine that shows matches in 3D."""
 
 import contextlib
+import socket
+import sys
+import threading
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from shuttle_marl.commands import cli
+from shuttle_marl.errors import printable
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.watch import WatchError
+
+if TYPE_CHECKING:
+    from shuttle_marl.watch.server import Server
 
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
@@ -28,6 +35,7 @@ def watch(
     real: Path | None = None,
     rally: int | None = None,
     record: Path = Path("runs/watch"),
+    video: Path | None = None,
     game: str = "default",
     profile: Profile | None = None,
     host: str = "127.0.0.1",
@@ -47,6 +55,7 @@ def watch(
         real: show the rallies of annotated matches instead: a stroke table, or a folder with the raw files.
         rally: number of the rally that is shown first, from 0.
         record: folder for the log of rallies that you play.
+        video: film the rally into this file, .mp4 or .webm, without a screen, and serve nothing.
         game: model on whose game they play: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.
         host: address to serve on; the default is for this machine alone.
@@ -61,10 +70,13 @@ def watch(
     from shuttle_marl.watch.server import Server, application, bind, hosts_of  # noqa: PLC0415
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
     from shuttle_marl.watch.tables import Tables  # noqa: PLC0415
+    from shuttle_marl.watch.video import check_video  # noqa: PLC0415
 
     console = cli.console(stderr=True)
     if replay is not None and real is not None:
         raise WatchError("say what to show: either --replay LOG or --real MATCH")
+    if video is not None:
+        check_video(video)
     sides = Side(policy=a, temperature=temperature[0]), Side(policy=b, temperature=temperature[1])
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
@@ -79,11 +91,31 @@ def watch(
         answers = Answers(tables, sides, seed, Stager(found, athletes, hands), recorded=recorded, first=rally or 0, diary=diary)
         address = f"http://{f'[{host}]' if ':' in host else host}:{listener.getsockname()[1]}/"
         server = Server(application(answers, page, hosts=hosts_of(host)))
+        if video is not None:
+            _film(server, listener, f"{address}?quality=full#rally={(rally or 0) + 1}", video)
+            return
         console.print(f"{address} shows the match; Ctrl-C ends it", soft_wrap=True)
+        threading.Thread(target=answers.warm, daemon=True).start()
         if browser:
             webbrowser.open(address)
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[listener])
+
+
+def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
+    from rich.progress import track  # noqa: PLC0415
+
+    from shuttle_marl.watch.video import write_video  # noqa: PLC0415
+
+    console = cli.console(stderr=True)
+    running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    running.start()
+    try:
+        frames = write_video(address, path, lambda numbers: track(numbers, "filming", console=console, transient=True))
+    finally:
+        server.should_exit = True
+        running.join()
+    sys.stdout.write(f"{printable(str(path))}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

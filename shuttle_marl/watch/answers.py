@@ -1,10 +1,12 @@
 """Answers to the requests of pages: each names what it wants in full, so pages can come, leave and share links as they like."""
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from shuttle_marl import __version__
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.policy import registry
 from shuttle_marl.staging import Motion
@@ -87,6 +89,13 @@ class Answers:
             raise WatchError("a request for something unknown; load the page again")
         facts, parts = operation(request)
         return message({"id": request["id"], **facts}, parts)
+
+    def warm(self) -> None:
+        """Do once what takes longest the first time, so that no page waits for it."""
+        for operation in (self._rally, self._analysis):
+            plan = None if self._recorded else {"seed": self._seed, "sides": [dataclasses.asdict(side) for side in self._sides]}
+            with contextlib.suppress(ShuttleError):  # a page that asks for it is told
+                operation({"plan": plan, "rally": self._first_shown})
 
     def _hello(self, _: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
         shown = dict.fromkeys([*(side.policy for side in self._sides), *registry.names(self._game)])

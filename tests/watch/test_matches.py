@@ -79,7 +79,7 @@ def test_a_person_is_waited_for_and_their_stroke_is_played(tables: Tables) -> No
     if then.ending is None:
         assert len(then.stroke) % 2 == 0
         assert then.turn is not None
-    with pytest.raises(WatchError, match="rally 0 is not finished"):
+    with pytest.raises(WatchError, match="rally 1 is not finished"):
         match(tables).rally(1, person)
     with pytest.raises(WatchError, match="chosen as number 1 is not legal"):
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)

@@ -1,9 +1,17 @@
 """The page in a browser: it is driven as a viewer drives it, and looked at through ``window.viewer``."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+from shuttle_marl.game import default_game
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.check import check
+from shuttle_marl.watch.building import SOURCE
+from tests.watch.conftest import serving
 
 pytestmark = pytest.mark.slow
 
@@ -60,3 +68,206 @@ def test_a_rally_is_followed_by_the_next_and_its_score(viewer: Any, served: Any)
     viewer.until(lambda: viewer.state("rally") == 1)
     assert viewer.state("points") == [int(winner == 0), int(winner == 1)]
     assert viewer.state("server") == winner
+
+
+def seek(viewer: Any, time: float) -> None:
+    viewer.page.evaluate("(t) => window.viewer.seek(t)", time)
+
+
+def test_both_agents_are_switched_in_mid_match_and_the_link_reproduces_it(viewer: Any, served: Any, browser: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=2&stroke=2")
+    played = viewer.state("strokes")
+    viewer.page.get_by_label("Player of side A").select_option("attacking")
+    viewer.page.get_by_label("Player of side B").select_option("defensive")
+    viewer.page.get_by_label("Temperature of side B").fill("0.5")
+    assert viewer.state("strokes") == played, "the rally that plays stays"
+    viewer.page.evaluate("window.viewer.go(2)")
+    viewer.until(lambda: viewer.state("rally") == 2)
+    assert viewer.state("names") == ["attacking", "defensive@0.5"]
+    strokes, link = viewer.state("strokes", "link")
+    viewer.page.evaluate("window.viewer.go(1)")
+    viewer.until(lambda: viewer.state("rally") == 1)
+    assert viewer.state("names", "strokes") == [["bc", "minimax"], played]
+    context = browser.new_context()
+    other = type(viewer)(context.new_page()).open(served.address + link)
+    assert other.state("rally", "names", "strokes") == [2, ["attacking", "defensive@0.5"], strokes]
+    context.close()
+
+
+def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1&stroke=3").analysed()
+    contacts, played = viewer.state("contacts", "strokes")
+    before = contacts[1] - 0.01
+    seek(viewer, before)
+    hips = viewer.state("hips")
+    seek(viewer, contacts[2])
+    table = viewer.page.locator("table.options")
+    table.locator("tr:not(.chosen) button").first.click()
+    viewer.until(lambda: viewer.state("strokes") != played)
+    viewer.press(" ") if viewer.state("playing") else None
+    again, times = viewer.state("strokes", "contacts")
+    assert again[:2] == played[:2]
+    assert again[2] != played[2]
+    assert times[:2] == contacts[:2]
+    seek(viewer, before)
+    for old, new in zip(hips, viewer.state("hips"), strict=True):
+        assert distance(old, new) < 0.002
+    link = viewer.state("link")
+    viewer.page.get_by_role("button", name="back to what was played").click()
+    viewer.until(lambda: viewer.state("strokes") == played)
+    viewer.page.goto("about:blank")
+    viewer.open(served.address + link)
+    assert viewer.state("strokes") == again
+
+
+def test_analysis_marks_values_and_seeks(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1&stroke=1").analysed()
+    analysis, winner, contacts = viewer.state("analysis", "winner", "contacts")
+    assert len(analysis["strokes"]) == len(contacts)
+    assert analysis["win_after"] == float(winner == 0)
+    viewer.page.locator(".moves button").nth(2).click()
+    assert viewer.state("stroke", "time") == [2, pytest.approx(contacts[2])]
+    curve = viewer.page.locator("svg.curve").bounding_box()
+    viewer.page.mouse.click(curve["x"] + curve["width"] / 2, curve["y"] + 20)
+    assert viewer.state("time") == pytest.approx(viewer.state("duration") / 2, abs=0.1)
+
+
+def test_the_better_stroke_is_asked_for_before_it_is_told(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
+    viewer.page.get_by_role("tab", name="Learn").click()
+    asked = 0
+    while True:
+        viewer.until(
+            lambda: viewer.page.locator(".quiz button").count() > 0 or viewer.page.get_by_text("Accuracy by exact").count() > 0
+        )
+        if viewer.page.get_by_text("Accuracy by exact").count():
+            break
+        question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
+        assert time < contacts[question], "it stops before the decision"
+        assert viewer.page.locator(".moves button").count() == question, "nothing is told before"
+        assert analysis["strokes"][question]["regret"] >= 0.03
+        viewer.page.locator(".quiz button").first.click()
+        assert viewer.page.locator(".quiz .right").count() == 1
+        assert viewer.page.get_by_text("real stroke").count() >= 1
+        asked += 1
+        viewer.page.locator("section[aria-label='Find the better stroke'] > button").click()
+    assert asked >= 1
+    assert viewer.page.get_by_text("of what the choices could make was made").count() == 2
+
+
+KEYS = {
+    "short-serve": "s", "long-serve": "g", "clear": "c", "lift": "l", "drop": "d", "smash": "s", "half-smash": "a", "drive": "v",
+    "push": "p", "net-kill": "k", "net-shot": "n", "block": "b", "cross-court-net-shot": "x",
+}  # fmt: skip
+AREA_KEYS = {
+    "back-right": "7", "back-centre": "8", "back-left": "9", "middle-right": "4", "middle-centre": "5", "middle-left": "6",
+    "front-right": "1", "front-centre": "2", "front-left": "3",
+}  # fmt: skip
+
+
+def choose(viewer: Any, stroke: dict[str, Any]) -> None:
+    """Choose a stroke by keys alone."""
+    viewer.press(KEYS[stroke["shot"]], AREA_KEYS[stroke["area"]])
+    for _ in range(3):
+        if viewer.state("selected")["stroke"] == stroke["stroke"]:
+            return
+        viewer.press("q")
+    raise AssertionError(f"{stroke} cannot be chosen")
+
+
+def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
+    folder = tmp_path / "diary"
+    with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
+        viewer.open(f"{server.address}#seed=2&a=bc&b=bc&rally=1").press("w", "t")
+        last = -1
+        for _ in range(5000):
+            turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
+            if turn is not None:
+                # The riskiest stroke, so that rallies are short.
+                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_succ"]))
+                viewer.press("Enter")
+                assert viewer.state("turn") is None
+            elif winner is None:
+                seek(viewer, 1e3)
+            elif rally != last:
+                seek(viewer, duration - 0.02)
+                last = rally
+                if after["game_won"]:
+                    break
+            viewer.page.wait_for_timeout(20)
+        assert viewer.state("after")["game_won"]
+        viewer.until(lambda: viewer.page.locator("dialog[open]").count() == 1)
+        assert viewer.page.get_by_text("You chose").count() == 1
+        turns = sorted(viewer.state("turn_ms"))
+        assert len(turns) >= 10
+        assert turns[len(turns) // 2] <= 150
+    (log,) = folder.glob("*.mcap")
+    checked = check(log, default_game())
+    assert checked.problems == ()
+    assert checked.replayed
+    assert checked.rallies == last + 1
+
+
+def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
+    run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=tmp_path / "run"))
+    path = tmp_path / "run" / "rallies.mcap"
+    with RallyLog(path) as log:
+        rally = log.rally(5)
+    with serving("--replay", str(path), "--rally", "5") as server:
+        viewer.open(server.address).analysed()
+        assert viewer.state("rally", "strokes") == [5, rally.stroke.tolist()]
+        assert viewer.state("points") == rally.score[0, :2].tolist()
+        played = viewer.state("strokes")
+        seek(viewer, viewer.state("contacts")[0])
+        viewer.page.locator("table.options tr:not(.chosen) button").first.click()
+        viewer.until(lambda: viewer.state("strokes") != played)
+
+
+def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
+    sample = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+    with serving("--real", str(sample), "--rally", "3") as server:
+        viewer.open(server.address).analysed()
+        assert viewer.state("rally") == 3
+        assert sum(viewer.state("points")) == 3
+        assert len(viewer.state("strokes")) >= 1
+
+
+def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, tmp_path: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=3&stroke=2")
+    strokes = viewer.state("strokes")
+    viewer.page.get_by_text("Share", exact=True).click()
+    with viewer.page.expect_download() as download:
+        viewer.page.get_by_role("button", name="Save this rally").click()
+    file = tmp_path / "rally.html"
+    download.value.save_as(file)
+    assert file.stat().st_size <= 2e6
+    context = browser.new_context(offline=True)
+    shared = type(viewer)(context.new_page()).open(file.as_uri())
+    assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]
+    shared.analysed()
+    assert shared.errors == []
+    assert shared.outside == []
+    context.close()
+    with viewer.page.expect_download() as download:
+        viewer.page.get_by_text("Share", exact=True).click() if not viewer.page.get_by_text("Save picture").is_visible() else None
+        viewer.page.get_by_role("button", name="Save picture").click()
+    assert download.value.path().read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(("width", "height"), [(1680, 980), (390, 844)])
+def test_everyone_can_use_it(viewer: Any, served: Any, width: int, height: int) -> None:
+    axe = (SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+    viewer.page.set_viewport_size({"width": width, "height": height})
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
+    for tab in ("Watch", "Analyse", "Learn", "Play"):
+        viewer.page.get_by_role("tab", name=tab).click()
+        viewer.until(lambda: viewer.state("analysis") is not None or viewer.state("turn") is not None)
+        viewer.press(" ") if viewer.state("playing") else None
+        viewer.page.evaluate(axe + "; 0")
+        found = viewer.page.evaluate(
+            "axe.run(document).then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html.slice(0, 120))]))"
+        )
+        assert found == [], tab
+    assert viewer.page.evaluate("document.documentElement.scrollWidth") <= width
+    viewer.press("w")
+    assert viewer.page.locator(".told li").count() >= 1

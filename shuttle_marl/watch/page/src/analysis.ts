@@ -172,6 +172,7 @@ export class OptionTable {
     const stroke = rally.strokes[index];
     this.element.classList.toggle("hidden", !stroke || !value);
     if (!stroke || !value) {
+      this.element.replaceChildren();
       return;
     }
     const most = Math.max(...value.options.map((option) => option.probability), 0.01);

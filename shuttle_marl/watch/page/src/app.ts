@@ -13,7 +13,7 @@ import { SideCard, StylePanel, type Styles } from "./sides";
 import { CAMERAS, Stage, type Camera } from "./stage";
 import { save } from "./share";
 import { endSentence, startSentence, strokeSentence } from "./told";
-import type { Hello, Person, Plan, RallyFacts, Side } from "./wire";
+import type { Hello, Person, Plan, RallyFacts, Side, Turn } from "./wire";
 
 /** A rally that is asked for: of a match by its plan, or of what was recorded. */
 export interface Wanted {
@@ -39,7 +39,7 @@ export interface Source {
   share: ((wanted: Wanted[], title: string, hash: string) => Promise<Blob>) | null;
 }
 
-const EARLY = 0.35; // how long before they strike a person is waited for [s]
+const EARLY = 0.45; // how long before they strike a person is waited for [s]
 
 export class App {
   readonly player = new Player();
@@ -72,6 +72,7 @@ export class App {
   private aim: [number, number, number, number] | null = null;
   private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
   private request = 0;
+  private filming = false;
   private loopRally = false;
   private autoNext = true;
   private last = 0;
@@ -79,6 +80,7 @@ export class App {
   private shownStroke = -2;
   private ended = false;
   private readonly frameTimes: number[] = [];
+  private answered: Turn | null = null;
   private chosenAt = 0;
   private turnTimes: number[] = [];
 
@@ -224,6 +226,7 @@ export class App {
     this.shown = shown;
     this.player.show(shown.rally, shown.motion, time);
     this.player.playing = playing;
+    document.body.dataset["ready"] = "";
     this.player.stopAt = shown.rally.turn ? Math.max(0, this.player.duration - EARLY) : null;
     this.ended = false;
     this.analysis = null;
@@ -421,10 +424,14 @@ export class App {
     const { number } = shown.rally.turn;
     const chosen = { ...plan.chosen?.[this.number], [number]: stroke };
     this.plan = { ...plan, chosen: { ...plan.chosen, [this.number]: chosen } };
-    const time = this.player.time;
     this.board.show(null);
+    this.answered = shown.rally.turn;
+    // What is left of the motion plays while the rest is staged.
+    this.player.stopAt = Math.max(this.player.time, this.player.duration - 0.1);
+    this.player.playing = true;
     const next = await this.fetch(this.wanted(this.number), shown.motion);
     if (next) {
+      const { time } = this.player;
       const contact = next.rally.strokes[number]?.time ?? Infinity;
       this.stage?.blendFrom(shown.motion, time);
       this.show(next, Math.min(time, contact - 0.12), true);
@@ -438,6 +445,7 @@ export class App {
       return;
     }
     const at = Math.max(this.player.stroke, 0);
+    (document.activeElement as HTMLElement | null)?.blur(); // the next space plays or pauses
     if (plan) {
       this.original ??= plan;
       const earlier = Object.entries(plan.chosen?.[this.number] ?? {}).filter(([k]) => Number(k) < at);
@@ -531,7 +539,9 @@ export class App {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
     const ended = this.player.advance(seconds);
-    this.draw();
+    if (!this.filming) {
+      this.draw();
+    }
     if (ended) {
       this.atEnd();
     }
@@ -565,6 +575,9 @@ export class App {
     }
     const { rally, motion } = shown;
     if (!document.body.classList.contains("text")) {
+      if (this.stage) {
+        this.stage.raised = this.board.turn ? 0.2 : 0;
+      }
       this.stage?.draw(rally, motion, player.time, this.aim);
     }
     const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
@@ -583,7 +596,7 @@ export class App {
     if (over && !this.ended) {
       this.rallyEnded();
     }
-    if (rally.turn && player.stroke === rally.turn.number - 1) {
+    if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn);
     }
     const question = this.learn.current;
@@ -722,6 +735,15 @@ export class App {
     };
     acts[key]?.();
     return key in acts;
+  }
+
+  /** Leaves nothing but the court, for a video. */
+  film(): void {
+    this.player.playing = false;
+    this.filming = true;
+    document.body.classList.add("film");
+    this.resize();
+    this.seek(0);
   }
 
   /** What is seen, for tests and scripts. */

@@ -47,6 +47,7 @@ export class Board {
     this.turn = turn;
     this.worth.clear();
     this.element.classList.toggle("hidden", turn === null);
+    document.body.classList.toggle("choosing", turn !== null);
     if (turn) {
       this.element.style.setProperty("--mine", COLOURS[turn.seat]!);
       this.shot = this.area = this.technique = "";

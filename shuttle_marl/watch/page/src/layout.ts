@@ -114,7 +114,7 @@ export class Layout {
         isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
         this.textButton,
         share,
-        h("button", { onclick: () => this.toggleHelp(), "aria-label": "Keys" }, "? ", h("kbd", {}, "h")),
+        h("button", { onclick: () => this.toggleHelp() }, "Keys ", h("kbd", {}, "h")),
       ),
       h(
         "main",

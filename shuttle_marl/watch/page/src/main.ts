@@ -83,6 +83,7 @@ try {
     go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
     key: (key: string) => app.key(key),
     draw: () => app.draw(),
+    film: () => app.film(),
   };
 } catch (error) {
   document.body.append(h("p", { role: "alert", style: "padding:20px" }, (error as Error).message));

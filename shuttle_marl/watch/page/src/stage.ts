@@ -39,6 +39,8 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
+  /** Share of the height by which the picture is moved up, to make room below. */
+  raised = 0;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly eye = new THREE.PerspectiveCamera(40, 1, 0.1, 120);
@@ -160,6 +162,12 @@ export class Stage {
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
     this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
+    const { width, height } = this.canvas;
+    if (this.raised) {
+      this.eye.setViewOffset(width, height, 0, this.raised * height, width, height);
+    } else {
+      this.eye.clearViewOffset();
+    }
     this.renderer.render(this.scene, this.eye);
   }
 

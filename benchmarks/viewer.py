@@ -1,0 +1,191 @@
+"""The live court as it is used: size of the page, its first picture, work of a frame, a person's turn, many viewers, memory.
+
+    python -m benchmarks.viewer [--quick] [--json]
+
+A server of its own in a process of its own, a browser without a window (software rendering, unless the machine has better).
+Needs the extra ``video`` and Chromium.
+"""
+
+import contextlib
+import gzip
+import json
+import re
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import tyro
+from playwright.sync_api import Page, sync_playwright
+from rich.console import Console
+from rich.table import Table
+from websockets.sync.client import connect
+
+from benchmarks.machine import this_machine
+from shuttle_marl.watch.building import FILES, build
+from shuttle_marl.watch.video import browser_program
+
+_FLAGS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking", "--enable-precise-memory-info")
+_VIEWERS: Final = 50
+_SIZE: Final = {"width": 1680, "height": 980}
+
+
+@contextlib.contextmanager
+def serving() -> Iterator[tuple[str, int]]:
+    """Address and process of a server."""
+    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", "--a", "bc", "--b", "bc"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    try:
+        for line in process.stderr:
+            if found := re.match(r"(http://\S+/) shows", line):
+                yield found[1], process.pid
+                return
+        raise RuntimeError("the server did not start")
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+        process.stderr.close()
+
+
+def size() -> dict[str, float]:
+    """Kilobytes of the built page, plain and gzipped."""
+    folder = build()
+    contents = [(folder / name).read_bytes() for name in FILES]
+    return {
+        "bundle_kb": round(sum(map(len, contents)) / 1000, 1),
+        "gzipped_kb": round(sum(len(gzip.compress(content, 9)) for content in contents) / 1000, 1),
+    }
+
+
+def until(page: Page, script: str, seconds: float = 120.0) -> None:
+    """Wait until an expression of the page is true."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(script):
+        if time.monotonic() > end:
+            raise TimeoutError(script)
+        page.wait_for_timeout(20)
+
+
+def frames(page: Page, address: str) -> dict[str, Any]:
+    """First picture of a warm server, script of a frame while it plays, draw calls from every camera in full quality."""
+    page.goto(f"{address}#rally=1")
+    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().analysis)")
+    page.goto("about:blank")
+    begun = time.monotonic()
+    page.goto(f"{address}#rally=1")
+    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().figures.draw_calls)")
+    first = time.monotonic() - begun
+    page.keyboard.press(" ")
+    page.wait_for_timeout(8000)
+    script: list[float] = page.evaluate("window.viewer.state().script_ms")
+    page.goto(f"{address}?quality=full#rally=1&stroke=2")
+    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    calls = []
+    for camera in "123456":
+        page.keyboard.press(camera)
+        page.evaluate("window.viewer.draw()")
+        calls.append(page.evaluate("window.viewer.state().figures"))
+    return {
+        "first_picture_s": round(first, 2),
+        "script_ms_per_frame": round(statistics.median(script), 2),
+        "frames": len(script),
+        "draw_calls": max(entry["draw_calls"] for entry in calls),
+        "triangles": max(entry["triangles"] for entry in calls),
+    }
+
+
+def turns(page: Page, address: str, count: int) -> dict[str, Any]:
+    """From the choice of a stroke to the first frame that moves."""
+    page.goto(f"{address}#seed=3&a=bc&b=bc&rally=1")
+    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    page.keyboard.press("t")
+    while len(found := page.evaluate("window.viewer.state().turn_ms")) < count:
+        turn, winner, duration = page.evaluate(
+            "(() => { const s = window.viewer.state(); return [s.turn, s.winner, s.duration]; })()"
+        )
+        if turn is not None:
+            page.keyboard.press("Enter")
+        else:
+            page.evaluate("(t) => window.viewer.seek(t)", 1e3 if winner is None else duration - 0.02)
+        page.wait_for_timeout(50)
+    return {"turn_ms": round(statistics.median(found), 1), "turns": len(found)}
+
+
+def rally(address: str, seed: int, number: int) -> tuple[float, bool]:
+    """Ask for a rally as a page does: seconds until it is there, and whether there is one."""
+    plan = {"seed": seed, "sides": [{"policy": "bc"}, {"policy": "bc"}]}
+    begun = time.monotonic()
+    with connect(address.replace("http", "ws") + "ws", max_size=None, proxy=None) as socket:
+        socket.send(json.dumps({"id": 1, "op": "rally", "plan": plan, "rally": number}))
+        answer = socket.recv(timeout=120)
+    assert isinstance(answer, bytes)
+    (length,) = struct.unpack_from("<I", answer)
+    return time.monotonic() - begun, "error" not in json.loads(answer[4 : 4 + length])
+
+
+def viewers(address: str) -> dict[str, Any]:
+    """Many who ask for the same rally at once: the slowest."""
+    with ThreadPoolExecutor(_VIEWERS) as pool:
+        seconds = [found[0] for found in pool.map(lambda _: rally(address, 77, 0), range(_VIEWERS))]
+    return {"viewers": _VIEWERS, "viewers_slowest_s": round(max(seconds), 2)}
+
+
+def resident(pid: int) -> float:
+    """Memory of a process [MB]."""
+    found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text(encoding="utf-8"))
+    return round(int(found[1]) / 1000, 1) if found else float("nan")
+
+
+def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> dict[str, Any]:
+    """Memory of server and page after each match of a session, of which some rallies are shown."""
+    server, heap = [], []
+    page.goto(f"{address}#rally=1")
+    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    for match in range(matches):
+        page.evaluate("(seed) => { location.hash = `#seed=${seed}&a=bc&b=bc&rally=1`; }", 100 + match)
+        until(page, f"window.viewer.state().plan.seed === {100 + match}")
+        for number in range(rallies):
+            page.evaluate("(number) => window.viewer.go(number)", number)
+            until(page, f"window.viewer.state().rally === {number}")
+        heap.append(round(page.evaluate("performance.memory.usedJSHeapSize") / 1e6, 1))
+        server.append(resident(pid))
+    return {"matches": matches, "rallies_a_match": rallies, "server_mb": server, "page_mb": heap}
+
+
+def run(*, quick: bool = False) -> dict[str, Any]:
+    """Measure; see the keys."""
+    with serving() as (address, pid), sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=list(_FLAGS))
+        page = browser.new_page(viewport=_SIZE)
+        found = {**this_machine(), **size(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
+        found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
+        browser.close()
+    return found
+
+
+def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure and print.
+
+    Args:
+        quick: fewer turns and matches.
+        as_json: print JSON instead of a table.
+    """
+    found = run(quick=quick)
+    if as_json:
+        print(json.dumps(found))
+        return
+    table = Table("figure", "measured")
+    for name, value in found.items():
+        table.add_row(name, str(value))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

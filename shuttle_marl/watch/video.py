@@ -1,0 +1,94 @@
+"""A rally as a video, without a screen: the page is opened in a browser without a window, and its frames are encoded."""
+
+import io
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from shuttle_marl.files import replacing
+from shuttle_marl.watch import WatchError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+SIZE: Final = (1280, 720)
+FPS: Final = 25
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
+_FLAGS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run")
+_WAIT: Final = 120_000
+"""Time that the page has to show the rally [ms]."""
+_FORMATS: Final = {".mp4": "libx264", ".webm": "libvpx-vp9"}
+
+
+def check_video(path: Path) -> None:
+    """Refuse what cannot be made before any work is done.
+
+    Raises:
+        WatchError: the name of the file says no format, or there is no browser.
+    """
+    if path.suffix not in _FORMATS:
+        raise WatchError(f"--video {path}: expected a name that ends in {' or '.join(_FORMATS)}")
+    browser_program()
+
+
+def write_video(address: str, path: Path, progress: Any = iter) -> int:
+    """Film the rally that a page shows.
+
+    Args:
+        address: of the page, with what it shall show.
+        path: the video, ``.mp4`` or ``.webm``; moved into place when it is whole.
+        progress: wraps the numbers of the frames, to show how far it is.
+
+    Returns:
+        How many frames it has.
+
+    Raises:
+        WatchError: there is no browser, or the page shows nothing.
+    """
+    from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
+
+    try:
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=browser_program(), args=list(_FLAGS))
+            page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, reduced_motion="reduce")
+            page.goto(address)
+            page.locator("body[data-ready]").wait_for(timeout=_WAIT)
+            page.evaluate("window.viewer.film()")
+            seconds = float(page.evaluate("window.viewer.state().duration"))
+            frames = round(seconds * FPS) + 1
+            with replacing(path) as file:
+                _encode(page, progress(range(frames)), file, path.suffix)
+            browser.close()
+            return frames
+    except Error as error:
+        raise WatchError(f"the page cannot be filmed: {error.message.splitlines()[0]}") from error
+
+
+def _encode(page: "Page", frames: Iterable[int], file: Any, suffix: str) -> None:
+    import av  # noqa: PLC0415  an extra
+
+    with av.open(file, "w", format=suffix[1:]) as container:
+        stream: Any = container.add_stream(_FORMATS[suffix], rate=FPS)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        stream.options = {"crf": "20"}
+        for frame in frames:
+            page.evaluate("(time) => window.viewer.seek(time)", frame / FPS)
+            picture = page.screenshot(type="jpeg", quality=95)
+            with av.open(io.BytesIO(picture), "r") as read:
+                for image in read.decode(video=0):
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image.to_ndarray(format="rgb24"), format="rgb24")))
+        container.mux(stream.encode())
+
+
+def browser_program() -> str:
+    """The program Chromium, or a relative of it; ``$CHROMIUM`` names another.
+
+    Raises:
+        WatchError: there is none.
+    """
+    for name in (os.environ.get("CHROMIUM", ""), *BROWSERS):
+        if name and (found := shutil.which(name)):
+            return found
+    raise WatchError("a video needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
