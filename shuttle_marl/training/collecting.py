@@ -34,6 +34,36 @@ SEEDS: Final = 1 << 31
 """torch and numpy take seeds of 32 bits."""
 
 
+class Observer:
+    """What the network sees of states, as tensors of a device.
+
+    Args:
+        game: the tables.
+        device: of the tensors.
+    """
+
+    def __init__(self, game: Game, device: str) -> None:
+        self.device = torch.device(device)
+        states = np.arange(game.n_states)
+        self._observation = torch.from_numpy(game.observation(states)).to(self.device)
+        self._masks = torch.from_numpy(game.reply_mask.reshape(-1, game.n_strokes).copy()).to(self.device)
+        self._mask_row = torch.from_numpy((2 * game.incoming(states) + game.contact(states)).astype(np.int64)).to(self.device)
+        self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
+
+    def observations(self, states: torch.Tensor) -> torch.Tensor:
+        """``[U, 6]`` of ``[U]`` states."""
+        return self._observation[states.long().to(self.device)]
+
+    def seen(self, states: torch.Tensor) -> dict[str, torch.Tensor]:
+        """``[U, 6]`` observation and ``[U, n]`` action mask of ``[U]`` states."""
+        where = states.long().to(self.device)
+        return {"observation": self._observation[where], "action_mask": self._masks[self._mask_row[where]]}
+
+    def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
+        """``[R]`` catalogue index of ``[R]`` legal pairs."""
+        return self._stroke[pairs.long().to(self.device) % len(self._stroke)]
+
+
 class RallyCollector(BaseCollector):
     """Collects the strokes of one iteration after another.
 
@@ -57,13 +87,7 @@ class RallyCollector(BaseCollector):
             age=config.age,
             shaping=added_rewards(config, game) if config.shapes_rewards else None,
         )
-        device = torch.device(config.device)
-        states = np.arange(game.n_states)
-        self._observation = torch.from_numpy(game.observation(states)).to(device)
-        self._masks = torch.from_numpy(game.reply_mask.reshape(-1, game.n_strokes).copy()).to(device)
-        self._mask_row = torch.from_numpy((2 * game.incoming(states) + game.contact(states)).astype(np.int64)).to(device)
-        self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(device)
-        self._device, self._sign = device, -1.0 if config.self_play else 1.0
+        self._look_up = Observer(game, config.device)
         self.iteration = 0
         """Iterations that were collected."""
         self.strokes = 0
@@ -95,14 +119,10 @@ class RallyCollector(BaseCollector):
 
     def _ask(self, states: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         with torch.inference_mode():
-            logits, value = self._assess(self._observation[torch.from_numpy(states).long()])
+            logits, value = self._assess(self._look_up.observations(torch.from_numpy(states)))
         if not bool(torch.isfinite(logits).all() and torch.isfinite(value).all()):
             raise DivergedError("the network gives no finite numbers")
         return logits.cpu().numpy(), value.cpu().numpy()
-
-    def _seen(self, states: npt.NDArray[np.int32]) -> dict[str, torch.Tensor]:
-        where = torch.from_numpy(states).long().to(self._device)
-        return {"observation": self._observation[where], "action_mask": self._masks[self._mask_row[where]]}
 
     def _distinct_strokes(self) -> TensorDictBase:
         """Entries of :class:`~shuttle_marl.kernel.Distinct`.
@@ -121,22 +141,17 @@ class RallyCollector(BaseCollector):
             "action_log_prob": found.log_probability,
             "advantage": found.advantage[:, None] * np.float32(scale),
         }
-        tensors = {name: torch.from_numpy(entry).to(self._device) for name, entry in entries.items()}
+        tensors = {name: torch.from_numpy(entry).to(self._look_up.device) for name, entry in entries.items()}
         counted = {"strokes": torch.tensor(found.strokes), "deviation": torch.tensor(found.deviation)}
-        return TensorDict({**self._seen(found.state), **tensors, **counted}, batch_size=[])
+        return TensorDict({**self._look_up.seen(torch.from_numpy(found.state)), **tensors, **counted}, batch_size=[])
 
     def _single_strokes(self) -> TensorDictBase:
-        """``[N]`` transitions: states and strokes as numbers, ``following`` -1 where the rally ends."""
+        """``[N]`` transitions: states and legal pairs as numbers, ``following`` -1 where the rally ends."""
         strokes = self.sampler.strokes
         self.sampler.take()
-        base = torch.from_numpy(strokes.pair % np.int32(len(self._stroke))).long()
-        entries = {
-            "state": torch.from_numpy(strokes.state),
-            "action": self._stroke.cpu()[base],
-            "following": torch.from_numpy(strokes.following),
-            "reward": torch.from_numpy(strokes.reward),
-        }
-        return TensorDict(entries, batch_size=[len(base)])
+        columns = {name: getattr(strokes, name) for name in ("state", "pair", "following", "reward")}
+        entries = {name: torch.from_numpy(column) for name, column in columns.items()}
+        return TensorDict(entries, batch_size=[len(strokes.pair)])
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:  # noqa: ARG002  TorchRL's
         """Name all draws from here on; see :meth:`begin`. Returns the seed."""

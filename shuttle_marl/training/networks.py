@@ -6,12 +6,13 @@ one of each of the others, separately for the striker's own last stroke and for 
 smash is shared by all smashes.
 """
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from tensordict.nn import TensorDictModule
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
 from torch import nn
 from torch.distributions import Categorical, Distribution
 from torch.nn import functional
@@ -120,17 +121,16 @@ class StateEncoder(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.rally.Game.observation`."""
-        # The strokes are few, so their vectors are made once and looked up.
+        # The strokes are few, so their vectors are made once and looked up; what comes with the incoming one is added before.
         own = functional.embedding(self.attributes, self.own.weight).sum(-2)
         incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
-        first = (
-            functional.embedding(observation[..., 0], own)
-            + functional.embedding(observation[..., 1], incoming)
-            + self.contact(observation[..., 2])
-            + self.duel(observation[..., 3])
-            + self.effort(observation[..., 4])
-            + self.opponent_effort(observation[..., 5])
-        )
+        offered = (incoming[:, None, None] + self.contact.weight[:, None] + self.duel.weight).flatten(0, 2)
+        efforts = (self.effort.weight[:, None] + self.opponent_effort.weight).flatten(0, 1)
+        of = observation.long()
+        first = functional.embedding(of[..., 0], own)
+        first = first + functional.embedding((2 * of[..., 1] + of[..., 2]) * (LONGEST_DUEL + 1) + of[..., 3], offered)
+        if len(efforts) > 1:
+            first = first + functional.embedding(len(self.opponent_effort.weight) * of[..., 4] + of[..., 5], efforts)
         encoded: torch.Tensor = self.layers(first)
         return encoded
 
@@ -170,10 +170,31 @@ def make_critic(game: Game, *, width: int, hidden: int) -> ValueOperator:
     return ValueOperator(head(game, 1, width=width, hidden=hidden, scale=0.1), in_keys=["observation"])
 
 
-def make_q_network(game: Game, *, width: int, hidden: int) -> TensorDictModule:
-    """The value of every stroke in a state."""
-    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1)
-    return TensorDictModule(network, in_keys=["observation"], out_keys=["action_value"])
+def make_q_network(game: Game, *, width: int, hidden: int) -> "StrokeValues":
+    """The value of every stroke in each of U states, or of R strokes alone (:class:`StrokeValues`)."""
+    return StrokeValues(head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1))
+
+
+class StrokeValues(TensorDictModuleBase):
+    """Values of strokes: of all in every state, or, where ``row`` and ``played`` are given, of those alone.
+
+    Args:
+        network: ``[U, 6]`` observations to ``[U, n]`` values.
+    """
+
+    in_keys: ClassVar[list[str]] = ["observation", "row", "played"]
+    out_keys: ClassVar[list[str]] = ["action_value"]
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Add ``action_value``: ``[U, n]``, or ``[R, 1]`` of stroke ``played[r]`` in state ``row[r]``."""
+        value = self.network(tensordict["observation"])
+        if "row" in tensordict.keys():  # noqa: SIM118  a tensordict iterates over its rows
+            value = value[tensordict["row"], tensordict["played"]].unsqueeze(-1)
+        return tensordict.set("action_value", value)
 
 
 def logit_network(actor: ProbabilisticActor) -> nn.Module:

@@ -15,12 +15,16 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.training.config import Count, CountOrZero, Fraction, FractionOrZero, Positive, TrainingConfig
 
 if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torchrl.objectives import DiscreteSACLoss
+
+    from shuttle_marl.training.collecting import Observer
     from shuttle_marl.training.learner import Learner, Tensors
 
 _LEAST_SHARE: Final = 0.02
 """Share of the entropy that is left at the end."""
-_STORED: Final = ("state", "action", "following", "reward")
-"""Entries of the replay buffer: 4 + 8 + 4 + 4 bytes a stroke."""
+_STORED: Final = ("state", "pair", "following", "reward")
+"""Entries of the replay buffer, 4 bytes each."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -29,15 +33,15 @@ class SACConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "sac"
 
-    strokes: Count = 1_500_000
+    strokes: Count = 8_000_000
     """Strokes of the learner to train on."""
-    batch: Count = 4096
+    batch: Count = 16_384
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
     age: Count = 8
     """Iterations for which what the network says of a state that is met now and then is played without asking again."""
-    evaluate_every: Count = 100
+    evaluate_every: Count = 40
     """Iterations between two exact evaluations."""
-    checkpoint_every: Count = 200
+    checkpoint_every: Count = 80
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
     learning_rate: Positive = 1e-3
     """Learning rate of Adam, for actor and critics; falls linearly to a fiftieth."""
@@ -47,11 +51,11 @@ class SACConfig(TrainingConfig):
     """Temperature alpha at the start."""
     entropy_share: Fraction = 0.3
     """Target entropy, as a share of the mean entropy of choosing equally among the legal strokes; falls linearly to 0.02."""
-    buffer: Count = 400_000
+    buffer: Count = 1_000_000
     """Strokes that the replay buffer holds."""
-    minibatch: Count = 1024
-    """Strokes in one gradient step."""
-    updates: Count = 2
+    minibatch: Count = 16_384
+    """Strokes in one gradient step; those that are alike are learned from together."""
+    updates: Count = 4
     """Gradient steps an iteration."""
     warm_up: CountOrZero = 20_000
     """Strokes that are collected before the first gradient step."""
@@ -60,7 +64,56 @@ class SACConfig(TrainingConfig):
 
     def memory(self, n_strokes: int) -> dict[str, int]:
         """Bytes that a run needs at least, by the flags that decide how many; see :class:`TrainingConfig`."""
-        return {**super().memory(n_strokes), "--buffer": 20 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
+        return {**super().memory(n_strokes), "--buffer": 16 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
+
+
+def sac_terms(loss: "DiscreteSACLoss", drawn: "TensorDictBase", look_up: "Observer") -> "TensorDictBase":
+    """The terms of the loss over some strokes, computed once for each distinct state, stroke and next state.
+
+    The losses of values are squares, so at equal pairs their gradient depends on the mean of the targets alone; those of the
+    actor and of the temperature depend on the state.
+
+    Args:
+        loss: without reduction, and without a look at the next states of rows that are over.
+        drawn: ``[N]`` strokes as the collector gives them one by one.
+        look_up: of the game.
+    """
+    import torch
+    from tensordict import TensorDict
+
+    share = 1 / len(drawn)
+    following, of = torch.unique(drawn["following"], return_inverse=True)
+    value = torch.zeros(len(following))
+    playing = following >= 0
+    if bool(playing.any()):
+        # The target of a stroke without a reward is what follows it, with the sign of the discount.
+        none = torch.zeros(int(playing.sum()), 1, device=look_up.device)
+        ahead = {**look_up.seen(following[playing]), "reward": none, "done": none.bool(), "terminated": none.bool()}
+        value[playing] = loss._compute_target(TensorDict({"next": TensorDict(ahead, [len(none)])}, [len(none)])).cpu()
+    pairs, which, count = torch.unique(drawn["pair"], return_inverse=True, return_counts=True)
+    target = torch.zeros(len(pairs)).index_add_(0, which, drawn["reward"] + value[of]) / count
+    first = torch.empty(len(pairs), dtype=torch.long).scatter_(0, which, torch.arange(len(which)))
+    states, row, distinct = torch.unique_consecutive(drawn["state"][first], return_inverse=True, return_counts=True)
+    del distinct
+    seen = look_up.seen(states)
+    row, strokes = row.to(look_up.device), look_up.strokes(pairs)
+    over = torch.ones(len(pairs), 1, dtype=torch.bool, device=look_up.device)
+    ends = {"reward": target[:, None].to(look_up.device), "done": over, "terminated": over}
+    nothing = {name: part[:1].expand(len(pairs), *part.shape[1:]) for name, part in seen.items()}
+    played = {"row": row, "played": strokes, "action": torch.zeros_like(strokes)}
+    weight = count.to(look_up.device) * share
+    visits = torch.zeros(len(states), device=look_up.device).index_add_(0, row, weight)
+    loss_qvalue, _ = loss.qvalue_loss(TensorDict({**seen, **played, "next": TensorDict({**nothing, **ends}, [len(pairs)])}, []))
+    loss_actor, about = loss.actor_loss(TensorDict(seen, [len(states)]))
+    log_prob = about["log_prob"]
+    terms = {
+        "loss_qvalue": (loss_qvalue * weight).sum(),
+        "loss_actor": (loss_actor * visits).sum(),
+        "loss_alpha": (loss.alpha_loss(log_prob) * visits).sum(),
+        "alpha": loss.log_alpha.detach().exp(),
+        "entropy": -(log_prob * visits).sum(),
+    }
+    return TensorDict(terms, [])
 
 
 def make_sac(config: SACConfig, game: Game) -> "Learner":
@@ -70,6 +123,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
     from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
     from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 
+    from shuttle_marl.training.collecting import Observer
     from shuttle_marl.training.learner import Learner, Mean, set_rate
     from shuttle_marl.training.networks import logit_network, make_actor, make_q_network
 
@@ -84,25 +138,26 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         target_entropy=config.entropy_share,
         loss_function="l2",
         delay_qvalue=True,
+        reduction="none",
+        scalar_output_mode="exclude",
+        skip_done_states=True,
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=config.discount)
     targets = SoftUpdate(loss, eps=config.polyak)
     networks = [weight for name, weight in loss.named_parameters() if name != "log_alpha"]
-    optimizer = torch.optim.Adam(networks, lr=config.learning_rate)
+    optimizer = torch.optim.Adam(networks, lr=config.learning_rate, fused=True)
     temperature = torch.optim.Adam([loss.log_alpha], lr=config.temperature_rate)
     buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(config.buffer), batch_size=config.minibatch)
     counts = game.legal_count(np.arange(game.n_states))
     mean_entropy = float(np.log(counts[counts > 0]).mean())
-    # Masks are read off the incoming stroke and the contact when they are needed; stored, they would be nine tenths.
-    masks = torch.tensor(game.reply_mask).to(config.device)
-    observations = torch.from_numpy(game.observation(np.arange(game.n_states))).to(config.device)
+    look_up = Observer(game, config.device)
     network = logit_network(actor)
     collected = 0
 
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Store what was collected, then take a few gradient steps on strokes of the buffer."""
         nonlocal collected
-        store(data)
+        buffer.extend(data)
         collected += data.numel()
         if collected < config.warm_up:
             return {}
@@ -111,7 +166,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         loss.target_entropy.fill_(share * mean_entropy)
         logged = Mean("loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy")
         for _ in range(config.updates):
-            terms = loss(sample())
+            terms = sac_terms(loss, buffer.sample(), look_up)
             total = terms["loss_actor"] + terms["loss_qvalue"] + terms["loss_alpha"]
             optimizer.zero_grad()
             temperature.zero_grad()
@@ -121,29 +176,6 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
             targets.step()
             logged.add(terms)
         return logged.values()
-
-    def store(strokes: TensorDictBase) -> None:
-        buffer.extend(strokes.select(*_STORED))
-
-    def sample() -> TensorDict:
-        """Draw a minibatch of the buffer, with observations and masks."""
-        drawn = buffer.sample()
-        over = drawn["following"] < 0
-        ended = over.unsqueeze(-1).to(config.device)
-        following = {
-            **seen(drawn["following"].clamp_min(0)),
-            "reward": drawn["reward"].unsqueeze(-1).to(config.device),
-            "done": ended,
-            "terminated": ended,
-        }
-        return TensorDict(
-            {**seen(drawn["state"]), "action": drawn["action"].to(config.device), "next": following}, batch_size=drawn.batch_size
-        )
-
-    def seen(states: torch.Tensor) -> dict[str, torch.Tensor]:
-        """``[..., 6]`` observations of states, and ``[..., n]`` their legal strokes."""
-        observation = observations[states.long().to(config.device)]
-        return {"observation": observation, "action_mask": masks[observation[..., 1].long(), observation[..., 2].long()]}
 
     def remembered() -> "Tensors":
         """The buffer as tensors."""
@@ -161,7 +193,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         entries = {name.removeprefix("buffer."): value for name, value in tensors.items() if name.startswith("buffer.")}
         buffer.empty()
         if entries:
-            buffer.extend(TensorDict(entries, batch_size=[len(entries["action"])]))
+            buffer.extend(TensorDict(entries, batch_size=[len(entries["pair"])]))
             # Where the next stroke goes decides which ones are drawn later.
             buffer.writer.load_state_dict({**buffer.writer.state_dict(), "_cursor": int(tensors["cursor"])})
 
