@@ -48,6 +48,9 @@ Assess = Callable[[Ints], tuple[Singles, Singles]]
 _OPEN: Final = 2
 """Outcome of a rally that is not over."""
 _STALE, _TOO_LONG, _NO_ROOM = -1, -2, -3
+_START: Final = np.uint64(1 << 40)
+"""Names the draw that says where a rally begins; no rally has so many strokes."""
+_WHOLE: Final = 1 << 16
 _GUESS: Final = 4.0
 """Strokes of the learner in a rally, before the first is played."""
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
@@ -116,15 +119,38 @@ def _no_strokes(room: int = 0) -> Strokes:
     return Strokes(*(np.empty(room, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
 
 
+class _Starts(NamedTuple):
+    """States in which some rallies of self-play begin.
+
+    Attributes:
+        states: ``[M]`` one of them, equally likely.
+        share: ``[1]`` of the rallies, in units of 1/65536.
+    """
+
+    states: Ints
+    share: Longs
+
+
 @inlined
-def _play(tables: Any, learned: Any, opponent: Any, key: Any, oldest: Any, rally: Any) -> Any:
-    """Play a rally; returns its length, its server and the outcome of its last stroke.
+def _start(starts: Any, opponent: Any, key: Any) -> Any:
+    """State in which a rally begins: the serve, or one that is drawn."""
+    if starts.states.size == 0 or opponent >= 0:
+        return np.int64(0)
+    bits = draw(key, _START)
+    if np.int64(bits & np.uint64(0xFFFF)) >= starts.share[0]:
+        return np.int64(0)
+    return np.int64(starts.states[np.int64(((bits >> np.uint64(32)) * np.uint64(starts.states.size)) >> np.uint64(32))])
+
+
+@inlined
+def _play(tables: Any, learned: Any, opponent: Any, start: Any, key: Any, oldest: Any, rally: Any) -> Any:
+    """Play a rally from a state on; returns its length, its server and the outcome of its last stroke.
 
     The length is _STALE where an entry is missing, whose state is then the server; _TOO_LONG where there is no room for it.
     """
     bits = draw(key, 0)
     server = first_server(bits)
-    striker, s, t = server, np.int64(0), np.int64(0)
+    striker, s, t = server, np.int64(start), np.int64(0)
     while True:
         player = opponent if opponent >= 0 and striker == 1 else 0
         if player == 0 and learned.written[s] < oldest:
@@ -133,10 +159,10 @@ def _play(tables: Any, learned: Any, opponent: Any, key: Any, oldest: Any, rally
             return np.int64(_TOO_LONG), s, np.int64(_OPEN)
         of = block_of(tables, s)
         head = tables.head[np.uint64(s - tables.first[of, 0])]
-        start = head[0] + tables.first[of, 1]
-        k = table_choice(learned.players, player, s, start, bits)
+        first = head[0] + tables.first[of, 1]
+        k = table_choice(learned.players, player, s, first, bits)
         limit = head[0] + k + tables.first[of, 2]
-        rally.state[t], rally.pair[t], rally.limit[t] = s, start + k, limit
+        rally.state[t], rally.pair[t], rally.limit[t] = s, first + k, limit
         t += 1
         outcome = outcome_of(tables.limits[np.uint64(limit)], bits)
         if outcome < _OPEN:
@@ -201,6 +227,7 @@ def _collect(
     tables: Tables,
     learned: Learned,
     opponents: Ints,
+    starts: _Starts,
     seed_key: np.uint64,
     numbers: Longs,
     oldest: int,
@@ -219,7 +246,8 @@ def _collect(
     for r in range(numbers.size):
         number = numbers[r]
         opponent = opponents[number % opponents.size]
-        length, server, outcome = _play(tables, learned, opponent, extend(seed_key, number), oldest, rally)
+        key = extend(seed_key, number)
+        length, server, outcome = _play(tables, learned, opponent, _start(starts, opponent, key), key, oldest, rally)
         begin = 0 if opponent < 0 else server
         own = length if opponent < 0 else (length - begin + 1) // 2
         listed = strokes.state.size > 0
@@ -338,7 +366,8 @@ def _record(
     n, room = 0, stroke.size
     for r in range(numbers.size):
         opponent = opponents[numbers[r] % opponents.size]
-        length, server, outcome = _play(tables, learned, opponent, extend(seed_key, numbers[r]), np.int32(-(1 << 30)), rally)
+        key = extend(seed_key, numbers[r])
+        length, server, outcome = _play(tables, learned, opponent, np.int64(0), key, np.int32(-(1 << 30)), rally)
         lengths[r] = length
         last = (server + length - 1) & 1
         ended[0, r], ended[1, r], ended[2, r] = server, last ^ (1 - outcome), WINNER if outcome else FAULT
@@ -440,6 +469,7 @@ class RallySampler:
         self._shaping = none if shaping is None else checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))
         self._rally = _Rally(*(np.empty(256, np.int32) for _ in range(3)))
         self._opponents = np.arange(1, len(opponents) + 1, dtype=np.int32) if opponents else np.full(1, -1, np.int32)
+        self._starts = _Starts(np.zeros(0, np.int32), np.zeros(1, np.int64))
         self._now = 0
         self._known = np.zeros(0, np.int32)
         self.strokes = _no_strokes()
@@ -465,10 +495,7 @@ class RallySampler:
         self._learned.written[:] = 0
         self._now = 0
         if known is not None:
-            states = checked_array("states", known, np.int32, (len(known),), 0, self.game.n_states - 1)
-            if not self.game.playable[states].all():
-                raise KernelError("states: one has no legal strokes")
-            self._known = states
+            self._known = self._playable(known)
 
     def assign(self, opponents: npt.NDArray[np.integer]) -> None:
         """Say whom the learner meets.
@@ -481,6 +508,26 @@ class RallySampler:
         """
         number = checked_array("opponents", opponents, np.int32, (len(opponents),), -1, len(self._learned.players.guide) - 2)
         self._opponents = np.where(number < 0, -1, number + 1).astype(np.int32)
+
+    def restart(self, states: npt.NDArray[np.integer], share: float) -> None:
+        """Let some rallies of self-play begin in other states than the serve.
+
+        Args:
+            states: ``[M]`` one of them, equally likely.
+            share: of the rallies, from 0 to 1.
+
+        Raises:
+            KernelError: a state that does not exist or has no legal strokes, or a share out of its range.
+        """
+        if not 0 <= share <= 1:
+            raise KernelError(f"share {share}: expected 0 to 1")
+        self._starts = _Starts(self._playable(states), np.full(1, round(share * _WHOLE), np.int64))
+
+    def _playable(self, states: npt.NDArray[np.integer]) -> Ints:
+        found = checked_array("states", states, np.int32, (len(states),), 0, self.game.n_states - 1)
+        if not self.game.playable[found].all():
+            raise KernelError("states: one has no legal strokes")
+        return found
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
         """Put another policy in the place of an opponent.
@@ -529,6 +576,7 @@ class RallySampler:
                 self._tables,
                 self._learned,
                 self._opponents,
+                self._starts,
                 self._seed_key,
                 numbers,
                 oldest,
@@ -598,15 +646,25 @@ class RallySampler:
         return int(self._sums.total[0])
 
     @property
-    def numbers(self) -> range:
-        """Numbers of the rallies of the last iteration."""
-        return range(self._first, self._next)
+    def numbers(self) -> Longs:
+        """``[R]`` numbers of the rallies of the last iteration."""
+        return np.arange(self._first, self._next, dtype=np.int64)
+
+    def usual(self, numbers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+        """``[R]`` which rallies begin with a serve, and in self-play are played by the learner alone."""
+        opponent = self._opponents[numbers % len(self._opponents)]
+        if not (self._opponents < 0).any():
+            return np.ones(len(numbers), np.bool_)
+        if not len(self._starts.states):
+            return opponent < 0
+        bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), int(_START))
+        return (opponent < 0) & ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.share[0])
 
     def record(self, numbers: npt.NDArray[np.integer], *, figures: bool = False) -> SingleRallies:
         """Some rallies of the last iteration as they were played, for a log; before the next iteration.
 
         Args:
-            numbers: ``[R]`` of :attr:`numbers`.
+            numbers: ``[R]`` of :attr:`numbers`, of those that begin with a serve.
             figures: whether to give the log-probability and the value of every stroke of the learner.
 
         Raises:

@@ -22,9 +22,9 @@ class A2CConfig(TrainingConfig):
 
     strokes: Count = 40_000_000
     """Strokes of the learner to train on."""
-    batch: Count = 16_384
+    batch: Count = 8192
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
-    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.02
+    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.03
     """Strokes by which each iteration is longer than the one before, as a share of the first."""
     age: Count = 8
     """Iterations for which what the network says of a state that is met now and then is played without asking again."""
@@ -32,7 +32,7 @@ class A2CConfig(TrainingConfig):
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 100
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 2e-3
+    learning_rate: Positive = 4e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
     entropy: Weight = 0.03
     """Weight of the entropy bonus; falls linearly to 0."""

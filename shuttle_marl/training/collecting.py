@@ -70,7 +70,7 @@ class RallyCollector(BaseCollector):
     Args:
         config: sizes, device, shaping.
         game: the tables.
-        opponents: of the learner; none in self-play.
+        opponents: of the learner; none in plain self-play.
         assess: the network; it is asked whenever strokes are collected, so it is always the present one.
         distinct: which of the two forms the strokes have.
     """

@@ -106,7 +106,7 @@ class TrainingConfig:
     """Iterations for which what the network says of a state that is met now and then is played without asking again."""
     lmbda: FractionOrZero = 0.7
     """Lambda of the generalised advantages."""
-    width: Count = 128
+    width: Count = 64
     """Numbers in a layer of the networks."""
     hidden: CountOrZero = 1
     """Layers behind the embedding."""

@@ -203,6 +203,21 @@ def logit_network(actor: ProbabilisticActor) -> nn.Module:
     return network
 
 
+def divergence(network: nn.Module, reference: nn.Module, data: TensorDictBase) -> torch.Tensor:
+    """``[U]`` Kullback-Leibler divergence of a policy from a reference in each of some states, in nats.
+
+    Args:
+        network: observations to logits.
+        reference: the same, which is not changed.
+        data: ``observation`` and ``action_mask`` of the states.
+    """
+    seen, mask = data["observation"], data["action_mask"]
+    policy = functional.log_softmax(torch.where(mask, network(seen), IMPOSSIBLE), dim=-1)
+    with torch.no_grad():
+        other = functional.log_softmax(torch.where(mask, reference(seen), IMPOSSIBLE), dim=-1)
+    return (policy.exp() * (policy - other)).sum(-1)
+
+
 def weights_of(actor: ProbabilisticActor) -> dict[str, npt.NDArray[np.float32]]:
     """The weights of an actor by name, as an agent's folder holds them."""
     return {name: tensor.detach().cpu().numpy().copy() for name, tensor in logit_network(actor).state_dict().items()}

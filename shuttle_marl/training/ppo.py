@@ -4,14 +4,17 @@ The clipped surrogate of eq. 7, with the advantages of Schulman et al. 2016 (arX
 belongs to the opponent, whose value is minus ours: gamma = -1 makes the same recursion that of a zero-sum game.
 """
 
+import copy
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, Fraction, Positive, TrainingConfig, Weight, Within
+from shuttle_marl.training.config import Count, Fraction, FractionOrZero, Positive, TrainingConfig, TrainingError, Weight, Within
 
 if TYPE_CHECKING:
     from shuttle_marl.training.learner import Learner
+
+Way = Literal["plain", "best-response", "restarts", "pool", "magnet", "nash"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,30 +23,48 @@ class PPOConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
-    strokes: Count = 40_000_000
+    strokes: Count = 60_000_000
     """Strokes of the learner to train on."""
-    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.05
+    batch: Count = 8192
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.1
     """Strokes by which each iteration is longer than the one before, as a share of the first."""
     age: Count = 8
     """Iterations for which what the network says of a state that is met now and then is played without asking again."""
-    evaluate_every: Count = 20
+    evaluate_every: Count = 25
     """Iterations between two exact evaluations."""
-    checkpoint_every: Count = 40
+    checkpoint_every: Count = 50
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 3e-3
+    learning_rate: Positive = 6e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
-    clip: Fraction = 0.2
+    clip: Fraction = 0.3
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    entropy: Weight = 0.01
+    entropy: Weight = 0.015
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: Positive = 1.0
     """Weight of the value loss."""
     epochs: Count = 1
     """Passes over what was collected."""
-    minibatches: Count = 4
+    minibatches: Count = 3
     """Gradient steps in a pass; each takes its share of the states, with all that was played there."""
     gradient_norm: Positive = 0.5
     """Gradients are scaled down to this norm."""
+    way: Way = "plain"
+    """Way of self-play: plain, or with a share of rallies against best responses or earlier policies, of restarts in the states
+    of a best response, or with a reference that follows slowly (magnet) or now and then (nash)."""
+    share: FractionOrZero = 0.2
+    """Share of the rallies of self-play that are not plain."""
+    renew: Count = 40
+    """Iterations after which the best response, the pool or the reference of self-play is made anew."""
+    pool: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
+    """Earlier policies that are kept to be met in self-play."""
+    magnet: Weight = 0.05
+    """Weight of the divergence from the reference in self-play."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.way != "plain" and not self.self_play:
+            raise TrainingError(f"--way {self.way}: only in self-play, with --opponent self")
 
 
 def make_ppo(config: PPOConfig, game: Game) -> "Learner":
@@ -54,7 +75,7 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
 
     from shuttle_marl.training.collecting import minibatches
     from shuttle_marl.training.learner import Learner, Mean, set_rate, weighted_sums
-    from shuttle_marl.training.networks import logit_network, make_actor, make_critic
+    from shuttle_marl.training.networks import divergence, logit_network, make_actor, make_critic
 
     actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
     critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
@@ -71,15 +92,29 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     network, value = logit_network(actor), critic.module
     optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate, fused=True)
 
+    reference = copy.deepcopy(network).requires_grad_(False) if config.way in ("magnet", "nash") else None
+
+    def follow(iteration: int) -> None:
+        """Let the reference follow: slowly, or all the way now and then."""
+        assert reference is not None
+        step = 1 / config.renew if config.way == "magnet" else float(iteration % config.renew == 0)
+        with torch.no_grad():
+            for mine, present in zip(reference.parameters(), network.parameters(), strict=True):
+                mine.lerp_(present, step)
+
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Pass over the strokes, some of the states at a time."""
         set_rate(optimizer, config.learning_rate, remaining)
         loss.entropy_coeff.fill_(config.entropy * remaining)
         logged = Mean("loss_objective", "loss_critic", "loss_entropy", "clip_fraction", "kl_approx")
+        if reference is not None:
+            follow(round((1 - remaining) * config.iterations))
         for _ in range(config.epochs):
             for part in minibatches(data, config.minibatches):
                 terms = weighted_sums(loss(part), part["weight"])
                 total = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
+                if reference is not None:
+                    total = total + config.magnet * (part["weight"] * divergence(network, reference, part)).sum()
                 optimizer.zero_grad()
                 total.backward()
                 torch.nn.utils.clip_grad_norm_(loss.parameters(), config.gradient_norm)
@@ -92,6 +127,6 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
         assess=lambda observation: (network(observation), value(observation).squeeze(-1)),
         distinct=True,
         learn=learn,
-        modules={"loss": loss},
+        modules={"loss": loss} if reference is None else {"loss": loss, "reference": reference},
         optimizers={"optimizer": optimizer},
     )

@@ -40,9 +40,10 @@ from shuttle_marl.training.learner import (
     save_checkpoint,
 )
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
-from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.ppo import PPOConfig, make_ppo
 from shuttle_marl.training.run_log import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import make_sac
+from shuttle_marl.training.self_play import SelfPlay, slots
 
 AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
@@ -158,7 +159,13 @@ class _Run:
         self.evaluator = Evaluator(game, measured)
         torch.manual_seed(self._seed(_FIRST))
         self.learner = _LEARNERS[config.algorithm](config, game)
-        self.collector = RallyCollector(config, game, opponents, self.learner.assess, distinct=self.learner.distinct)
+        met = opponents
+        if isinstance(config, PPOConfig) and config.way != "plain":
+            met = measured * slots(config)
+        self.collector = RallyCollector(config, game, met, self.learner.assess, distinct=self.learner.distinct)
+        self.partners: SelfPlay | None = None
+        if isinstance(config, PPOConfig) and config.self_play:
+            self.partners = SelfPlay(config, game, self.learner, self.collector.sampler)
         self.metrics = _Metrics(folder / METRICS)
         self.opponents = opponents
         self.iteration, self.strokes, self.saved, self.seconds = 0, 0, 0, 0.0
@@ -217,9 +224,14 @@ class _Run:
         """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
         config = self.config
         segment = self.iteration // config.checkpoint_every
-        self.collector.begin(self._segment_seed(segment))
+        seed = self._segment_seed(segment)
+        self.collector.begin(seed)
+        begins = True
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             with self._diverging(self.iteration):
+                if self.partners is not None:
+                    self.partners.prepare(self.iteration, first=begins, seed=seed)
+                    begins = False
                 data = self.collector.collect()
             if log is not None:
                 log.add(self.collector.sampler, segment, self.iteration)
@@ -232,6 +244,8 @@ class _Run:
             if self.stopped:
                 break
         state = self.learner.state() | {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
+        if self.partners is not None:
+            state |= self.partners.state()
         with self._diverging(self.iteration):
             check_finite(state.values())
         # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
@@ -300,6 +314,8 @@ class _Run:
             self.saved, self.rallies, self.strokes = self.iteration, int(about["rallies"]), int(about["strokes"])
             mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
             self.learner.restore(state)
+            if self.partners is not None:
+                self.partners.restore(state)
             self.collector.load_state_dict(OrderedDict((name, state[f"collector.{name}"]) for name in ("known", "iteration")))
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             found = f"{self.folder / CHECKPOINTS}: the last checkpoint is of another kind of run"

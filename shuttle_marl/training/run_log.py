@@ -40,7 +40,7 @@ class RunLog:
         self._figures = tuple(name for name in header.columns if name in _FIGURES)
 
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:
-        """Record what a sampler played in its last iteration.
+        """Record what a sampler played in its last iteration; in self-play what the learner played with itself from the serve on.
 
         Args:
             sampler: before its next iteration.
@@ -50,7 +50,7 @@ class RunLog:
         Raises:
             RecordingError: the log cannot be written any further; every rally before is there.
         """
-        numbers = np.arange(sampler.numbers.start, sampler.numbers.stop)
+        numbers = sampler.numbers[sampler.usual(sampler.numbers)]
         pairing = np.full(len(numbers), segment)
         numbers = numbers[self._sampling.keeps(self._header, pairing, numbers)]
         if not len(numbers):

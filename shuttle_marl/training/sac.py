@@ -7,12 +7,12 @@ reached. In self-play the next state belongs to the opponent, whose value is min
 
 import dataclasses
 import logging
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import numpy as np
 
 from shuttle_marl.game.rally import Game
-from shuttle_marl.training.config import Count, CountOrZero, Fraction, FractionOrZero, Positive, TrainingConfig
+from shuttle_marl.training.config import Count, CountOrZero, Fraction, FractionOrZero, Positive, TrainingConfig, Within
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -59,6 +59,8 @@ class SACConfig(TrainingConfig):
     """Gradient steps an iteration."""
     warm_up: CountOrZero = 20_000
     """Strokes that are collected before the first gradient step."""
+    critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 2
+    """Networks of values, of which the smallest value counts."""
     polyak: FractionOrZero = 0.99
     """Share of the old weights that a target network keeps at each step."""
 
@@ -93,8 +95,7 @@ def sac_terms(loss: "DiscreteSACLoss", drawn: "TensorDictBase", look_up: "Observ
     pairs, which, count = torch.unique(drawn["pair"], return_inverse=True, return_counts=True)
     target = torch.zeros(len(pairs)).index_add_(0, which, drawn["reward"] + value[of]) / count
     first = torch.empty(len(pairs), dtype=torch.long).scatter_(0, which, torch.arange(len(which)))
-    states, row, distinct = torch.unique_consecutive(drawn["state"][first], return_inverse=True, return_counts=True)
-    del distinct
+    states, row = torch.unique_consecutive(drawn["state"][first], return_inverse=True)
     seen = look_up.seen(states)
     row, strokes = row.to(look_up.device), look_up.strokes(pairs)
     over = torch.ones(len(pairs), 1, dtype=torch.bool, device=look_up.device)
@@ -139,6 +140,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         loss_function="l2",
         delay_qvalue=True,
         reduction="none",
+        num_qvalue_nets=config.critics,
         scalar_output_mode="exclude",
         skip_done_states=True,
     )

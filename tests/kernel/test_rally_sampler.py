@@ -46,7 +46,7 @@ def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPoli
     sampler = RallySampler(GAME, opponents)
     sampler.reset(5)
     sampler.collect(1000, network(0))
-    played = sampler.record(np.array(sampler.numbers)[:300])
+    played = sampler.record(sampler.numbers[:300])
     columns = {name: getattr(played, name) for name in ("server", "winner", "reason", "length", "stroke")}
     compare_with_rally_v0(5, played.rally, **columns)
     if opponents:
@@ -73,7 +73,7 @@ def test_what_is_won_and_played_is_what_the_tables_say() -> None:
 
 def gae_by_hand(sampler: RallySampler, assess: Assess, decay: float, both: bool) -> dict[int, float]:
     """Sum of the advantages by legal pair, rally by rally from the log."""
-    played = sampler.record(np.array(sampler.numbers))
+    played = sampler.record(sampler.numbers)
     total: dict[int, float] = {}
     at = 0
     for server, winner, length in zip(played.server, played.winner, played.length, strict=True):
@@ -176,13 +176,33 @@ def test_some_rallies_may_be_of_self_play() -> None:
     sampler = RallySampler(GAME, [RANDOM, BC])
     sampler.assign(np.array([-1, 1]))
     sampler.collect(500, network(0))
-    played = sampler.record(np.array(sampler.numbers))
+    played = sampler.record(sampler.numbers)
     assert set(played.opponent[played.rally % 2 == 1]) == {1}
     sampler.replace_opponent(1, RANDOM)
     with pytest.raises(KernelError, match="opponents: -1 to 2"):
         sampler.assign(np.array([-1, 2]))
     with pytest.raises(KernelError, match="expected 0 or more"):
         sampler.replace_opponent(-1, BC)
+
+
+def test_some_rallies_may_begin_anywhere() -> None:
+    sampler = RallySampler(GAME)
+    states = np.flatnonzero(GAME.playable)[500:700]
+    sampler.restart(states, 0.25)
+    sampler.collect(20_000, network(0))
+    usual = sampler.usual(sampler.numbers)
+    assert abs(usual.mean() - 0.75) < 0.05
+    found = sampler.take()
+    counted = dict(zip(found.state.tolist(), found.visits.tolist(), strict=True))
+    # Every rally begins with a serve or in one of those states.
+    assert counted[ROOT] == usual.sum()
+    assert sum(counted.get(s, 0) for s in states.tolist()) >= (~usual).sum()
+    played = sampler.record(sampler.numbers[usual])
+    assert (played.stroke[np.cumsum(played.length) - played.length] < GAME.n_strokes).all()
+    with pytest.raises(KernelError, match="share"):
+        sampler.restart(states, 1.5)
+    with pytest.raises(KernelError, match="no legal strokes"):
+        sampler.restart(np.array([1]), 0.5)
 
 
 def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,17 +9,18 @@ import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors import BaseCollector
-from torchrl.objectives import A2CLoss, ClipPPOLoss
+from torchrl.objectives import A2CLoss, ClipPPOLoss, DiscreteSACLoss, ValueEstimators
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training import A2CConfig, PPOConfig, TrainingConfig
-from shuttle_marl.training.collecting import RallyCollector, minibatches
+from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.collecting import Observer, RallyCollector, minibatches
 from shuttle_marl.training.learner import weighted_sums
-from shuttle_marl.training.networks import logit_network, make_actor, make_critic
+from shuttle_marl.training.networks import logit_network, make_actor, make_critic, make_q_network
 from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.sac import make_sac, sac_terms
 
 GAME = default_game()
 BC = tabulate(resolve("bc", GAME), GAME, "bc")
@@ -33,7 +34,8 @@ LOSSES: dict[str, tuple[type[TrainingConfig], Callable[..., Any]]] = {
 def gradients(loss: Any, total: torch.Tensor) -> torch.Tensor:
     loss.zero_grad()
     total.backward()
-    return torch.cat([weight.grad.flatten() for weight in loss.parameters()])
+    # What a game without efforts leaves out has no gradient.
+    return torch.cat([weight.grad.flatten() for weight in loss.parameters() if weight.grad is not None])
 
 
 def one_by_one(collector: RallyCollector, data: TensorDictBase) -> TensorDictBase:
@@ -94,6 +96,46 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
     parts = [weighted_sums(distinct(part), part["weight"]) for part in minibatches(data, 3)]
     for name in TERMS:
         assert np.mean([part[name].item() for part in parts]) == pytest.approx(found[name].item(), abs=1e-5)
+
+
+@pytest.mark.parametrize("opponent", [("bc",), ("self",)], ids=["fixed", "self-play"])
+def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...]) -> None:
+    torch.manual_seed(0)
+    config = SACConfig(opponent=opponent, batch=2048, width=8)
+    learner = make_sac(config, GAME)
+    collector = RallyCollector(config, GAME, [] if config.self_play else [BC], learner.assess, distinct=False)
+    drawn, look_up = collector.collect(), Observer(GAME, "cpu")
+    ours = learner.modules["loss"]
+    found = sac_terms(ours, drawn, look_up)
+    names = ("loss_qvalue", "loss_actor", "loss_alpha")
+    gradient = gradients(ours, sum(found[name] for name in names))
+    plain = DiscreteSACLoss(
+        make_actor(GAME, width=8, hidden=config.hidden, log_prob=False),
+        make_q_network(GAME, width=8, hidden=config.hidden),
+        action_space="categorical",
+        num_actions=GAME.n_strokes,
+        num_qvalue_nets=config.critics,
+        alpha_init=config.temperature,
+        target_entropy=float(ours.target_entropy),
+        loss_function="l2",
+    )
+    plain.make_value_estimator(ValueEstimators.TD0, gamma=config.discount)
+    plain.load_state_dict(ours.state_dict())
+    over = (drawn["following"] < 0)[:, None]
+    ahead = {
+        **look_up.seen(drawn["following"].clamp_min(0)),
+        "reward": drawn["reward"][:, None],
+        "done": over,
+        "terminated": over,
+    }
+    raw = {**look_up.seen(drawn["state"]), "action": look_up.strokes(drawn["pair"]), "next": TensorDict(ahead, [len(drawn)])}
+    terms = plain(TensorDict(raw, [len(drawn)]))
+    theirs = gradients(plain, sum(terms[name] for name in names))
+    assert theirs.abs().max() > 1e-3
+    assert (gradient - theirs).abs().max() < 1e-6
+    # The values differ by how much the targets of one pair vary.
+    for name in ("loss_actor", "loss_alpha", "entropy"):
+        assert found[name].item() == pytest.approx(terms[name].item(), rel=1e-5, abs=1e-6)
 
 
 def test_the_collector_is_one_of_torchrl() -> None:

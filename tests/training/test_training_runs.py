@@ -27,15 +27,18 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.learner import DivergedError, Learner
+from shuttle_marl.training.ppo import Way
 
 GAME = default_game()
 SMALL: dict[str, Any] = {"batch": 256, "growth": 0.0, "width": 16, "evaluate_every": 4, "checkpoint_every": 3, "record": "all"}
+WAYS: tuple[Way, ...] = ("best-response", "restarts", "pool", "magnet", "nash")
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=256 * 8, minibatches=3),
     "a2c": A2CConfig(**SMALL, strokes=256 * 8),
     "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
     "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
     "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
+    **{way: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), way=way, renew=2, pool=2) for way in WAYS},
 }
 
 
@@ -72,7 +75,7 @@ def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None]) 
     return make_disturbed
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in WAYS[1:4] else ()) for name in CONFIGS])
 def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIGS[name]
     whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
@@ -233,6 +236,7 @@ def test_bad_input_is_refused_before_anything_is_written(
     [
         ({"opponent": ("self", "bc")}, "stands alone"),
         ({"batch": 0}, "--batch 0"),
+        ({"way": "pool"}, "--way pool: only in self-play"),
         ({"target": 1.5}, "--target"),
         ({"resume": True, "overwrite": True}, "give one of them"),
     ],
