@@ -24,10 +24,10 @@ TOURNAMENT = "7ddd4ed9cf4821f8"
 WINS = {"minimax": 20, "ppo": 15, "safe@greedy": 12, "attacking": 7, "bc": 5, "random": 1}
 SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 1, "record": "all"}
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
-    "ppo": (PPOConfig(**SMALL), "ac1a49f1210d55e8"),
-    "a2c": (A2CConfig(**SMALL), "c589063fcdac93db"),
-    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "3208e5d31aec7a5d"),
-    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "f63453c4fb51bd26"),
+    "ppo": (PPOConfig(**SMALL), "7fc001c4994eeaad"),
+    "a2c": (A2CConfig(**SMALL), "2733784054f9828d"),
+    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "a1db502893495669"),
+    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "b405f434ad376787"),
 }
 """Settings of a run, and the digest of its strokes."""
 
