@@ -88,7 +88,7 @@ def next_stroke(
     }
     result = {"split": split, "fit": fit, **table(imitator, FittedModels.load(model_folder(model)), scored), "paper": PAPER}
     if out is not None:
-        write_json(out, {**describe(("numpy", "torch")), **result})
+        write_json(out, {**describe(("lightgbm", "numpy", "torch")), **result})
     if json:
         sys.stdout.write(json_format.dumps(result) + "\n")
         return

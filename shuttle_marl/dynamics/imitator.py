@@ -83,7 +83,7 @@ class Imitator:
         seed: int = 0,
         report: Callable[[str], None] = _silent,
     ) -> "Imitator":
-        """Fit an imitator; about two minutes on two cores for 50,000 strokes.
+        """Fit an imitator; two to three minutes of one core's time for 50,000 strokes, of which two may share.
 
         The area of a fault does not say where it was aimed, so faults teach the shot type alone. That of a winner is the one in
         which a receiver would have met it (:mod:`shuttle_marl.dynamics.landings`).

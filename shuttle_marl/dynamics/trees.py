@@ -79,6 +79,8 @@ class Trees:
         child = checked(arrays["child"], np.int32, (trees, nodes, 2))
         value = checked(arrays["value"], np.float64, (trees, nodes + 1))
         later = child > np.arange(nodes)[:, None]
+        if not nodes:
+            raise ValueError("trees without a node")
         if not (((attribute >= 0) & (attribute < columns)).all() and (later | (child < 0)).all()):
             raise ValueError("a tree reads what there is not, or runs in circles")
         if not ((child >= -1 - nodes) & (child < nodes)).all():

@@ -131,3 +131,12 @@ def test_forged_trees_are_refused(tmp_path: Path, name: str, change: Any) -> Non
     folder = with_trees(tmp_path, {"return": changed})
     with pytest.raises(ModelError, match="networks"):
         FittedModels.load(folder)
+
+
+def test_trees_without_a_node_are_refused() -> None:
+    rows, label, _ = sample()
+    arrays = vars(fit_trees(rows.codes, label, rounds=2))
+    assert len(Trees.checked(arrays)) == 2
+    none = {"attribute": arrays["attribute"][:, :0], "left": arrays["left"][:, :0], "child": arrays["child"][:, :0]}
+    with pytest.raises(ValueError, match="without a node"):
+        Trees.checked({**none, "value": arrays["value"][:, :1]})
