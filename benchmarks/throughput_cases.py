@@ -130,7 +130,18 @@ def vector(batch: int, threads: int) -> Play:
     """``RallyVectorEnv`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
     from shuttle_marl.env.vector import RallyVectorEnv
 
-    env, steps = RallyVectorEnv(batch, opponent="bc", threads=threads), max(1, _steps(batch) // 8)
+    return _stepped(RallyVectorEnv(batch, opponent="bc", threads=threads), batch)
+
+
+def match_vector(batch: int, threads: int) -> Play:
+    """``MatchVectorEnv`` against ``bc``, random legal strokes; a stroke and what ``bc`` plays until the next one count once."""
+    from shuttle_marl.env.vector import MatchVectorEnv
+
+    return _stepped(MatchVectorEnv(batch, opponent="bc", threads=threads), batch)
+
+
+def _stepped(env: Any, batch: int) -> Play:
+    steps = max(1, _steps(batch) // 8)
     env.reset(seed=0)
 
     def play() -> int:
@@ -209,6 +220,7 @@ BATCHED: Final[dict[str, Maker]] = {
     "torchrl": torchrl,
     "torchrl_stock": torchrl_stock,
     "vector": vector,
+    "match_vector": match_vector,
     "tournament": tournament,
     "cartpole_vector": cartpole_vector,
 }

@@ -56,6 +56,18 @@ def next_strokes() -> str:
     return f"{table}\n\nThe {result['split']} matches; the imitator {fitted}. {_made_by(result)}."
 
 
+def recipes() -> str:
+    """What the recipes for other libraries reached."""
+    result = saved("experiments", "recipes")
+    rows = []
+    for name, found in result["recipes"].items():
+        won = found["rally_win_vs_bc"]
+        reached = found["printed"] if won is None else f"{100 * won:.1f} % of rallies against `bc`"
+        rows.append((f"`{name}`", reached, f"{found['cpu_seconds']:.0f}", f"`{found['game'][:12]}`"))
+    table = markdown(("recipe", "reached", "CPU seconds", "game"), rows, left=("recipe", "reached", "game"))
+    return f"{table}\n\nPython {result['python']}: `python -m docs.tools.recipes --save`."
+
+
 def time_to_win() -> str:
     """Seconds until 98 % of matches are won."""
     result = saved("benchmarks", "time_to_win")

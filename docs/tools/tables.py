@@ -39,6 +39,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "human": experiment_tables.human,
     "human_players": experiment_tables.human_players,
     "next_stroke": experiment_tables.next_strokes,
+    "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,

@@ -1,0 +1,46 @@
+"""The recipes for other libraries run as they stand on their page."""
+
+import ast
+import importlib.util
+
+import pytest
+
+from docs.tools import recipes
+from shuttle_marl.errors import ShuttleError
+
+NEEDED = {
+    "agilerl": ("agilerl", "peft"),
+    "open_spiel": ("pyspiel", "tree"),
+    "rllib": ("ray",),
+    "sb3": ("sb3_contrib",),
+    "supersuit": ("supersuit",),
+    "tianshou": ("tianshou",),
+    "torchrl": ("torchrl",),
+}
+
+
+def test_every_recipe_is_a_program_that_says_what_it_reached() -> None:
+    found = recipes.recipes()
+    assert set(found) == set(NEEDED)
+    for name, code in found.items():
+        assert ast.parse(code).body, name
+        assert "print(f" in code.strip().splitlines()[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(NEEDED))
+def test_a_recipe_runs(name: str) -> None:
+    if missing := [library for library in NEEDED[name] if importlib.util.find_spec(library) is None]:
+        pytest.skip(f"{', '.join(missing)} is not installed")
+    won = recipes.run(name)["rally_win_vs_bc"]
+    assert won is None or won > 0.4
+
+
+def test_a_recipe_that_is_not_there_and_one_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ShuttleError, match="no recipe 'keras'; there are"):
+        recipes.run("keras")
+    monkeypatch.setattr(recipes, "recipes", lambda: {"bad": "raise RuntimeError('no racket')", "slow": "while True: pass"})
+    with pytest.raises(ShuttleError, match=r"(?s)recipe bad: exit status 1.*no racket"):
+        recipes.run("bad")
+    with pytest.raises(ShuttleError, match=r"recipe slow: not done within 0.2 s"):
+        recipes.run("slow", timeout=0.2)
