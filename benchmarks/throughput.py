@@ -11,8 +11,8 @@ a turn slower; the median is given as well.
 (``strokes``, ``states``, ``legal_pairs``). ``bound_per_s`` is what the reads of a stroke alone would allow
 (:mod:`benchmarks.lower_bound`), ``load`` how many processes wanted a core when a process began to measure.
 
-What counts as a stroke: of ``vector``, ``match_vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of environments of
-other libraries an action.
+What counts as a stroke: of ``vector``, ``match_vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of
+environments of other libraries an action.
 """
 
 import json

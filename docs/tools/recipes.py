@@ -2,8 +2,8 @@
 
     python -m docs.tools.recipes NAME ... [--python INTERPRETER] [--save]
 
-A recipe is a block whose fence says ``python recipe`` and whose first line is ``# NAME_recipe.py``. Its last line of output is what
-it reached. With ``--save`` that goes to ``experiments/results/recipes.json``, from which the table of the page is made.
+A recipe is a block whose fence says ``python recipe`` and whose first line is ``# NAME_recipe.py``. Its last line of output is
+what it reached. With ``--save`` that goes to ``experiments/results/recipes.json``, from which the table of the page is made.
 """
 
 import json
@@ -26,14 +26,17 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game import default_game
 
 PAGE: Final = ROOT / "docs" / "recipes.md"
+LOOP: Final = ROOT / "docs" / "tutorials" / "own_loop.md"
 RESULTS: Final = ROOT / "experiments" / "results" / "recipes.json"
 _BLOCK: Final = re.compile(r"^```python recipe\n(# (\w+)_recipe\.py\n.*?)^```$", re.S | re.M)
 _WON: Final = re.compile(r"rallies won against bc: ([01]\.\d+)")
 
 
 def recipes() -> dict[str, str]:
-    """The programs of the page by name."""
-    return {name: code for code, name in _BLOCK.findall(PAGE.read_text(encoding="utf-8"))}
+    """The programs of the page by name, and the loop of the tutorial with the block that measures it."""
+    found = {name: code for code, name in _BLOCK.findall(PAGE.read_text(encoding="utf-8"))}
+    loop = re.findall(r"^```python\n(.*?)^```$", LOOP.read_text(encoding="utf-8"), re.S | re.M)
+    return {**found, "own_loop": "\n".join(loop[:2])}
 
 
 def run(name: str, python: str = sys.executable, timeout: float = 900) -> dict[str, Any]:
@@ -77,9 +80,7 @@ def run(name: str, python: str = sys.executable, timeout: float = 900) -> dict[s
     }
 
 
-def main(
-    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (), python: str = sys.executable, save: bool = False
-) -> None:
+def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = (), python: str = sys.executable, save: bool = False) -> None:
     """Run recipes, all without names.
 
     Args:

@@ -5,7 +5,8 @@
 A table stands between ``<!-- begin: NAME -->`` and ``<!-- end: NAME -->`` on any page; :data:`BLOCKS` lists the names. The
 rankings come from a run folder of the league; without ``--run`` the default tournament is played, which is the same on every
 machine. The other tables come from ``benchmarks/results/`` and ``experiments/results/``. The model card is a page of its own.
-``--check`` changes nothing and fails if a page does not show what the results say.
+Figures in sentences are those of :mod:`docs.tools.figures`, each with a tolerance. ``--check`` changes nothing and fails if a
+page does not show what the results say.
 """
 
 import difflib
@@ -18,7 +19,7 @@ from typing import Final
 
 from rich.console import Console
 
-from docs.tools import benchmark_tables, experiment_tables, league_tables
+from docs.tools import benchmark_tables, experiment_tables, figures, league_tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.commands import cli
@@ -110,6 +111,12 @@ def main(*, run: Path | None = None, check: bool = False) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = run or run_league(LeagueConfig(out=Path(temporary) / "run", record="none"), Console(stderr=True)).folder
         pages = rendered(ROOT, folder)
+    for name in {figure.page for figure in figures.FIGURES} - set(pages):
+        pages[name] = (ROOT / name).read_text(encoding="utf-8")
+    if not check:
+        pages = figures.written(pages)
+    elif lines := figures.drifted({name: (ROOT / name).read_text(encoding="utf-8") for name in pages}):
+        raise TableError("figures have drifted; run this without --check\n" + "\n".join(lines))
     for name, after in pages.items():
         before = (ROOT / name).read_text(encoding="utf-8")
         if check and after != before:
