@@ -7,7 +7,7 @@ import threading
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
@@ -118,6 +118,9 @@ def _film(server: "Server", listener: socket.socket, address: str, path: Path) -
     sys.stdout.write(f"{printable(str(path))}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB\n")
 
 
+COMMANDS: Final = watch
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    return cli.run(watch, prog="python -m shuttle_marl.watch", description=watch.__doc__ or "", argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.watch", description=watch.__doc__ or "", argv=argv)
