@@ -93,7 +93,9 @@ def error_bound(residual: float, contraction: float) -> float:
     return (residual + ROUNDING) * contraction / (1 - contraction) + 2 * ROUNDING
 
 
-def newton(operator: Operator, start: Floats, contraction: float, tolerance: float) -> tuple[Floats, int, float, float]:
+def newton(
+    operator: Operator, start: Floats, contraction: float, tolerance: float, *, affine: bool = False
+) -> tuple[Floats, int, float, float]:
     """The fixed point of an operator that is not linear, by Newton's method: policy iteration, where it takes a maximum.
 
     Each step solves the operator's linear part at x. From far away such a step may miss, in games of two players who both
@@ -105,6 +107,7 @@ def newton(operator: Operator, start: Floats, contraction: float, tolerance: flo
         start: ``[S]`` first guess.
         contraction: by what factor.
         tolerance: largest error bound that is good enough.
+        affine: whether T is affine, so that its linear part is worth solving to the end.
 
     Returns:
         ``[S]`` T x, the number of applications, the residual ``|T x - x|``, and the error bound of T x. All over the rally
@@ -118,7 +121,8 @@ def newton(operator: Operator, start: Floats, contraction: float, tolerance: flo
         # Below the rounding of one application nothing gets better any more.
         if bound <= tolerance or residual <= ROUNDING:
             return z, applications, residual, bound
-        close_enough = _SOLVED * residual
+        # Half of the residual at which the bound is good enough: more is of no use.
+        close_enough = max(0.0 if affine else _SOLVED * residual, tolerance * (1 - contraction) / (2 * contraction))
         there = x + accelerated(linear, z - x, functools.partial(_small, close_enough))
         image, slope = operator(there)
         applications += 1

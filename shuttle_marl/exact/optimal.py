@@ -9,14 +9,16 @@ difference lemma: Kakade & Langford, ICML 2002):
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.exact.blocks import BlockLinear, BlockSweep, by_blocks
 from shuttle_marl.exact.fixed_point import TOLERANCE, Linear, largest_continuation, newton
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import Ints, after_choices, choices
+from shuttle_marl.exact.sweeps import Ints, after_block_choices, after_choices, block_choices, choices
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.table import TabulatedPolicy
@@ -75,7 +77,8 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
         first, second = after_choices([game], own), after_choices([other], theirs)
         return own.value, lambda change: first(second(change))
 
-    z, sweeps, residual, bound = newton(operator, np.zeros(game.n_states), contraction, tolerance)
+    start, swept = by_blocks(game, best_sweep([game]), best_sweep([other]), contraction, tolerance)
+    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
     theirs = choices([other], z)
     own = choices([game], theirs.value)
     z[ROOT] = own.value[ROOT]
@@ -83,7 +86,7 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
         games=(game, other),
         value=(z, theirs.value),
         policy=(pure_policy(game, own.rank), pure_policy(other, theirs.rank)),
-        sweeps=2 * sweeps + 2,
+        sweeps=2 * (swept + sweeps) + 2,
         residual=residual,
         contraction=contraction,
         error_bound=bound,
@@ -97,7 +100,10 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
         chosen = choices([game], x)
         return chosen.value, after_choices([game], chosen)
 
-    value, sweeps, residual, bound = newton(operator, np.zeros(game.n_states), contraction, tolerance)
+    sweep = best_sweep([game])
+    # What is swept block by block is a stroke of both players.
+    start, swept = by_blocks(game, sweep, sweep, contraction**2, tolerance)
+    value, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
     chosen = choices([game], value)
     value[ROOT] = chosen.value[ROOT]
     policy = pure_policy(game, chosen.rank)
@@ -105,11 +111,21 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
         games=(game, game),
         value=(value, value),
         policy=(policy, policy),
-        sweeps=sweeps + 1,
+        sweeps=swept + sweeps + 1,
         residual=residual,
         contraction=contraction,
         error_bound=bound,
     )
+
+
+def best_sweep(games: Sequence[Game], *, against: bool = False) -> BlockSweep:
+    """Sweep of a player who plays the best strokes; see :func:`shuttle_marl.exact.sweeps.choices`."""
+
+    def sweep(block: int, plain: Floats, after_attack: Floats) -> tuple[Floats, BlockLinear]:
+        chosen = block_choices(games, block, plain, after_attack, against=against)
+        return chosen.value, after_block_choices(games, block, chosen)
+
+    return sweep
 
 
 def pure_policy(game: Game, rank: Ints) -> TabulatedPolicy:
@@ -182,12 +198,13 @@ def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: f
         # The opponent's part is minus what continues.
         return chosen.value, lambda change: -follow(opponent.continuation(change))
 
-    z, sweeps, residual, bound = newton(operator, np.zeros(own.n_states), contraction, tolerance)
+    start, swept = by_blocks(own, best_sweep([own]), opponent.block_sweep, contraction, tolerance)
+    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
     y = opponent.values(z)
     chosen = choices([own], y)
     z[ROOT] = chosen.value[ROOT]
     value = ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-    return Response(policy=pure_policy(own, chosen.rank), value=value, sweeps=sweeps + 1)
+    return Response(policy=pure_policy(own, chosen.rank), value=value, sweeps=swept + sweeps + 1)
 
 
 def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:

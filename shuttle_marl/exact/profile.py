@@ -5,16 +5,16 @@ import itertools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.exact.blocks import BlockLinear, by_blocks
 from shuttle_marl.exact.fixed_point import (
     FIRST_RALLY_STATE,
     TOLERANCE,
     ExactError,
-    accelerated,
     error_bound,
     largest_change,
     solve_linear,
@@ -88,10 +88,16 @@ class InducedChain:
         """``[S]`` C following: the mean of what follows each state, the end of the rally counting as 0."""
         return mean_following(self.game, self.weight, following)
 
-    def block_values(self, block: int, plain: Floats, after_attack: Floats) -> Floats:
-        """``[base states]`` value of the states of one block, from those of the two blocks that follow it."""
-        reward = self.reward[self.game.block_states(block)]
-        return np.asarray(reward - block_mean(self.game, self.weight[block], plain, after_attack))
+    def block_sweep(self, block: int, plain: Floats, after_attack: Floats) -> tuple[Floats, BlockLinear]:
+        """Values of one block and how they change; see :data:`~shuttle_marl.exact.blocks.BlockSweep`."""
+        weight, reward = self.weight[block], self.reward[self.game.block_states(block)]
+
+        def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
+            none = np.zeros(self.game.n_base_states)
+            changes = (none if change is None else change for change in (plain, after_attack))
+            return -block_mean(self.game, weight, *changes)
+
+        return reward + linear(plain, after_attack), linear
 
     def propagate(self, visits: Floats) -> Floats:
         """``[S]`` C' visits: how often each state follows, given how often the striker is in each state."""
@@ -220,39 +226,11 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
         norm=largest_change,
         bound=lambda residual, _: error_bound(residual, contraction),
         tolerance=tolerance,
-        guess=_by_blocks(first, second, contraction, tolerance),
+        guess=by_blocks(first.game, first.block_sweep, second.block_sweep, contraction, tolerance, affine=True)[0],
     )
     y = second.values(z)
     z[ROOT] = first.values(y)[ROOT]
     return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-
-
-def _by_blocks(first: InducedChain, second: InducedChain, contraction: float, tolerance: float) -> Floats:
-    """``[S]`` nearly the values of the states in which the first player strikes.
-
-    Efforts never fall, so the states of a block depend on themselves and on blocks of more effort alone: these are solved
-    first. A block is small enough for the second cache, and begins with the values of one that was solved before.
-    """
-    game, top = first.game, first.game.levels - 1
-    striking: tuple[dict[tuple[int, ...], Floats], dict[tuple[int, ...], Floats]] = {}, {}
-    x = np.zeros(game.n_base_states)
-    for own, other in sorted(itertools.product(range(top + 1), repeat=2), key=lambda efforts: -sum(efforts)):
-        # The block in which the first player strikes with these efforts, and that in which the second one does.
-        here, there = own * (top + 1) + other, other * (top + 1) + own
-        spent = striking[0].get((own, other + 1)), striking[1].get((other, own + 1))
-
-        def sweep(x: Floats, here: int = here, there: int = there, spent: Any = spent) -> tuple[Floats, Floats]:
-            y = second.block_values(there, x, x if spent[0] is None else spent[0])
-            return first.block_values(here, y, y if spent[1] is None else spent[1]), y
-
-        at_zero = sweep(np.zeros_like(x))[0]
-
-        def linear(d: Floats, sweep: Any = sweep, at_zero: Floats = at_zero) -> Floats:
-            return np.asarray(sweep(d)[0] - at_zero)
-
-        x = x + accelerated(linear, sweep(x)[0] - x, lambda r: error_bound(largest_change(r), contraction) <= tolerance / 4)
-        striking[0][own, other], striking[1][other, own] = x, sweep(x)[1]
-    return np.concatenate([striking[0][efforts] for efforts in itertools.product(range(top + 1), repeat=2)])
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

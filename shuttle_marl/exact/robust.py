@@ -21,9 +21,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.exact.blocks import by_blocks
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.optimal import pure_policy
+from shuttle_marl.exact.optimal import best_sweep, pure_policy
 from shuttle_marl.exact.profile import ProfileValue, check_same_layout
 from shuttle_marl.exact.sweeps import after_choices, choices
 from shuttle_marl.game.rally import ROOT, Game
@@ -75,9 +76,12 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
         first, second = after_choices(games, own), after_choices(games, theirs)
         return own.value, lambda change: first(second(change))
 
-    z, sweeps, residual, bound = newton(operator, np.zeros(games[0].n_states), contraction, tolerance)
+    start, swept = by_blocks(games[0], best_sweep(games, against=True), best_sweep(games), contraction, tolerance)
+    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
     theirs = choices(games, z)
     own = choices(games, theirs.value, against=True)
     z[ROOT] = own.value[ROOT]
     value = ProfileValue(striking=(z, theirs.value), residual=residual, contraction=contraction, error_bound=bound)
-    return RobustSolution(games=tuple(games), policy=pure_policy(games[0], own.rank), value=value, sweeps=2 * sweeps + 2)
+    return RobustSolution(
+        games=tuple(games), policy=pure_policy(games[0], own.rank), value=value, sweeps=2 * (swept + sweeps) + 2
+    )

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.exact.blocks import BlockLinear
 from shuttle_marl.exact.fixed_point import Linear
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.kernel.compiling import cached
@@ -181,23 +182,60 @@ def choices(games: Sequence[Game], following: Floats, *, against: bool = False) 
         against: whether nature picks the game that is worst for the striker; else the best one.
     """
     game = games[0]
-    size = game.n_states
+    parts = []
+    for block in range(game.n_blocks):
+        plain, after_attack = (following[game.block_states(after)] for after in game.block_following(block))
+        parts.append(block_choices(games, block, plain, after_attack, against=against))
+    return Choices(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def block_choices(games: Sequence[Game], block: int, plain: Floats, after_attack: Floats, *, against: bool = False) -> Choices:
+    """The best strokes in the states of one block: ``[base states]`` of :class:`Choices`.
+
+    Args:
+        games: as for :func:`choices`.
+        block: its number.
+        plain, after_attack: ``[base states]`` values of the block that follows a stroke that is no attack, and an attack.
+        against: as for :func:`choices`.
+    """
+    game = games[0]
+    size = game.n_base_states
     found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     room = np.empty(2 * len(game.reply_edge))
-    tables = [probabilities(each) for each in games]
-    for level in range(game.levels):
-        # Tables of one game are large enough that a copy for every sweep would show.
-        reward, continuation = (
-            getattr(tables[0], name)[level : level + 1]
-            if len(games) == 1
-            else np.stack([getattr(table, name)[level] for table in tables])
-            for name in ("reward", "continuation")
-        )
-        for block in range(level * game.levels, (level + 1) * game.levels):
-            value, part = arranged(game, following, block, room), game.block_states(block)
-            out = found.value[part], found.rank[part], found.game[part]
-            _choose(reward, continuation, game.base_pair_start, game.first_reply, value, against, *out)
+    _arrange(plain, after_attack, game.reply_edge, game.edge_attack, room)
+    tables = _stacked(tuple(games), block // game.levels)
+    _choose(*tables, game.base_pair_start, game.first_reply, room, against, found.value, found.rank, found.game)
     return found
+
+
+def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> BlockLinear:
+    """The linear part of :func:`block_choices`."""
+    game = games[0]
+    playable = np.flatnonzero(chosen.rank >= 0)
+    rank = chosen.rank[playable]
+    _, continuation = _stacked(tuple(games), block // game.levels)
+    weight = continuation.reshape(len(games), -1, 2)[chosen.game[playable], game.base_pair_start[playable] + rank] / ONE
+    edge = game.reply_edge[game.first_reply[playable] + rank]
+    attack = game.edge_attack[edge]
+
+    def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
+        out = np.zeros(game.n_base_states)
+        for change, which in ((plain, ~attack), (after_attack, attack)):
+            if change is not None:
+                below = 2 * edge[which]
+                out[playable[which]] = -(weight[which, 0] * change[below] + weight[which, 1] * change[below + 1])
+        return out
+
+    return linear
+
+
+@functools.lru_cache(maxsize=12)
+def _stacked(games: tuple[Game, ...], level: int) -> tuple[Singles, Singles]:
+    """``[games, base pairs]`` rewards and ``[games, 2 base pairs]`` continuations of the games at one effort."""
+    tables = [probabilities(game) for game in games]
+    if len(tables) == 1:
+        return tables[0].reward[level : level + 1], tables[0].continuation[level : level + 1]
+    return np.stack([table.reward[level] for table in tables]), np.stack([table.continuation[level] for table in tables])
 
 
 def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:

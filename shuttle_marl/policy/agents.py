@@ -6,21 +6,17 @@ the user's cache folder; :mod:`shuttle_marl.policy.network` makes it the same on
 """
 
 import contextlib
-import functools
 import hashlib
-import logging
-import os
 from pathlib import Path
 from typing import Any, Final
 
-import platformdirs
-
-from shuttle_marl.files import FileReadError, FileWriteError, problem, read_sealed, replace_file, seal
+from shuttle_marl.files import FileReadError, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
+from shuttle_marl.policy.table_cache import cached_table
 from shuttle_marl.tensor_files import read_tensors
 
 NETWORK: Final = "network.safetensors"
@@ -31,9 +27,6 @@ AGENTS: Final = "agents"
 """Folder of the agents in the folder of a model."""
 _EVALUATION: Final = "1"
 """Version of the way from a network to its table; tables of other versions in the cache are not read."""
-_KEPT: Final = 32
-"""Tables in the cache; those that were not played for the longest time make room for others."""
-_LOG: Final = logging.getLogger(__name__)
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
@@ -72,37 +65,8 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         weights = read_tensors(path, digest).arrays
     except (OSError, ValueError) as error:
         raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error
-    kept = _cache_folder() / f"{hashlib.sha256(f'{_EVALUATION} {game.hash} {digest}'.encode()).hexdigest()[:32]}.safetensors"
-    with contextlib.suppress(PolicyError):  # not there, or damaged: made again
-        table = TabulatedPolicy.load(kept, game)
-        with contextlib.suppress(OSError):
-            os.utime(kept)
-        return table
-    table = PolicyNetwork.of_tensors(weights, game).table(game)
-    _keep(table, kept)
-    return table
-
-
-def _cache_folder() -> Path:
-    return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "agents"
-
-
-def _keep(table: TabulatedPolicy, path: Path) -> None:
-    """Keep a table in the cache, if it can be written."""
-    try:
-        table.save(path)
-    except FileWriteError as error:
-        _say_once(f"{error}. Tables of trained agents are made again in every process, which takes seconds")
-        return
-    with contextlib.suppress(OSError):
-        tables = sorted(path.parent.glob("*.safetensors"), key=lambda found: found.stat().st_mtime, reverse=True)
-        for old in tables[_KEPT:]:
-            old.unlink()
-
-
-@functools.cache
-def _say_once(message: str) -> None:
-    _LOG.warning(message)
+    decided_by = f"network {_EVALUATION} {digest}"
+    return cached_table(game, decided_by, lambda: PolicyNetwork.of_tensors(weights, game).table(game))
 
 
 def read_card(folder: Path) -> dict[str, Any]:

@@ -311,11 +311,9 @@ def _about_bc(name: str) -> str:
 
 
 def _load_best_response(name: str | None, game: Game) -> Policy:
-    from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba, only when it is asked for
-
     if not name:
         raise PolicyError("policy best-response: expected the name of a policy behind the colon, as in best-response:bc")
-    return best_response(tabulate(resolve(name, game), game, name)).policy
+    return solved.best_response_policy(tabulate(resolve(name, game), game, name))
 
 
 def _best_response_names(game: Game) -> tuple[str, ...]:

@@ -69,7 +69,7 @@ def test_coarse_values_are_within_their_bound(game: Game) -> None:
 
 def test_the_bound_is_that_of_the_contraction(solution: Solution, shipped: Game) -> None:
     good, returned, _ = shipped.stroke_probabilities()
-    rally = shipped.pair_state >= 2
+    rally = shipped.base(shipped.pair_state) >= 2
     d = float((good * returned)[rally].max())
     assert solution.contraction == pytest.approx(d, abs=1e-12)
     assert solution.error_bound == pytest.approx(solution.residual * d / (1 - d), abs=1e-9)

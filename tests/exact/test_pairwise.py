@@ -90,5 +90,5 @@ def test_matches_follow_from_rallies(shipped: Game) -> None:
     expected = match_win_probability(table.serving, 1 - table.serving.T)
     assert np.array_equal(table.match(), expected)
     order = np.argsort(table.match().mean(axis=1))
-    assert NAMES[order[-1]] == "attacking"
+    assert NAMES[order[-1]] == "safe"
     assert NAMES[order[0]] == "random"

@@ -21,7 +21,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import default_pool
-from shuttle_marl.policy import agents, network, registry
+from shuttle_marl.policy import network, registry, table_cache
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training import Evaluator
@@ -58,10 +58,10 @@ def test_self_play_is_hard_to_exploit() -> None:
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty cache folder."""
-    monkeypatch.setattr(agents, "_cache_folder", lambda: tmp_path / "cache")
-    agents._say_once.cache_clear()
+    monkeypatch.setattr(table_cache, "_folder", lambda: tmp_path / "cache")
+    table_cache._say_once.cache_clear()
     yield tmp_path / "cache"
-    agents._say_once.cache_clear()
+    table_cache._say_once.cache_clear()
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted
 
 
 def test_the_cache_keeps_what_was_played_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agents, "_KEPT", 2)
+    monkeypatch.setattr(table_cache, "_KEPT", 2)
     names = ("ppo", "a2c", "sac", "ppo")
     for number, name in enumerate(names):
         load_agent(shipped_folder(name, model_folder()), GAME)
