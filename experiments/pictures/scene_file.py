@@ -28,6 +28,7 @@ Words = tuple[str, tuple[float, float], float, tuple[float, float, float]]
 
 BACKGROUND: Final = (0.010, 0.013, 0.020)
 _BOX_CELL: Final = 1.0
+_WINDOW: Final = 620.0
 _SHOWN: Final = ("foxglove.SceneUpdate", "foxglove.FrameTransforms")
 _LIST: Final = 2
 """Number of line lists in the schema; 0 are strips."""
@@ -155,7 +156,9 @@ def _words(text: Any, pose: Pose, camera: Camera, width: int, height: int) -> Wo
     x, y, depth = camera.project(place[None], width, height)[0]
     if depth < 0.2 or not 0 <= x < width or not 0 <= y < height:
         return None
-    pixels = text.font_size * height / (2 * np.tan(np.radians(camera.field) / 2) * depth)
+    # Letters of a fixed size are meant for a window of about this height.
+    fixed = text.font_size * height / _WINDOW
+    pixels = fixed if text.scale_invariant else text.font_size * height / (2 * np.tan(np.radians(camera.field) / 2) * depth)
     return text.text, (float(x), float(y)), float(pixels), (text.color.r, text.color.g, text.color.b)
 
 

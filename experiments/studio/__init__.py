@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.scene.write import EPOCH, lichtblick
+from shuttle_marl.scene.layouts import lichtblick
+from shuttle_marl.scene.write import EPOCH
 
 NO_PROBLEMS: Final = "No problems found"
 """Studio's message about a file without problems."""

@@ -13,7 +13,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.moving import PLAY, WORLD
 from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
-from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp, text
+from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, label, log_line, numbers_on, point, stamp
 from shuttle_marl.staging import ENDS
 from shuttle_marl.staging.trajectory import facing
 
@@ -21,8 +21,10 @@ _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
 _TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
 _LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
-_BOARD_AT: Final = (-5.2, 0.0)
+_BOARD_AT: Final = (-4.6, 0.0, 3.7)
 """Beside the net post that is the far one in the layouts, out of the way of the shuttle [m]."""
+_LINE: Final = 0.42
+"""From one line of the board to the next [m]."""
 _BOARD: Final = colour(0.97, 0.97, 0.97)
 _ACTION: Final = colour(1.0, 0.88, 0.45)
 
@@ -184,8 +186,10 @@ class _Board:
     words: str
 
     def __call__(self, time: int) -> list[SceneEntity]:
-        lines = [text(self.score, (*_BOARD_AT, 2.85), 0.32, _BOARD)]
-        lines += [text(line, (*_BOARD_AT, 2.43 - 0.34 * k), 0.27, _ACTION) for k, line in enumerate(self.words.split("\n"))]
+        # Letters are as large on the screen from every camera.
+        x, y, z = _BOARD_AT
+        words = [(self.score, 20, _BOARD), *((line, 16, _ACTION) for line in self.words.split("\n"))]
+        lines = [label(line, (x, y, z - _LINE * k), pixels, shade) for k, (line, pixels, shade) in enumerate(words)]
         return [SceneEntity(id="board", timestamp=stamp(time), frame_id=WORLD, texts=lines)]
 
 

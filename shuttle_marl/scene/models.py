@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pygltflib as gltf
-from foxglove.messages import LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
+from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
-from shuttle_marl.scene.moving import SHUTTLE, WORLD, bone_frame, name_frame
-from shuttle_marl.scene.topics import at, box, colour, model, point, stamp, text
+from shuttle_marl.scene.moving import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
+from shuttle_marl.scene.topics import at, box, colour, label, model, point, stamp, vector
 from shuttle_marl.staging import RACKET_LENGTH, SWEET_SPOT, Motion, finger_pose, load_skeleton, model_file
 from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE
@@ -35,9 +35,12 @@ SHUTTLE_SCALE: Final = 1.9
 """Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
 
 _BUTT: Final = -0.10
+_THICK: Final = 0.008
+"""Radius at which the shaft is drawn, twice a real one's, so that it is seen across the court [m]."""
 _HEAD: Final = (RACKET_LENGTH + _BUTT - SWEET_SPOT, 0.105)
 """Half the length and half the width of the strung head [m]."""
-_GRIP: Final = (0.03, 0.03, 0.035)
+_GRIP: Final = (0.62, 0.62, 0.58)
+_SHAFT: Final = (0.70, 0.72, 0.75)
 _FRAME: Final = (0.55, 0.02, 0.02)
 _STRING: Final = (0.85, 0.85, 0.80)
 _CORK: Final = (0.90, 0.88, 0.80)
@@ -57,6 +60,9 @@ _LONG_SERVICE_DOUBLES: Final = 0.76
 _NET_DEPTH: Final = 0.76
 _TAPE: Final = 0.075
 _FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
+_SHADOW: Final = colour(0.0, 0.04, 0.02, 0.55)
+_SHADOW_SIZES: Final = (0.62, 0.62, 0.16)
+"""Widths of the shadows of seats 0 and 1 and of the shuttle [m]."""
 _WHITE: Final = colour(0.96, 0.96, 0.94)
 
 
@@ -136,7 +142,7 @@ def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
     """
     meshes = [
         lathe([(0.0, _BUTT), (0.016, _BUTT), (0.013, -0.02), (0.012, 0.09), (0.006, 0.11), (0.0, 0.11)], _GRIP, 10),
-        lathe([(0.0, 0.10), (0.0042, 0.10), (0.0042, SWEET_SPOT - _HEAD[0]), (0.0, SWEET_SPOT - _HEAD[0])], _GRIP, 8),
+        lathe([(0.0, 0.10), (_THICK, 0.10), (_THICK, SWEET_SPOT - _HEAD[0]), (0.0, SWEET_SPOT - _HEAD[0])], _SHAFT, 8),
     ]
     angle = np.linspace(0, 2 * np.pi, 41)
     ring = np.stack([_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - _HEAD[0] * np.cos(angle)], axis=-1)
@@ -222,14 +228,23 @@ def _net(time: int) -> SceneEntity:
 def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEntity]:
     """Models that follow the bones of both players and the shuttle, and the names over their heads."""
     out = [_carried(time, SHUTTLE, models=[model(shuttle())])]
+    out += [_shadow(time, frame, across) for frame, across in zip(SHADOWS, _SHADOW_SIZES, strict=True)]
     for seat in (0, 1):
         right = motion.handedness[seat] == "right"
         shirt, shorts = KITS[seat]
         found = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
         found = {**found, "Racket": racket(*motion.racket(seat))}
         out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
-        out.append(_carried(time, name_frame(seat), texts=[text(names[seat], (0, 0, 0), 0.20, NAME_COLOURS[seat])]))
+        out.append(_carried(time, name_frame(seat), texts=[label(names[seat], (0, 0, 0), 16, NAME_COLOURS[seat])]))
     return out
+
+
+def _shadow(time: int, frame: str, across: float) -> SceneEntity:
+    """A dark disc on the floor, right below what throws it."""
+    disc = CylinderPrimitive(
+        pose=at((0, 0, 0)), size=vector((across, across, 0.002)), bottom_scale=1.0, top_scale=1.0, color=_SHADOW
+    )
+    return SceneEntity(id=frame, timestamp=stamp(time), frame_id=frame, frame_locked=True, cylinders=[disc])
 
 
 def _carried(

@@ -30,6 +30,9 @@ WORLD: Final = "court"
 PLAY: Final = "play"
 """Frame of reference of players and shuttle: the court as the player at seat 0 began the match on it."""
 SHUTTLE: Final = "shuttle"
+SHADOWS: Final = ("shadow_0", "shadow_1", "shadow_shuttle")
+"""Frames of reference on the floor below the hips of seats 0 and 1, and below the shuttle."""
+_ABOVE_FLOOR: Final = 0.012
 _GRID: Final = 2.0**14
 """Numbers are rounded to 1/16384: 0.06 mm and 0.007 degrees, and compress to a third."""
 _NAME: Final = 0.42
@@ -96,13 +99,17 @@ def poses_of(motion: Motion, *, ends_changed: bool = False) -> Poses:
         rotation += [quaternion(turned), np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1, 1))]
         child += [*(bone_frame(seat, bone) for bone in BONES), name_frame(seat)]
         parent += [*(bone_frame(seat, BONES[i]) if i >= 0 else PLAY for i in above), PLAY]
+    shuttle = motion.shuttle.astype(np.float64)[:, None]
+    below = np.concatenate([motion.position[:, :, 0].astype(np.float64), shuttle], axis=1)
+    below[..., 2] = _ABOVE_FLOOR
+    upright = np.tile([0.0, 0.0, 0.0, 1.0], (frames, len(SHADOWS), 1))
     found = (
-        np.concatenate([*translation, motion.shuttle.astype(np.float64)[:, None]], axis=1),
-        np.concatenate([*rotation, quaternion(_heading(motion))[:, None]], axis=1),
+        np.concatenate([*translation, below, shuttle], axis=1),
+        np.concatenate([*rotation, upright, quaternion(_heading(motion))[:, None]], axis=1),
     )
     return Poses(
-        child=(*child, SHUTTLE),
-        parent=(*parent, PLAY),
+        child=(*child, *SHADOWS, SHUTTLE),
+        parent=(*parent, *([PLAY] * len(SHADOWS)), PLAY),
         translation=np.rint(found[0] * _GRID) / _GRID,
         rotation=np.rint(found[1] * _GRID) / _GRID,
     )

@@ -169,9 +169,9 @@ def box(centre: Vector, size: Vector, shade: Color) -> CubePrimitive:
     return CubePrimitive(pose=at(centre), size=vector(size), color=shade)
 
 
-def text(words: str, place: Vector, size: float, shade: Color) -> TextPrimitive:
-    """Words that always face the viewer, ``size`` metres high."""
-    return TextPrimitive(pose=at(place), billboard=True, font_size=size, scale_invariant=False, color=shade, text=words)
+def label(words: str, place: Vector, pixels: float, shade: Color) -> TextPrimitive:
+    """Words that always face the viewer and are as large on the screen from anywhere, ``pixels`` high."""
+    return TextPrimitive(pose=at(place), billboard=True, font_size=pixels, scale_invariant=True, color=shade, text=words)
 
 
 def model(meshes: list[Mesh]) -> ModelPrimitive:

@@ -100,7 +100,8 @@ def stage(
     trajectory = draw_trajectory(rally, load_measured(), bodies, seed=seed, fps=fps, lead_in=lead_in, known=known)
     frames = _length(trajectory, fps, lead_in, branch)
     moods = _moods(seed, len(rally), importance)
-    added = [habits(trajectory, seat, seed, frames, fps) for seat in (0, 1)]
+    rhythm = branch.player(0).rhythm if branch else seed
+    added = [habits(trajectory, seat, rhythm, frames, fps) for seat in (0, 1)]
     for _ in range(_RETRIES):
         ready = [
             _prepared(trajectory, seat, skeletons[seat], right[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)
@@ -109,7 +110,7 @@ def stage(
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    return _assembled(trajectory, ready, added, skeletons, handedness, fps, branch)
+    return _assembled(trajectory, ready, added, rhythm, skeletons, handedness, fps, branch)
 
 
 def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: float) -> None:
@@ -222,6 +223,7 @@ def _assembled(
     trajectory: Trajectory,
     ready: list[tuple[Timeline, Prepared, Floats]],
     added: list[Habits],
+    rhythm: int,
     skeletons: tuple[Skeleton, Skeleton],
     handedness: tuple[str, str],
     fps: int,
@@ -248,6 +250,7 @@ def _assembled(
                 lift=timeline.lift,
                 air=timeline.air,
                 shift=shift,
+                rhythm=rhythm,
             )
         )
         rows = slice(done, None)

@@ -111,6 +111,7 @@ class Player:
         lift: ``[F]`` height of the hips in jumps, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in jumps [m].
         shift: ``[n, 3]`` by how much the hips are moved at each stroke, so that the racket gets to the shuttle [m].
+        rhythm: names the player's own rhythm of breath and weight.
     """
 
     course: Course
@@ -120,6 +121,7 @@ class Player:
     lift: Floats
     air: Floats
     shift: Floats
+    rhythm: int
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
         """What stays as it is up to a frame, by which ``strokes`` strokes have been struck; and the plants until then."""
@@ -203,7 +205,8 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Float
     gaze = _gaze(skeleton, rotation[-1], position[-1], shuttle[rows])
     if before:
         pose[:done] = before.pose
-        gaze = np.concatenate([before.gaze, _joined(before.gaze, gaze)])
+        gaze = np.clip(_joined(before.gaze, gaze), NECK_LIMITS[:, 0], NECK_LIMITS[:, 1])
+        gaze = np.concatenate([before.gaze, gaze])
     return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=gaze)
 
 

@@ -45,13 +45,13 @@ class Habits:
     place: Floats
 
 
-def habits(trajectory: Trajectory, seat: int, seed: int, frames: int, fps: int) -> Habits:
+def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int) -> Habits:
     """Habits of a player.
 
     Args:
         trajectory: the rally.
         seat: 0 or 1.
-        seed: names the player's own rhythm.
+        rhythm: names the rhythm of both players, 0 or more.
         frames: F.
         fps: frames a second.
     """
@@ -64,7 +64,7 @@ def habits(trajectory: Trajectory, seat: int, seed: int, frames: int, fps: int) 
     resting = np.maximum(1 - _ease((time - begun + 0.9) / _CALM), _ease((time - over) / _CALM))
     much = free * (_IN_PLAY + (1 - _IN_PLAY) * resting)
     tired = free * _tiredness(trajectory, seat, time)
-    phase = np.random.default_rng([seed & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
+    phase = np.random.default_rng([rhythm & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
     breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
 
     def wave(k: int, seconds: float) -> Floats:

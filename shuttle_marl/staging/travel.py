@@ -24,6 +24,8 @@ TOP_ACCELERATION: Final = 12.0
 _MARGIN: Final = 0.90
 """Share of the limits that the solver aims at."""
 _ROUNDS, _MOST_ROUNDS = 240, 4000
+_STIFFER: Final = (400, 1200)
+"""Rounds from which on the limits are pressed harder."""
 _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
@@ -91,22 +93,21 @@ def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: 
 
 
 def _solve(weight: Floats, target: Floats, still: Floats, fps: int) -> Floats:
-    n = len(weight)
     speed, bend = fps * 1.0, fps * fps * 1.0
     wa = 2e-3
     rho_v, rho_a = 2e-2, 3e-3
     # Bands of weight + D1' (still) D1 + D2' wa D2 and of the two penalties, in units of m/s and m/s².
-    q = np.zeros((3, n))
-    q[2] += weight
-    _add_first(q, (still + rho_v) * speed**2)
-    _add_second(q, np.full(n - 2, (wa + rho_a) * bend**2))
-    factor = (cholesky_banded(q), False)
+    factor = (cholesky_banded(_bands(weight, still + rho_v, wa + rho_a, speed, bend)), False)
     p = cho_solve_banded(factor, target)
     limit_v, limit_a = _MARGIN * TOP_SPEED, _MARGIN * TOP_ACCELERATION
     v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
     zv, za = _disc(v, limit_v), _disc(a, limit_a)
     uv, ua = v - zv, a - za
     for step in range(_MOST_ROUNDS):
+        if step in _STIFFER:
+            # Where the start is given, the limits may be far from what is wished: they are pressed harder.
+            rho_v, rho_a, uv, ua = 12 * rho_v, 12 * rho_a, uv / 12, ua / 12
+            factor = (cholesky_banded(_bands(weight, still + rho_v, wa + rho_a, speed, bend)), False)
         right = target + _first_t((rho_v * speed) * (zv - uv)) + _second_t((rho_a * bend) * (za - ua))
         p = cho_solve_banded(factor, right)
         v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
@@ -118,6 +119,15 @@ def _solve(weight: Floats, target: Floats, still: Floats, fps: int) -> Floats:
         if step % 10 == 9 and _longest(v) < slack * limit_v and _longest(a) < slack * limit_a:
             break
     return p
+
+
+def _bands(weight: Floats, along: Floats, across: float, speed: float, bend: float) -> Floats:
+    """Upper bands of the matrix for weights of places, of speeds and of accelerations."""
+    q = np.zeros((3, len(weight)))
+    q[2] += weight
+    _add_first(q, along * speed**2)
+    _add_second(q, np.full(len(weight) - 2, across * bend**2))
+    return q
 
 
 def _add_first(bands: Floats, w: Floats) -> None:

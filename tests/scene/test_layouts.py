@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.write import LAYOUTS, lichtblick
+from shuttle_marl.scene.layouts import LAYOUTS, lichtblick
 
 DOCS = Path(__file__).parents[2] / "docs" / "layouts"
 
@@ -27,7 +27,7 @@ def test_every_path_leads_somewhere(name: str) -> None:
     assert set(topics.SCENES) <= set(paths)
     assert topics.LOG in paths
     plotted = [path for path in paths if "." in path]
-    assert len(plotted) >= 12
+    assert len(plotted) >= 8
     for path in plotted:
         topic, *fields = path.replace("[:]", "").split(".")
         schema = topics.SCHEMAS[topic]
@@ -40,11 +40,20 @@ def test_the_documentation_has_the_same_layouts(name: str) -> None:
     assert (DOCS / name).read_bytes() == LAYOUTS[name](), f"write it again: LAYOUTS[{name!r}]()"
 
 
-def test_lichtblick_finds_every_panel_of_the_arrangement() -> None:
-    document = json.loads(lichtblick())
+@pytest.mark.parametrize("match", [False, True])
+def test_lichtblick_finds_every_panel_of_the_arrangement(match: bool) -> None:
+    document = json.loads(lichtblick(match=match))
+    tabs = [tab["layout"] for tab in document["configById"]["Tab!cameras"]["tabs"]]
 
     def panels(node: Any) -> list[str]:
         return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
 
-    assert sorted(panels(document["layout"])) == sorted(document["configById"])
-    assert all(setting["visible"] for setting in document["configById"]["3D!court"]["topics"].values())
+    assert len(tabs) == 3
+    assert sorted(panels(document["layout"]) + tabs) == sorted(document["configById"])
+    for tab in tabs:
+        assert all(setting["visible"] for setting in document["configById"][tab]["topics"].values())
+
+
+def test_a_match_is_shown_without_the_jumps_of_every_rally() -> None:
+    assert "rally_win_0" not in LAYOUTS["match.lichtblick.json"]().decode()
+    assert "rally_win_0" in LAYOUTS["layout.lichtblick.json"]().decode()

@@ -21,7 +21,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.moving import PLAY, WORLD
+from shuttle_marl.scene.moving import PLAY, SHADOWS, WORLD
 from shuttle_marl.scene.write import EPOCH, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.rotation import matrix
@@ -89,7 +89,7 @@ def test_every_scene_message_stands_for_itself(reel: Any) -> None:
 
 
 def test_every_frame_of_reference_is_told_in_every_frame(reel: Any) -> None:
-    named = {f"player_{seat}/{bone}" for seat in (0, 1) for bone in (*BONES, "name")} | {"shuttle", PLAY}
+    named = {f"player_{seat}/{bone}" for seat in (0, 1) for bone in (*BONES, "name")} | {"shuttle", PLAY, *SHADOWS}
     used = {entity.frame_id for topic in topics.SCENES for _, message in reel.of(topic) for entity in message.entities}
     assert used <= named | {WORLD}
     assert {"player_0/Racket", "player_1/Head", "player_1/name", "shuttle", PLAY} <= used
