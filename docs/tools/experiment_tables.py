@@ -1,9 +1,8 @@
-"""Tables of experiments: the next stroke, win rates, the matrix over opponents, styles, time to win, and the value of strokes."""
+"""Tables of experiments: the next stroke, win rates, the matrix over opponents, styles, and the value of strokes."""
 
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.machine import machine
 from docs.tools.markdown import markdown, saved
 from experiments import human as human_play
 from experiments import next_stroke, styles, win_rates
@@ -66,27 +65,6 @@ def recipes() -> str:
         rows.append((f"`{name}`", reached, f"{found['cpu_seconds']:.0f}", f"`{found['game'][:12]}`"))
     table = markdown(("recipe", "reached", "CPU seconds", "game"), rows, left=("recipe", "reached", "game"))
     return f"{table}\n\nPython {result['python']}: `python -m docs.tools.recipes --save`."
-
-
-def time_to_win() -> str:
-    """Seconds until 98 % of matches are won."""
-    result = saved("benchmarks", "time_to_win")
-    rows = []
-    for row in result["learners"]:
-        sign = "" if row["reached"] else "> "
-        rows.append(
-            (
-                row["learner"],
-                f"{sign}{row['seconds']:.0f}",
-                f"{row['slowest']:.0f}",
-                f"{row['strokes']:,}",
-                f"{100 * row['match_win']:.1f}",
-                f"{sign}{row['times']:.1f}",
-            )
-        )
-    headings = ("learner", "seconds (median)", "slowest", "strokes", "exact match, %", "times as long")
-    seeds = len(result["runs"]) // len(result["learners"])
-    return f"{markdown(headings, rows, left=('learner',))}\n\n{seeds} seeds. {machine(result)}"
 
 
 def human() -> str:

@@ -50,7 +50,6 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "throughput": benchmark_tables.throughput,
     "throughput_bound": benchmark_tables.throughput_bound,
     "throughput_sizes": benchmark_tables.throughput_sizes,
-    "time_to_win": experiment_tables.time_to_win,
     "truth_figures": experiment_tables.truth_figures,
     "truth_shots": experiment_tables.truth_shots,
     "truth_slopes": experiment_tables.truth_slopes,

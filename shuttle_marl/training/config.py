@@ -1,6 +1,6 @@
 """Settings that all training algorithms share, and the bounds of their numbers. No torch here.
 
-The defaults reach the figures of ``docs/training.md`` on two cores; ``benchmarks/time_to_win.py`` uses them as they are.
+The defaults of the algorithms are those of the win rates in ``docs/training.md``.
 """
 
 import dataclasses
@@ -98,6 +98,8 @@ class TrainingConfig:
     """Weight b of the entropic risk measure of the return of a rally; changes nothing without --fault-cost."""
     target: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
     """Stop once the exact probability of winning a match against the opponent reaches this."""
+    target_score: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
+    """Stop once the normalised score reaches this: 0 for bc, 1 for the best response to the opponent."""
     batch: Count = 32_768
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
     growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.0

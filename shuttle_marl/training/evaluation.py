@@ -8,6 +8,7 @@ import numpy as np
 
 from shuttle_marl import exact
 from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
@@ -56,14 +57,21 @@ class Evaluator:
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
         """For each opponent, the odds of ``bc`` and of the best response against it."""
-        return [(self._odds(self._reference, o), exact.best_response(o).value.odds()) for o in self._opponents]
+        answers = [exact.best_response(opponent).value.odds() for opponent in self._opponents]
+        return list(zip(self._odds(self._reference), answers, strict=True))
 
-    def _odds(self, policy: TabulatedPolicy, opponent: TabulatedPolicy) -> Odds:
-        return exact.evaluate(policy, opponent, tolerance=_TOLERANCE).odds()
+    @functools.cached_property
+    def _chains(self) -> list[InducedChain]:
+        return [induced(opponent) for opponent in self._opponents]
+
+    def _odds(self, policy: TabulatedPolicy) -> list[Odds]:
+        """Odds of a policy against each opponent."""
+        own = induced(policy)
+        return [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
 
     def evaluate(self, policy: TabulatedPolicy) -> Evaluation:
         """The figures of a policy."""
-        odds = [self._odds(policy, opponent) for opponent in self._opponents]
+        odds = self._odds(policy)
         found = [
             normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
             for o, (bc, best) in zip(odds, self._scales, strict=True)

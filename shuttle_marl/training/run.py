@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import math
 import os
 import time
 from collections import OrderedDict
@@ -47,6 +48,8 @@ from shuttle_marl.training.self_play import SelfPlay, slots
 
 AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
+BEST: Final = "best"
+"""Folder of the agent at the evaluation that was best: least exploitable in self-play, else the one that won most rallies."""
 METRICS: Final = "metrics.jsonl"
 _PACKAGES: Final = ("numpy", "torch", "torchrl", "tensordict", "numba", "scipy")
 _LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": make_ppo, "a2c": make_a2c, "sac": make_sac}
@@ -167,9 +170,12 @@ class _Run:
         if isinstance(config, PPOConfig) and config.self_play:
             self.partners = SelfPlay(config, game, self.learner, self.collector.sampler)
         self.metrics = _Metrics(folder / METRICS)
+        self.made_with: dict[str, str] = {}
         self.opponents = opponents
         self.iteration, self.strokes, self.saved, self.seconds = 0, 0, 0, 0.0
         self.stopped = False
+        self.best = -math.inf
+        """Figure of the best evaluation."""
         self.evaluation: Evaluation | None = None
         """The latest one; a run ends with one."""
         self.rallies = 0
@@ -183,6 +189,7 @@ class _Run:
             **runs.describe(_PACKAGES),
             "game": {"model": config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
         }
+        self.made_with = about["packages"]
         resumed = self._restore()
         runs.write_json(self.folder / runs.MANIFEST, about)
         if not resumed and config.warm_start is not None:
@@ -254,6 +261,7 @@ class _Run:
             "game": self.game.hash,
             "seconds": self.seconds,
             "strokes": self.strokes,
+            "best": None if self.best == -math.inf else self.best,
             "stopped": self.stopped,
             "rallies": self.rallies,
             "metrics": self.metrics.mark(),
@@ -286,7 +294,14 @@ class _Run:
                 board.add_scalar(name, value, strokes)
         board.add_scalar("strokes_per_second", strokes / max(self.seconds, 1e-9), strokes)
         self.evaluation = evaluation
+        figure = -evaluation.exploitability if self.config.self_play else evaluation.rally_win
+        if figure > self.best:
+            self.best = figure
+            self._save_agent(BEST, evaluation)
+        score, wanted = evaluation.normalised_score, self.config.target_score
         if self.config.target is not None and evaluation.match_win >= self.config.target:
+            self.stopped = True
+        if wanted is not None and score is not None and score >= wanted:
             self.stopped = True
         return evaluation
 
@@ -312,6 +327,7 @@ class _Run:
         try:
             self.iteration, self.seconds, self.stopped = int(about["iteration"]), float(about["seconds"]), bool(about["stopped"])
             self.saved, self.rallies, self.strokes = self.iteration, int(about["rallies"]), int(about["strokes"])
+            self.best = -math.inf if about["best"] is None else float(about["best"])
             mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
             self.learner.restore(state)
             if self.partners is not None:
@@ -334,6 +350,14 @@ class _Run:
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         policy = tabulated(self.learner.actor, self.game)
         evaluation = self.evaluation or self.evaluator.evaluate(policy)
+        self._save_agent(AGENT, evaluation)
+        runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
+        return TrainingRun(
+            folder=self.folder, iterations=self.iteration, strokes=self.strokes, evaluation=evaluation, policy=policy
+        )
+
+    def _save_agent(self, name: str, evaluation: Evaluation) -> None:
+        """Save the agent as it is now in a folder of the run."""
         card = {
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),
@@ -341,13 +365,9 @@ class _Run:
             "strokes": self.strokes,
             "seconds": round(self.seconds, 1),
             "evaluation": dataclasses.asdict(evaluation),
-            "made_with": about["packages"],
+            "made_with": self.made_with,
         }
-        save_agent(self.folder / AGENT, self.game, save(weights_of(self.learner.actor)), card)
-        runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
-        return TrainingRun(
-            folder=self.folder, iterations=self.iteration, strokes=self.strokes, evaluation=evaluation, policy=policy
-        )
+        save_agent(self.folder / name, self.game, save(weights_of(self.learner.actor)), card)
 
     def _segment_seed(self, segment: int) -> int:
         return self._seed(_SEGMENT, segment) % SEEDS

@@ -1,0 +1,118 @@
+"""Speed of training: strokes that PPO is trained on in a second, and what recording all of them costs.
+
+    python -m benchmarks.training [--strokes N] [--repeats N] [--json]
+
+Measured on one thread of PyTorch over iterations late in a run, as the default schedule has them, without evaluations:
+collecting, learning, and for the overhead writing every rally. `strokes_trained_per_s` is by the clock on the wall;
+`strokes_trained_per_cpu_s` is by the CPU time of all threads, which other programs on the machine change less.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import torch
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import this_machine
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.training import PPOConfig
+from shuttle_marl.training.collecting import RallyCollector
+from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.run_log import open_log
+
+MEASURED: Final = 6
+"""Iterations that are measured each time."""
+
+
+class _Run:
+    """PPO with a schedule that stands where a run of some strokes is nearly over."""
+
+    def __init__(self, opponent: str, strokes: int, game: Game, opponents: list[TabulatedPolicy]) -> None:
+        torch.manual_seed(0)
+        self.config = PPOConfig(opponent=(opponent,), strokes=strokes, record="all")
+        self.game, self.opponents = game, opponents
+        self.learner = make_ppo(self.config, game)
+        self.collector = RallyCollector(self.config, game, opponents, self.learner.assess, distinct=True)
+        self.collector.begin(1)
+        for _ in range(self.config.iterations - 1):
+            self.iterate()
+        self.collector.iteration -= 1
+
+    def iterate(self) -> int:
+        """One iteration; returns its strokes."""
+        data = self.collector.collect()
+        self.learner.learn(data, max(0.02, 1 - self.collector.iteration / self.config.iterations))
+        return self.collector.strokes
+
+    def measure(self, *, record: bool) -> tuple[float, float, int]:
+        """Seconds, CPU seconds and strokes of some iterations."""
+        with tempfile.TemporaryDirectory() as folder:
+            log = open_log(Path(folder), self.config, self.game, self.opponents, [1], rallies=0) if record else None
+            strokes, begun, cpu = 0, time.perf_counter(), time.process_time()
+            for update in range(MEASURED):
+                strokes += self.iterate()
+                self.collector.iteration -= 1
+                if log is not None:
+                    log.add(self.collector.sampler, 0, update)
+            if log is not None:
+                log.close()
+            return time.perf_counter() - begun, time.process_time() - cpu, strokes
+
+
+def rows(strokes: int, repeats: int) -> list[dict[str, Any]]:
+    """A row for training against ``bc``, and one for self-play."""
+    game = default_game()
+    found = []
+    for opponent in ("bc", "self"):
+        opponents = [] if opponent == "self" else [tabulate(resolve(opponent, game), game, opponent)]
+        run = _Run(opponent, strokes, game, opponents)
+        times = {record: [run.measure(record=record) for _ in range(repeats)] for record in (False, True)}
+        plain, logged = (np.array(times[record]) for record in (False, True))
+        wall, cpu = (float(np.median(plain[:, 2] / plain[:, part])) for part in (0, 1))
+        found.append(
+            {
+                "opponent": opponent,
+                "strokes_trained_per_s": wall,
+                "strokes_trained_per_cpu_s": cpu,
+                "recording_overhead": float(np.median(plain[:, 2] / plain[:, 0]) / np.median(logged[:, 2] / logged[:, 0]) - 1),
+                "distinct_states": len(run.collector.sampler.known),
+                "strokes_an_iteration": run.config.batch_of(run.config.iterations - 1),
+            }
+        )
+    return found
+
+
+def main(*, strokes: int = 20_000_000, repeats: int = 3, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure and print.
+
+    Args:
+        strokes: of the run, at whose end is measured.
+        repeats: times each is measured; the median counts.
+        as_json: print JSON instead of a table.
+    """
+    torch.set_num_threads(1)
+    found = rows(strokes, repeats)
+    if as_json:
+        against = found[0]
+        result = {**this_machine(), "strokes": strokes, **against, "self_play": found[1]}
+        print(json.dumps(result, indent=2))
+        return
+    table = Table("opponent", "strokes a second", "a CPU second", "recording all costs", "distinct states")
+    for row in found:
+        speeds = (f"{row[name] / 1e6:.2f} M" for name in ("strokes_trained_per_s", "strokes_trained_per_cpu_s"))
+        table.add_row(row["opponent"], *speeds, f"{row['recording_overhead']:.0%}", f"{row['distinct_states']:,}")
+    Console(width=None if sys.stdout.isatty() else 100).print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,153 @@
+"""Ways of self-play compared: exploitability of PPO after training budgets, with several seeds each.
+
+    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
+
+Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a long
+one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the run
+with its evaluations, and depend on the machine. Runs are trained side by side, one process a core.
+"""
+
+import dataclasses
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, get_args
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from experiments.spread import IQM
+from experiments.training_runs import save_results, train_all
+from shuttle_marl import runs
+from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game import load_game
+from shuttle_marl.policy.agents import read_card
+from shuttle_marl.training import PPOConfig
+from shuttle_marl.training.ppo import Way
+
+STROKES: Final = (60_000_000, 240_000_000, 1_200_000_000)
+"""Budgets: about 15 seconds, a minute and five minutes at four million strokes a second."""
+_WIDTH: Final = 110
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SelfPlayStudy:
+    """Settings of the experiment."""
+
+    ways: tuple[Way, ...] = get_args(Way)
+    """Ways of self-play."""
+    strokes: tuple[int, ...] = STROKES
+    """Strokes of each training run, one budget after another."""
+    seeds: int = 5
+    """Training runs of every way and budget."""
+    quick: bool = False
+    """Two seeds and one short budget: to see that all works, not to compare."""
+    jobs: int = os.cpu_count() or 1
+    """Training runs side by side; changes no result but the seconds."""
+    out: Path | None = None
+    """Run folder; default runs/self_play, with a number behind it if that exists."""
+    resume: bool = False
+    """Continue the run in --out."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+
+    def __post_init__(self) -> None:
+        if not self.ways or not self.strokes or min(self.strokes) < 1:
+            raise ShuttleError("--ways and --strokes: expected one way and one budget or more")
+        if self.seeds < 2 or self.jobs < 1:
+            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+
+    def sized(self) -> "SelfPlayStudy":
+        """These settings with what --quick changes."""
+        return dataclasses.replace(self, seeds=2, strokes=(200_000,)) if self.quick else self
+
+    def fixed(self) -> dict[str, Any]:
+        """Settings that decide the result, as JSON."""
+        return {"ways": list(self.ways), "strokes": list(self.strokes), "seeds": self.seeds}
+
+    def training(self, folder: Path) -> dict[tuple[Way, int], list[PPOConfig]]:
+        """The training runs, by way and budget."""
+        return {
+            (way, strokes): [
+                PPOConfig(
+                    opponent=("self",),
+                    way=way,
+                    strokes=strokes,
+                    seed=seed,
+                    record="none",
+                    out=folder / "training" / f"{way}-{strokes}-{seed}",
+                )
+                for seed in range(self.seeds)
+            ]
+            for way in self.ways
+            for strokes in self.strokes
+        }
+
+
+def measure(training: dict[tuple[Way, int], list[PPOConfig]]) -> list[dict[str, Any]]:
+    """A row for each way and budget, from the cards of its agents."""
+    rows = []
+    for (way, strokes), configs in training.items():
+        cards = []
+        for config in configs:
+            assert config.out is not None
+            cards.append([read_card(config.out / name) for name in ("agent", "best")])
+        last, best = ([card[part]["evaluation"]["exploitability"] for card in cards] for part in (0, 1))
+        rows.append(
+            {
+                "variant": way,
+                "strokes": strokes,
+                "seconds": float(np.median([card[0]["seconds"] for card in cards])),
+                "seeds": len(configs),
+                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": IQM.of([last]).as_json()},
+                "exploitability_of_the_best": {"mean": float(np.mean(best)), "worst": max(best)},
+                "each": last,
+            }
+        )
+    return rows
+
+
+def self_play(
+    config: tyro.conf.OmitArgPrefixes[SelfPlayStudy], as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
+) -> None:
+    """Train, and print the table.
+
+    Args:
+        config: what to train.
+        as_json: print JSON instead of a table.
+    """
+    config = config.sized()
+    console = Console(stderr=True, highlight=False)
+    with runs.open_run(config.out, "self_play", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+        training = config.training(folder)
+        train_all([run for group in training.values() for run in group], config.jobs, console)
+        settings = {
+            name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "way")
+        }
+        result = {"game": load_game("default").hash, **config.fixed(), "config": settings, "rows": measure(training)}
+        result = save_results(folder, result, None)
+    if as_json:
+        sys.stdout.write(json.dumps(result, indent=1) + "\n")
+        return
+    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
+    table = Table("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint", title="Exploitability, exact")
+    for row in result["rows"]:
+        found, best = row["exploitability"], row["exploitability_of_the_best"]
+        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.4f}", f"{found['worst']:.4f}", f"{best['mean']:.4f}")
+        table.add_row(row["variant"], f"{row['strokes'] / 1e6:.0f} M", *figures)
+    out.print(table)
+    out.print(f"everything is in {folder}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    return run_command(self_play, prog="experiments.self_play", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
