@@ -2,8 +2,6 @@
 
 import contextlib
 import dataclasses
-import hashlib
-import json
 import math
 import os
 import time
@@ -21,7 +19,6 @@ from safetensors.numpy import save
 from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact, runs
-from shuttle_marl.files import problem, replace_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
@@ -40,6 +37,7 @@ from shuttle_marl.training.learner import (
     last_checkpoint,
     save_checkpoint,
 )
+from shuttle_marl.training.metrics import Metrics
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPOConfig, make_ppo
 from shuttle_marl.training.run_log import RALLIES, RunLog, open_log
@@ -116,41 +114,6 @@ def _check_machine(config: TrainingConfig, game: Game) -> None:
             )
 
 
-class _Metrics:
-    """The file of evaluations, one JSON object a line, of which checkpoints know the length and the hash."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def append(self, line: dict[str, Any]) -> None:
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-
-    def mark(self) -> dict[str, Any]:
-        """Have everything on the disk; returns what :meth:`cut` needs to find its end again."""
-        with self._path.open("ab+") as file:
-            os.fsync(file.fileno())
-            file.seek(0)
-            content = file.read()
-        return {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-
-    def cut(self, mark: dict[str, Any] | None) -> None:
-        """Take away what was written after a mark; None: everything.
-
-        Raises:
-            TrainingError: what was written before the mark is damaged.
-        """
-        try:
-            content = self._path.read_bytes() if mark is not None else b""
-        except OSError as error:
-            raise TrainingError(f"{self._path}: cannot be read ({problem(error)}); train again with --overwrite") from error
-        kept = content[: mark["bytes"]] if mark is not None else b""
-        if mark is not None and mark != {"bytes": len(kept), "sha256": hashlib.sha256(kept).hexdigest()}:
-            raise TrainingError(f"{self._path}: was changed after it was written; train again with --overwrite")
-        if kept != content or mark is None:
-            replace_file(self._path, kept)
-
-
 class _Run:
     def __init__(
         self, config: TrainingConfig, game: Game, opponents: list[TabulatedPolicy], folder: Path, console: Console
@@ -169,7 +132,7 @@ class _Run:
         self.partners: SelfPlay | None = None
         if isinstance(config, PPOConfig) and config.self_play:
             self.partners = SelfPlay(config, game, self.learner, self.collector.sampler)
-        self.metrics = _Metrics(folder / METRICS)
+        self.metrics = Metrics(folder / METRICS)
         self.made_with: dict[str, str] = {}
         self.opponents = opponents
         self.iteration, self.strokes, self.saved, self.seconds = 0, 0, 0, 0.0

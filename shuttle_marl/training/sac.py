@@ -43,17 +43,17 @@ class SACConfig(TrainingConfig):
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 80
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 1e-3
+    learning_rate: Positive = 3e-3
     """Learning rate of Adam, for actor and critics; falls linearly to a fiftieth."""
-    temperature_rate: Positive = 1e-3
+    temperature_rate: Positive = 1e-2
     """Learning rate of Adam, for the temperature alpha."""
-    temperature: Fraction = 0.05
+    temperature: Fraction = 0.02
     """Temperature alpha at the start."""
-    entropy_share: Fraction = 0.3
+    entropy_share: Fraction = 0.15
     """Target entropy, as a share of the mean entropy of choosing equally among the legal strokes; falls linearly to 0.02."""
-    buffer: Count = 1_000_000
+    buffer: Count = 500_000
     """Strokes that the replay buffer holds."""
-    minibatch: Count = 16_384
+    minibatch: Count = 8192
     """Strokes in one gradient step; those that are alike are learned from together."""
     updates: Count = 4
     """Gradient steps an iteration."""
@@ -61,7 +61,7 @@ class SACConfig(TrainingConfig):
     """Strokes that are collected before the first gradient step."""
     critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 2
     """Networks of values, of which the smallest value counts."""
-    polyak: FractionOrZero = 0.99
+    polyak: FractionOrZero = 0.95
     """Share of the old weights that a target network keeps at each step."""
 
     def memory(self, n_strokes: int) -> dict[str, int]:

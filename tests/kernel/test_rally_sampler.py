@@ -213,7 +213,7 @@ def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch
     from shuttle_marl.kernel import sampling
 
     monkeypatch.setattr(
-        sampling, "_no_strokes", lambda room=0: sampling.Strokes._make([np.empty(min(room, 9), t) for t in "iiiff"])
+        sampling, "no_strokes", lambda room=0: sampling.Strokes._make([np.empty(min(room, 9), t) for t in "iiiff"])
     )
     narrow.collect(4000, network(0), keep=True)
     assert narrow.take().strokes == usual.take().strokes

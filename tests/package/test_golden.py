@@ -26,7 +26,7 @@ SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
     "ppo": (PPOConfig(**SMALL), "7fc001c4994eeaad"),
     "a2c": (A2CConfig(**SMALL), "2733784054f9828d"),
-    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "a1db502893495669"),
+    "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "b845fabb5dcd5207"),
     "self-play": (PPOConfig(**SMALL, opponent=("self",)), "b405f434ad376787"),
 }
 """Settings of a run, and the digest of its strokes."""

@@ -27,7 +27,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, evaluation, train
 from shuttle_marl.training.learner import DivergedError, last_checkpoint
-from shuttle_marl.training.run import _Metrics
+from shuttle_marl.training.metrics import Metrics
 
 GAME = default_game()
 TINY: dict[str, Any] = {"batch": 64, "growth": 0.0, "width": 4, "evaluate_every": 1, "checkpoint_every": 1, "record": "none"}
@@ -74,7 +74,7 @@ def readers(folder: Path) -> dict[Path, Callable[[], Any]]:
     mark = read_sealed(checkpoint(folder) / "about.json")["metrics"]
 
     def metrics() -> bytes:
-        _Metrics(folder / "metrics.jsonl").cut(mark)
+        Metrics(folder / "metrics.jsonl").cut(mark)
         return (folder / "metrics.jsonl").read_bytes()
 
     def agent() -> Any:
