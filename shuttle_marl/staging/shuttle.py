@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.body import HELD
 from shuttle_marl.staging.flight import GRAVITY, fall
+from shuttle_marl.staging.meeting import HELD
 from shuttle_marl.staging.trajectory import NET, Trajectory, facing
 
 Floats = npt.NDArray[np.float64]

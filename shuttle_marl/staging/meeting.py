@@ -1,0 +1,198 @@
+"""Contacts: key poses bent so that the strings are where the shuttle is and move as they must."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
+from shuttle_marl.staging.impact import swing
+from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
+from shuttle_marl.staging.motions import (
+    DEFENCE_BACKHAND,
+    KILL_BACKHAND,
+    LUNGE_BACKHAND,
+    OVERHEAD_BACKHAND,
+    SERVE_BACKHAND,
+    SERVE_FOREHAND,
+    SIDE_BACKHAND,
+)
+from shuttle_marl.staging.rotation import apply, turned, unit
+from shuttle_marl.staging.skeleton import (
+    SPINE_LIMITS,
+    SPINE_YAW,
+    SWEET_SPOT,
+    Skeleton,
+    collar_of,
+    trunk,
+)
+from shuttle_marl.staging.timeline import Hit, Keys, Timeline
+
+Floats = npt.NDArray[np.float64]
+
+BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, DEFENCE_BACKHAND})
+"""Motions that strike with the back of the hand ahead."""
+HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
+    SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
+    SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
+}
+"""Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
+_MOST_LEAN: Final = np.radians(18)
+_TOLERANCE: Final = 2e-3
+_YIELD: Final = 0.35
+"""Share by which the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
+shot from a lunge would be played with the head of the racket hanging from a hand held high."""
+
+
+def slopes_of(timeline: Timeline, poses: Floats) -> Floats:
+    """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot (Fritsch & Carlson 1980)."""
+    if len(poses) < 2:
+        return np.zeros_like(poses)
+    out: Floats = PchipInterpolator(timeline.frame, poses, axis=0)(timeline.frame, 1)
+    out[: len(timeline.known.slope)] = timeline.known.slope
+    return out
+
+
+def meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tuple[Keys, Floats]:
+    """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
+    poses = timeline.pose.copy()
+    if not timeline.hits:
+        return Keys(frame=timeline.frame, pose=poses, slope=slopes_of(timeline, poses)), np.zeros((0, 3))
+    arm = arm_of(skeleton)
+    rows = np.array([hit.key for hit in timeline.hits])
+    frames = np.array([hit.frame for hit in timeline.hits])
+    hips = place[frames]
+    point = np.array([hit.point for hit in timeline.hits])
+    back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
+    normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
+    shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
+    # The motion says where the shaft points, the flight where the strings face; each gives way until they are at right angles.
+    shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
+    normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
+    n = len(rows)
+    reach = np.full(n, SWEET_SPOT)
+    angles = poses[rows, RACKET_ARM]
+    lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
+
+    def goal(weight: tuple[float, float, float, float], some: npt.NDArray[np.intp]) -> Goal:
+        """The goals of some hits, in the frame of the chest."""
+        chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
+        found = Goal(
+            point=point[some],
+            reach=reach[some],
+            shaft=shaft[some],
+            normal=normal[some],
+            elbow=elbow[some],
+            weight=np.tile(weight, (len(some), 1)),
+        )
+        return in_chest(chest, collar, found)
+
+    everyone = np.arange(n)
+    for step in range(4):
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=10 if not step else 4)
+        poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
+    exact = goal((60.0, 0.15, 0.15, 0.1), everyone)
+    angles = solve(arm, exact, angles, rounds=14)
+    short = _strings(arm, angles) - exact.point
+    far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
+    if len(far):
+        # Caught between limits: begin again from other poses of the same stroke.
+        starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
+        starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
+        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
+        better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
+        angles[far[better]] = again[better]
+    poses[rows, RACKET_ARM] = angles
+    for hit in timeline.hits:
+        if hit.stance.motion in HELD:
+            _hold(skeleton, timeline, hit, place, poses, fps)
+    chest, _ = _chest(skeleton, hips, poses[rows])
+    return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
+
+
+def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, fps: int) -> Keys:
+    """The key poses with the speed of the arm at the contacts, and loads and follow-throughs that suit it."""
+    arm, frame = arm_of(skeleton), timeline.frame
+    rows = np.array([hit.key for hit in timeline.hits])
+    before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
+    slopes = slopes_of(timeline, poses)
+    still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
+    chest, _ = _chest(skeleton, place[frame[rows]], poses[rows])
+    wanted = np.array([hit.swing for hit in timeline.hits]) - still
+    speed = swing(arm, poses[rows, RACKET_ARM], apply(chest.transpose(0, 2, 1), wanted), before, after)
+    for side, seconds in ((-1, before), (1, after)):
+        swung = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
+        new = rows + side >= len(timeline.known.frame)
+        poses[rows[new] + side, RACKET_ARM] = swung[new]
+    soft = np.array([hit.soft for hit in timeline.hits])[:, None]
+    early = (rows - 2 >= len(timeline.known.frame))[:, None] & (soft > 0)
+    poses[rows - 2, RACKET_ARM] += np.where(early, soft, 0.0) * (poses[rows - 1, RACKET_ARM] - poses[rows - 2, RACKET_ARM])
+    slopes = slopes_of(timeline, poses)
+    slopes[rows, RACKET_ARM] = speed / fps
+    return Keys(frame=frame, pose=poses, slope=slopes)
+
+
+def _carried(
+    skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, slopes: Floats, rows: npt.NDArray[np.int64], fps: int
+) -> Floats:
+    """``[H, 3]`` velocity that hips and trunk give the strings at the contacts [m/s]."""
+    arm, frame, d = arm_of(skeleton), timeline.frame[rows], 0.05
+    strings = _strings(arm, poses[rows, RACKET_ARM])
+    drift = (place[np.minimum(frame + 1, len(place) - 1)] - place[frame - 1]) / 2
+    ends = []
+    for side in (-d, d):
+        chest, collar = _chest(skeleton, place[frame] + side * drift, poses[rows] + side * slopes[rows])
+        ends.append(collar + apply(chest, strings))
+    return (ends[1] - ends[0]) * (fps / (2 * d))
+
+
+def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses: Floats, fps: int) -> None:
+    """Bring the free hand of the server to the shuttle in the key poses before the contact."""
+    keys = np.arange(len(timeline.known.frame), hit.key)
+    if not len(keys):
+        return
+    rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])
+    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left") * FLIP
+    flip = np.diag(FLIP)
+    n = len(keys)
+    above = timeline.frame[keys] <= hit.frame - round(HELD[hit.stance.motion][1] * fps)
+    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
+    goal = Goal(
+        point=np.tile(spot, (n, 1)),
+        reach=np.zeros(n),
+        shaft=np.zeros((n, 3)),
+        normal=np.zeros((n, 3)),
+        elbow=np.tile(unit(np.array([0.62, 0.2, -0.75])), (n, 1)),
+        weight=np.tile((10.0, 0.0, 0.0, 0.2), (n, 1)),
+    )
+    found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=14)
+    poses[keys[above], FREE_ARM] = found[above]
+
+
+def _strings(arm: Arm, angles: Floats) -> Floats:
+    """``[N, 3]`` the middle of the strings, in the frame of the chest."""
+    return sweet_spot(arm, arm.pose(angles))
+
+
+def _chest(skeleton: Skeleton, hips: Floats, poses: Floats) -> tuple[Floats, Floats]:
+    rotation, position = trunk(skeleton, hips, poses[:, :7])
+    return rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
+
+
+def _leant(skeleton: Skeleton, hips: Floats, poses: Floats, lean0: Floats, seen: Floats, point: Floats) -> Floats:
+    """Poses whose spine takes up part of what the arm misses; ``seen``: the strings in the frame of the chest."""
+    # The pose itself, and three whose spine is bent a little more about one axis, in one go.
+    many = np.tile(poses, (4, 1, 1))
+    for k in range(3):
+        many[1 + k, :, SPINE_YAW + k] += 1e-4
+    chest, collar = _chest(skeleton, np.tile(hips, (4, 1)), many.reshape(-1, poses.shape[1]))
+    place = (collar + apply(chest, np.tile(seen, (4, 1)))).reshape(4, -1, 3)
+    here, jacobian = place[0], ((place[1:] - place[0]) / 1e-4).transpose(1, 2, 0)
+    square = jacobian.transpose(0, 2, 1) @ jacobian + 0.02 * np.eye(3)
+    change = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ (point - here)[..., None])[..., 0]
+    out = poses.copy()
+    spine = out[:, SPINE_YAW : SPINE_YAW + 3] + change
+    spine = np.clip(spine, lean0 - _MOST_LEAN, lean0 + _MOST_LEAN)
+    out[:, SPINE_YAW : SPINE_YAW + 3] = np.clip(spine, SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
+    return out
