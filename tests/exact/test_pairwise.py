@@ -16,8 +16,7 @@ from shuttle_marl.policy.registry import resolve
 
 NAMES = ("bc", "attacking", "defensive", "safe", "random")
 Z = 4.4172
-"""Both tails hold 1e-5: eighteen figures are compared, so a true one fails once in five thousand runs."""
-"""Half the width of a 99.9 % interval, in standard errors."""
+"""Standard errors. Both tails hold 1e-5: eighteen figures are compared, so a true one fails once in five thousand runs."""
 
 
 @settings(max_examples=10, deadline=None)
