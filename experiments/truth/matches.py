@@ -53,7 +53,7 @@ class Strokes:
         return np.asarray(wanted[self.rows.match])
 
     def take(self, which: Bools) -> "Strokes":
-        """The strokes of whole matches."""
+        """The strokes of whole matches, or the ends of their rallies."""
         rally = np.unique(self.rally[which], return_inverse=True)[1]
         row = np.cumsum(which) - 1
         return Strokes(

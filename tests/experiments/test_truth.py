@@ -117,7 +117,8 @@ def test_a_game_that_ignores_fatigue_promises_too_much(world: World, table: pa.T
 def test_simulated_matches_of_one_world_cannot_be_told_apart(world: World, strokes: Strokes) -> None:
     others = strokes_of(played(world, 60, seed=1))
     some = strokes.take(strokes.in_matches(strokes.rows.matches[:60]))
-    found = two_sample_auc(others, some, halvings=1)
+    # As in real tables, the serve of every fifth rally is missing.
+    found = two_sample_auc(others, some.take((some.number > 1) | (some.rally % 5 > 0)), halvings=1)
     assert found["value"] == pytest.approx(0.5, abs=0.03)
     length = rally_length(others, some)
     assert length["ks"] < 0.03
