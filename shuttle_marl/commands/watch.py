@@ -25,8 +25,8 @@ Hand = Literal["right", "left"]
 
 def watch(
     *,
-    a: str = "bc",
-    b: str = "minimax",
+    a: str = "ppo",
+    b: str = "bc",
     temperature: tuple[float, float] = (1.0, 1.0),
     seed: int = 0,
     athletes: tuple[Athlete, Athlete] = ("male", "male"),

@@ -11,9 +11,11 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
 from shuttle_marl.game.table import TabulatedPolicy
@@ -44,6 +46,10 @@ class Score:
     server: int = 0
     over: bool = False
     rules: Rules = BWF
+
+    def seen_by(self, seat: int) -> tuple[int, int, int, int]:
+        """Points of a seat, of the other one, games of the seat, of the other one."""
+        return self.points[seat], self.points[1 - seat], self.games[seat], self.games[1 - seat]
 
     def after(self, winner: int) -> "Score":
         """The score after a rally that a seat won."""
@@ -168,7 +174,7 @@ class Match:
             names[person.seat] = PERSON
         return play_rally(
             self._game,
-            (self._tables.of(sides[0]), self._tables.of(sides[1])),
+            (self._tables.policy(sides[0]), self._tables.policy(sides[1])),
             stream(self.plan.seed, 0, number),
             number,
             (names[0], names[1]),
@@ -180,7 +186,7 @@ class Match:
 
 def play_rally(
     game: Game,
-    tables: tuple[TabulatedPolicy, TabulatedPolicy],
+    policies: tuple[Policy, Policy],
     key: UInt64s,
     number: int,
     names: tuple[str, str],
@@ -192,7 +198,7 @@ def play_rally(
 
     Args:
         game: the tables.
-        tables: the policies of seats 0 and 1.
+        policies: of seats 0 and 1.
         key: ``[1]`` of its draws.
         number: of the rally.
         names: of the players.
@@ -216,7 +222,7 @@ def play_rally(
         elif person is not None and person.chooses(number, i, striker):
             break
         else:
-            rank = _choice(tables[striker], state, int(choice_draw(bits)[0]))
+            rank = _choice(game, policies[striker], state, score.seen_by(striker), choice_draw(bits))
         strokes.append(int(game.stroke_at(state, rank)))
         states.append(state)
         outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
@@ -237,9 +243,13 @@ def play_rally(
     )
 
 
-def _choice(table: TabulatedPolicy, state: int, number: int) -> int:
-    """Position of the stroke that a draw chooses in a state: :func:`shuttle_marl.game.draws.chosen` for one row."""
-    return int(np.searchsorted(table.cumulative[table.game.pairs_of(state)], number, side="right"))
+def _choice(game: Game, policy: Policy, state: int, score: tuple[int, int, int, int], number: npt.NDArray[np.int32]) -> int:
+    """Position of the stroke that a draw chooses in a state, as :func:`shuttle_marl.game.draws.chosen` has it."""
+    if isinstance(policy, TabulatedPolicy):
+        return int(np.searchsorted(policy.cumulative[game.pairs_of(state)], number[0], side="right"))
+    states = States(game=game, state=np.array([state], dtype=np.int32), score=np.array([score], dtype=np.int16))
+    stroke = drawn_strokes(checked_probabilities(policy, states, type(policy).__name__), number)
+    return int(game.rank(state, stroke)[0])
 
 
 def side_name(side: Side) -> str:

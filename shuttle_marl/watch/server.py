@@ -38,9 +38,11 @@ MOST_PAGES: Final = 200
 """Connections at a time."""
 _RATE, _BURST = 40.0, 120.0
 """Requests a second of a connection, on average and at once."""
-_TOGETHER: Final = 4
+_TOGETHER: Final = 16
 """Requests of a connection that are answered at the same time."""
 _THREADS: Final = 4
+_SLOW: Final = frozenset(("analysis", "options", "styles"))
+"""Requests that may have to wait for the game to be solved: they have threads of their own, and hold up no rally."""
 _FAREWELL: Final = 1
 """Time that connections have to close when the server stops [s]."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
@@ -145,7 +147,7 @@ class _Pages:
 
     def __init__(self, answer: Answer) -> None:
         self._answer, self._count = answer, 0
-        self._limiter: anyio.CapacityLimiter | None = None
+        self._limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter] | None = None
 
     async def attend(self, socket: WebSocket) -> None:
         """Answer the requests of one page until it leaves."""
@@ -153,7 +155,7 @@ class _Pages:
         if self._count >= MOST_PAGES:
             await socket.close(1013, f"{MOST_PAGES} pages are open already")
             return
-        self._limiter = self._limiter or anyio.CapacityLimiter(_THREADS)
+        self._limiters = self._limiters or (anyio.CapacityLimiter(_THREADS), anyio.CapacityLimiter(_THREADS))
         self._count += 1
         running: set[asyncio.Task[None]] = set()
         budget = _Budget(asyncio.get_running_loop().time())
@@ -166,7 +168,7 @@ class _Pages:
                     await asyncio.sleep(wait)
                 if len(running) >= _TOGETHER:
                     await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
-                task = asyncio.create_task(self._reply(socket, text, self._limiter, sending))
+                task = asyncio.create_task(self._reply(socket, text, self._limiters, sending))
                 running.add(task)
                 task.add_done_callback(running.discard)
         except (WebSocketDisconnect, RuntimeError, KeyError):
@@ -176,13 +178,16 @@ class _Pages:
             for task in running:
                 task.cancel()
 
-    async def _reply(self, socket: WebSocket, text: str, limiter: anyio.CapacityLimiter, sending: asyncio.Lock) -> None:
+    async def _reply(
+        self, socket: WebSocket, text: str, limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter], sending: asyncio.Lock
+    ) -> None:
         number: Any = None
         try:
             request = json.loads(text)
             if not isinstance(request, dict) or type(request.get("id")) is not int or not isinstance(request.get("op"), str):
                 raise WatchError("a request is an object with a number `id` and a text `op`")
             number = request["id"]
+            limiter = limiters[request["op"] in _SLOW]
             content = await anyio.to_thread.run_sync(self._answer, request, limiter=limiter)
         except ShuttleError as error:
             content = message({"id": number, "error": printable(str(error))})

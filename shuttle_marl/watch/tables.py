@@ -4,13 +4,12 @@ A page names policies, so a name is resolved as one from a file (no module is im
 on the command line.
 """
 
-import functools
 import threading
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, TypeVar
 
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
-from shuttle_marl.game.policy import TemperedPolicy
+from shuttle_marl.game.policy import Policy, TemperedPolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
@@ -60,7 +59,8 @@ class Tables:
     def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
-        self._tables, self._values, self._visits = Kept(_MOST_TABLES), Kept(_MOST_VALUES), Kept(_MOST_VALUES)
+        self._policies, self._tables = Kept(_MOST_TABLES), Kept(_MOST_TABLES)
+        self._values, self._visits, self._solution = Kept(_MOST_VALUES), Kept(_MOST_VALUES), Kept(1)
 
     def of(self, side: Side) -> TabulatedPolicy:
         """The table of a side.
@@ -68,22 +68,28 @@ class Tables:
         Raises:
             PolicyError: there is no such policy, it may not be named by a page, or it reads the score.
         """
-        return self._tables.get(side, lambda: self._made(side))
+        return self._tables.get(side, lambda: tabulate(self.policy(side), self.game, side.policy))
 
-    def _made(self, side: Side) -> TabulatedPolicy:
+    def policy(self, side: Side) -> Policy:
+        """The policy of a side, to be asked in single states: a table of all of them would take longer.
+
+        Raises:
+            PolicyError: there is no such policy, or it may not be named by a page.
+        """
+        return self._policies.get(side, lambda: self._resolved(side))
+
+    def _resolved(self, side: Side) -> Policy:
         policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, self.game)
-        if side.temperature != 1:
-            policy = TemperedPolicy(policy, side.temperature)
-        return tabulate(policy, self.game, side.policy)
+        return policy if side.temperature == 1 else TemperedPolicy(policy, side.temperature)
 
     def values(self, sides: tuple[Side, Side]) -> ProfileValue:
         """Exact values of seat 0 against seat 1."""
         return self._values.get(sides, lambda: evaluate(self.of(sides[0]), self.of(sides[1])))
 
-    @functools.cached_property
+    @property
     def solution(self) -> Solution:
         """The solved game."""
-        return solve(self.game)
+        return self._solution.get(self.game.hash, lambda: solve(self.game))
 
     def visits(self, sides: tuple[Side, Side]) -> Visits:
         """Expected visits of seat 0 against seat 1 in a rally, both serving equally often."""

@@ -32,7 +32,7 @@ def test_a_rally_follows_from_its_draws(tables: Tables) -> None:
         key, state = stream(3, 0, number), ROOT
         for i, stroke in enumerate(rally.stroke):
             assert rally.state[i] == state
-            table = tables.of(Plan.parse(PLAN).sides[rally.striker(i)])
+            table = tables.of(Plan.parse(PLAN).sides[rally.striker(i)])  # the same choices as a table's
             bits = draw(key, i)
             rank = game.rank(state, stroke)
             assert int(rank) == int(

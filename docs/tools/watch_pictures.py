@@ -1,0 +1,87 @@
+"""Pictures of the live court in the documentation: ``python -m docs.tools.watch_pictures``.
+
+Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
+"""
+
+import io
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from shuttle_marl.files import replace_file
+from shuttle_marl.watch.video import browser_program
+
+FOLDER: Final = Path(__file__).parents[1] / "images"
+SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
+MODES: Final = ("watch", "analyse", "learn", "play")
+_PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
+_FLAGS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking")
+_LIMIT: Final = 240_000
+
+
+def main() -> None:
+    """Serve the page, and take a picture of every mode in both sizes."""
+    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0"]
+    server = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert server.stderr is not None
+    try:
+        found = next(match for line in server.stderr if (match := re.match(r"(http://\S+/) shows", line)))
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=browser_program(), args=list(_FLAGS))
+            for size, (width, height) in SIZES.items():
+                for mode in MODES:
+                    page = browser.new_page(viewport={"width": width, "height": height}, reduced_motion="reduce")
+                    page.set_default_timeout(_LIMIT)
+                    page.goto(f"{found[1]}?quality=full{_PLACE}")
+                    _show(page, mode)
+                    _save(page.screenshot(), FOLDER / f"watch_{mode}_{size}.png")
+                    page.close()
+            browser.close()
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.wait(20)
+
+
+def _show(page: Page, mode: str) -> None:
+    page.locator(".moves .mark").first.wait_for()
+    page.locator(".bars .bar").nth(10).wait_for()
+    if mode == "play":
+        page.evaluate("window.viewer.go(4)")
+        page.keyboard.press("t")
+        page.locator(".board:not(.hidden)").wait_for()
+        page.keyboard.press("i")
+        page.locator(".shots small", has_text="wins").first.wait_for()
+    elif mode == "learn":
+        page.get_by_role("tab", name="Learn").click()
+        page.locator(".quiz button").first.wait_for()
+        page.locator(".quiz button").first.click()
+        page.wait_for_timeout(1500)
+    else:
+        page.get_by_role("tab", name=mode.capitalize()).click()
+        page.locator(".moves .mark").first.wait_for()
+        script = "(() => { const s = window.viewer.state(); window.viewer.seek(s.contacts[Math.min(4, s.contacts.length - 1)] + 0.02); })()"
+        page.evaluate(script)
+        if page.evaluate("window.viewer.state().playing"):
+            page.keyboard.press(" ")
+            page.evaluate(script)
+    page.wait_for_timeout(500)
+
+
+def _save(picture: bytes, path: Path) -> None:
+    """Write a picture with 256 colours, a quarter of the size."""
+    out = io.BytesIO()
+    Image.open(io.BytesIO(picture)).convert("RGB").quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(
+        out, "PNG", optimize=True
+    )
+    replace_file(path, out.getvalue())
+    print(path.relative_to(FOLDER.parents[1]), f"{len(out.getvalue()) // 1000} KB")
+
+
+if __name__ == "__main__":
+    main()
