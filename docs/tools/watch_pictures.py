@@ -4,10 +4,12 @@ Needs the extra ``video`` and Chromium. The page is served and drawn on this mac
 """
 
 import io
+import os
 import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +23,15 @@ FOLDER: Final = Path(__file__).parents[1] / "images"
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 MODES: Final = ("watch", "analyse", "learn", "play")
 _PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
-_FLAGS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking")
+_FLAGS: Final = (
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--ignore-gpu-blocklist",
+    "--use-gl=angle",
+    f"--use-angle={os.environ.get('ANGLE', 'swiftshader')}",
+)
+"""``ANGLE=gl-egl`` draws with Mesa instead, which is faster where it is installed."""
 _LIMIT: Final = 240_000
 
 
@@ -40,7 +50,7 @@ def main() -> None:
                     page.set_default_timeout(_LIMIT)
                     page.goto(f"{found[1]}?quality=full{_PLACE}")
                     _show(page, mode)
-                    _save(page.screenshot(), FOLDER / f"watch_{mode}_{size}.png")
+                    _save(page.screenshot(), FOLDER / f"watch_{mode}_{size}.jpg")
                     page.close()
             browser.close()
     finally:
@@ -48,13 +58,20 @@ def main() -> None:
         server.wait(20)
 
 
+def _until(page: Page, script: str) -> None:
+    end = time.monotonic() + _LIMIT / 1000
+    while not page.evaluate(f"(() => {{ const s = window.viewer?.state(); return !!s && !!({script}); }})()"):
+        if time.monotonic() > end:
+            raise TimeoutError(script)
+        page.wait_for_timeout(100)
+
+
 def _show(page: Page, mode: str) -> None:
-    page.locator(".moves .mark").first.wait_for()
+    _until(page, "s.analysis")
     page.locator(".bars .bar").nth(10).wait_for()
     if mode == "play":
-        page.evaluate("window.viewer.go(4)")
         page.keyboard.press("t")
-        page.locator(".board:not(.hidden)").wait_for()
+        _until(page, "s.turn")
         page.keyboard.press("i")
         page.locator(".shots small", has_text="wins").first.wait_for()
     elif mode == "learn":
@@ -62,25 +79,17 @@ def _show(page: Page, mode: str) -> None:
         page.locator(".quiz button").first.wait_for()
         page.locator(".quiz button").first.click()
         page.wait_for_timeout(1500)
-    else:
-        page.get_by_role("tab", name=mode.capitalize()).click()
-        page.locator(".moves .mark").first.wait_for()
-        script = "(() => { const s = window.viewer.state(); window.viewer.seek(s.contacts[Math.min(4, s.contacts.length - 1)] + 0.02); })()"
-        page.evaluate(script)
-        if page.evaluate("window.viewer.state().playing"):
-            page.keyboard.press(" ")
-            page.evaluate(script)
-    page.wait_for_timeout(500)
+    elif mode == "analyse":
+        page.get_by_role("tab", name="Analyse").click()
+        _until(page, "s.mode === 'analyse' && s.analysis")
+        page.keyboard.press("3")
+    page.wait_for_timeout(1000)
 
 
 def _save(picture: bytes, path: Path) -> None:
-    """Write a picture with 256 colours, a quarter of the size."""
     out = io.BytesIO()
-    Image.open(io.BytesIO(picture)).convert("RGB").quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(
-        out, "PNG", optimize=True
-    )
+    Image.open(io.BytesIO(picture)).convert("RGB").save(out, "JPEG", quality=88, optimize=True)
     replace_file(path, out.getvalue())
-    print(path.relative_to(FOLDER.parents[1]), f"{len(out.getvalue()) // 1000} KB")
 
 
 if __name__ == "__main__":

