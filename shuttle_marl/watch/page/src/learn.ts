@@ -88,7 +88,7 @@ export class Learn {
     const value = this.analysis!.strokes[question]!;
     const options = answers(value, played.stroke);
     const buttons = options.map((option) => h("button", { onclick: () => this.answer(option, value, buttons, options) }, h("span", {}, name(option)), h("span", { class: "quiet" })));
-    this.element.append(h("p", { style: "margin:8px 0" }, "What is best here?"), h("div", { class: "quiz" }, ...buttons));
+    this.element.append(h("p", { style: "margin:8px 0" }, "What is best here, with perfect play from then on?"), h("div", { class: "quiz" }, ...buttons));
     buttons[0]?.focus();
   }
 
