@@ -491,7 +491,7 @@ def test_the_default_pool_holds_only_what_can_play_the_game(
     assert main(["--game", small_model, "--matches", "2", "--out", str(tmp_path / "run")]) == 0
     printed = capsys.readouterr()
     assert "minimax" in printed.out
-    assert re.search(r"strokes in [\d.]+ s, \d[\d,]* a second", printed.err)
+    assert re.search(r"strokes in [\d.]+ s, [1-9][\d,]* a second", printed.err)
 
 
 def test_the_command_prints_the_table_and_a_forfeit(
