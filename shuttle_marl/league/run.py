@@ -95,7 +95,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         }
         runs.write_json(folder / runs.MANIFEST, {**about, **done})
         if strokes:
-            _say(console, f"{strokes:,} strokes in {seconds:.1f} s, {float(f"{strokes / seconds:.2g}"):,.0f} a second")
+            _say(console, f"{strokes:,} strokes in {seconds:.1f} s, {float(f'{strokes / seconds:.2g}'):,.0f} a second")
     return LeagueRun(folder=folder, standings=standings, results=results)
 
 
