@@ -3,7 +3,6 @@
 Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
 """
 
-import io
 import os
 import re
 import signal
@@ -13,7 +12,6 @@ import time
 from pathlib import Path
 from typing import Final
 
-from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from shuttle_marl.files import replace_file
@@ -50,7 +48,7 @@ def main() -> None:
                     page.set_default_timeout(_LIMIT)
                     page.goto(f"{found[1]}?quality=full{_PLACE}")
                     _show(page, mode)
-                    _save(page.screenshot(), FOLDER / f"watch_{mode}_{size}.jpg")
+                    replace_file(FOLDER / f"watch_{mode}_{size}.jpg", page.screenshot(type="jpeg", quality=88))
                     page.close()
             browser.close()
     finally:
@@ -84,12 +82,6 @@ def _show(page: Page, mode: str) -> None:
         _until(page, "s.mode === 'analyse' && s.analysis")
         page.keyboard.press("3")
     page.wait_for_timeout(1000)
-
-
-def _save(picture: bytes, path: Path) -> None:
-    out = io.BytesIO()
-    Image.open(io.BytesIO(picture)).convert("RGB").save(out, "JPEG", quality=88, optimize=True)
-    replace_file(path, out.getvalue())
 
 
 if __name__ == "__main__":
