@@ -139,7 +139,12 @@ def truth_figures() -> str:
     for name, found in columns[0].get("transfer", {}).items():
         kept = f"{100 * found['home']:.1f} to {100 * found['away']:.1f} %; {found['kept']:.2f} of the edge"
         rows.append([f"{name.replace('_', ' ')}, home to away", kept, "", ""])
-    headings = ("figure", "average game, cross-fitted", "men's and women's, cross-fitted", "men's and women's, validation matches")
+    headings = (
+        "figure",
+        "average game, cross-fitted",
+        "men's and women's, cross-fitted",
+        "men's and women's, validation matches",
+    )
     return markdown(headings, rows, left=("figure",))
 
 

@@ -118,6 +118,7 @@ def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:
     return known.pair_probabilities(game, player, origin.variant)
 
 
+@functools.lru_cache(maxsize=8)
 def load(player: str | None, game: Game) -> TabulatedPolicy:
     """The average player (None), or one by identifier, as a table.
 

@@ -57,12 +57,11 @@ class Evaluator:
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
         """For each opponent, the odds of ``bc`` and of the best response against it."""
-        answers = [exact.best_response(opponent).value.odds() for opponent in self._opponents]
-        return list(zip(self._odds(self._reference), answers, strict=True))
+        return list(zip(self._odds(self._reference), map(_best_odds, self._opponents), strict=True))
 
     @functools.cached_property
     def _chains(self) -> list[InducedChain]:
-        return [induced(opponent) for opponent in self._opponents]
+        return [_chain(opponent) for opponent in self._opponents]
 
     def _odds(self, policy: TabulatedPolicy) -> list[Odds]:
         """Odds of a policy against each opponent."""
@@ -83,3 +82,14 @@ class Evaluator:
             normalised_score=float(np.mean(scores)) if scores else None,
             exploitability=exact.best_response(policy, tolerance=_TOLERANCE).value.odds().value,
         )
+
+
+# Opponents are few, and the same ones in all runs of a study.
+@functools.lru_cache(maxsize=8)
+def _best_odds(opponent: TabulatedPolicy) -> Odds:
+    return exact.best_response(opponent).value.odds()
+
+
+@functools.lru_cache(maxsize=2)
+def _chain(opponent: TabulatedPolicy) -> InducedChain:
+    return induced(opponent)
