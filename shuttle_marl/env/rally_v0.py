@@ -15,7 +15,7 @@ from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.env.strokes import EpisodeDraws, Observation, Stroke, tables_of
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import ActionError, OptionError, whole_number
-from shuttle_marl.game.observation import RALLY_WIDTH, SWAP
+from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 
@@ -143,7 +143,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if player == self._striker:
             mask = self._tables.masks[self._tables.reply(self._state)] if self._live else self._nothing_legal
             return {"observation": self._vector(row, player), "action_mask": mask.copy()}
-        return {"observation": self._vector(row[SWAP], player), "action_mask": self._nothing_legal.copy()}
+        return {"observation": self._vector(row[self._tables.swap], player), "action_mask": self._nothing_legal.copy()}
 
     def step(self, action: int | None) -> None:
         """Play a stroke, the catalogue index ``action``; None for an agent that is done.

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.observation import EFFORT, features
+from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
 
 Observation = dict[str, npt.NDArray[Any]]
@@ -44,7 +44,10 @@ class StrokeTables:
         game: the tables.
         rows: ``[base states, 59]`` float32 observation of the striker in each state without efforts.
         masks: ``[2 (n + 1), n]`` int8 legal strokes by ``reply(state)``.
+        swap: ``[59]`` permutation that turns the striker's observation into the receiver's.
     """
+
+    swap = SWAP
 
     def __init__(self, game: Game) -> None:
         self.game = game
@@ -61,6 +64,7 @@ class StrokeTables:
         self._size, self._levels = game.n_base_states, game.levels
         self._after = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
         highest = max(1, game.levels - 1)
+        self._efforts = slice(EFFORT, EFFORT + 2)
         self._shares = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "StrokeTables":
@@ -74,7 +78,7 @@ class StrokeTables:
         block, base = divmod(state, self._size)
         row: npt.NDArray[np.float32] = self.rows[base].copy()
         if block:
-            row[EFFORT], row[EFFORT + 1] = self._shares[block]
+            row[self._efforts] = self._shares[block]
         return row
 
     def reply(self, state: int) -> int:

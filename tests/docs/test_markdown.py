@@ -69,7 +69,9 @@ def test_relative_links_and_images_exist(page: Path) -> None:
 def test_no_python_block_escapes_the_runner(page: Path) -> None:
     languages = [t.info for t in tokens(page.read_text(encoding="utf-8")) if t.type == "fence"]
     assert [
-        info for info in languages if info.lower().startswith(("py", "bash run")) and info not in ("python", "bash run")
+        info
+        for info in languages
+        if info.lower().startswith(("py", "bash run")) and info not in ("python", "python recipe", "bash run")
     ] == []
 
 

@@ -181,7 +181,7 @@ def test_long_rallies_use_draws_beyond_the_first_block() -> None:
     good, returned, _ = GAME.stroke_probabilities()
     env = SingleRallyEnv(opponent="safe@greedy")
     longest = 0
-    for seed in range(60):
+    for seed in range(200):
         env.reset(seed=seed)
         count, over = 0, False
         while not over:

@@ -90,10 +90,11 @@ def test_text_tells_the_whole_rally(play):
         text = env.render()
         lines = text.splitlines()
         strokes = [(agent, action) for agent, *_, action in rows if action is not None]
-        assert len(lines) == len(strokes) + 2
+        assert len(lines) == len(strokes) + 3
+        assert lines[1].startswith("effort: ")
         assert f"seed {seed}, {strokes[0][0]} serves" in lines[0]
         catalogue = env.unwrapped.game.catalogue
-        for number, (line, (agent, action)) in enumerate(zip(lines[1:-1], strokes, strict=True), start=1):
+        for number, (line, (agent, action)) in enumerate(zip(lines[2:-1], strokes, strict=True), start=1):
             assert line.split()[:2] == [str(number), agent]
             assert in_words(catalogue, action) in line
         info = rows[-1][5]
@@ -109,6 +110,7 @@ def test_text_says_who_is_next_and_the_score(play):
         "match 1 of seed 0, player_1 serves",
         "player_0   0",
         "player_1   0",
+        "effort: player_0 0 of 2, player_1 0 of 2",
         "player_1 is to serve",
     ]
     env.step(0)
