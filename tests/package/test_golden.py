@@ -20,8 +20,8 @@ from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfi
 
 GAME_HASH = "9055e4d94379"
 VALUE_AT_SERVE = -0.0066886
-TOURNAMENT = "7ddd4ed9cf4821f8"
-WINS = {"minimax": 20, "ppo": 15, "safe@greedy": 12, "attacking": 7, "bc": 5, "random": 1}
+TOURNAMENT = "d8d38d52e03a5f19"
+WINS = {"minimax": 20, "ppo": 14, "safe@greedy": 13, "attacking": 7, "bc": 5, "random": 1}
 SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 1, "record": "all"}
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
     "ppo": (PPOConfig(**SMALL), "7fc001c4994eeaad"),
