@@ -15,13 +15,14 @@ from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
-from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.scoring import BWF, Rules, as_shares
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import MatchVersusBatch, VersusBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 Arrays = dict[str, npt.NDArray[Any]]
+Scores = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
 
@@ -344,7 +345,7 @@ class MatchVectorEnv(VersusVectorEnv):
             infos[name], infos[f"_{name}"] = np.stack(self._of_seats(values, every), axis=1), infos["_unseen"].copy()
         return seen, infos
 
-    def _of_seats(self, values: npt.NDArray[np.int32], rows: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.int32], ...]:
+    def _of_seats(self, values: Scores, rows: npt.NDArray[np.intp]) -> tuple[Scores, Scores]:
         """``[D]`` each: of the learner's seat, and of the other."""
         seat = self._batch.opponents.seat[rows].astype(np.intp)
         return values[rows, seat], values[rows, 1 - seat]
@@ -352,7 +353,6 @@ class MatchVectorEnv(VersusVectorEnv):
     def _scores(self, rows: npt.NDArray[np.intp]) -> Floats:
         """``[D, 6]`` the score as each learner sees it; see ``match_v0``."""
         matches = self._batch.matches
-        points = [part / self.rules.cap for part in self._of_seats(matches.points, rows)]
-        games = [part / self.rules.games for part in self._of_seats(matches.games, rows)]
+        shares = as_shares(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)
         serves = matches.server[rows] == self._batch.opponents.seat[rows]
-        return np.stack([*points, *games, serves, ~serves], axis=1).astype(np.float32)
+        return np.stack([*shares, serves, ~serves], axis=1).astype(np.float32)

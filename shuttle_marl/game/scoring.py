@@ -127,8 +127,11 @@ def open_scores(rules: Rules = BWF) -> Iterator[tuple[tuple[int, int], tuple[int
                 yield (games[0], games[1]), (own, other)
 
 
-def as_shares(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> tuple[float, float, float, float]:
-    """Points and games of both players as shares of the most that they can have, for observations: from 0 to 1."""
+def as_shares(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rules = BWF) -> tuple[Any, Any, Any, Any]:
+    """Points and games of both players as shares of the most that they can have, for observations: from 0 to 1.
+
+    Numbers, or arrays of one shape.
+    """
     return points[0] / rules.cap, points[1] / rules.cap, games[0] / rules.games, games[1] / rules.games
 
 

@@ -55,7 +55,7 @@ def test_short_ranking_of_a_run(run: Path) -> None:
     assert next(iter(shown)) == "`minimax`"
     assert set(shown) == {"`minimax`", "`bc`", "`random`"}
     assert all(len(row) == len(lines[0]) for row in lines)
-    assert (shown["`bc`"][2], shown["`bc`"][4]) == ("50.0 %", "0.000")
+    assert (shown["`bc`"][2], shown["`bc`"][5]) == ("50.0 %", "0.000")
     assert shown["`minimax`"][2:] == ["70.8 %", "0.000", "0.847"]
 
 

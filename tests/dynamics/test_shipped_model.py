@@ -108,7 +108,7 @@ def test_pessimism_makes_every_stroke_riskier() -> None:
     import torch
 
     models, game = FittedModels.load(model_folder()), default_game()
-    some = np.random.default_rng(0).choice(game.n_pairs, 500, replace=False)
+    some = np.random.default_rng(0).choice(game.n_base_pairs, 500, replace=False)
     codes = {name: code[some] for name, code in codes_of_pairs(game).items()}
     with torch.no_grad():
         plain, careful = (models.averaged(models.fault, codes, pessimism=z) for z in (0.0, 1.0))

@@ -31,7 +31,7 @@ def everything(log: RallyLog) -> Rallies:
 def in_parts(tmp_path: Path, rallies, header) -> Path:
     """200 rallies in batches of 16, two batches to a file."""
     path = tmp_path / "a.mcap"
-    with RallyLogWriter(path, header(), batch_rallies=16, max_bytes=11_000) as log:
+    with RallyLogWriter(path, header(), batch_rallies=16, max_bytes=8_000) as log:
         log.append(rallies(200))
     return path
 
@@ -84,7 +84,7 @@ class TestParts:
 
     def test_parts_of_another_log_do_not_belong(self, in_parts: Path, rallies, header, tmp_path: Path) -> None:
         other = tmp_path / "b.mcap"
-        with RallyLogWriter(other, header(seed=8), batch_rallies=16, max_bytes=11_000) as log:
+        with RallyLogWriter(other, header(seed=8), batch_rallies=16, max_bytes=8_000) as log:
             log.append(rallies(200))
         part_path(other, 2).replace(part_path(in_parts, 2))
         with RallyLog(in_parts) as log:
@@ -95,7 +95,7 @@ class TestParts:
 
     def test_an_unfinished_part_is_left_out_and_recovered(self, tmp_path: Path, rallies, header) -> None:
         path = tmp_path / "a.mcap"
-        log = RallyLogWriter(path, header(), batch_rallies=16, max_bytes=11_000)
+        log = RallyLogWriter(path, header(), batch_rallies=16, max_bytes=8_000)
         log.append(rallies(200))
         log.abort()
         (part,) = tmp_path.glob("*.part")
@@ -206,7 +206,7 @@ class TestFolders:
                 pairings=(worker + 10, worker + 11, 5),
             )
             with RallyLogWriter(
-                tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16, max_bytes=11_000 + worker * 10**6
+                tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16, max_bytes=8_000 + worker * 10**6
             ) as log:
                 log.append(rallies(100, seed=worker))
         scene = Writer(str(tmp_path / "scene.mcap"))

@@ -21,6 +21,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
+from shuttle_marl.scene.layouts import LAYOUTS
 from shuttle_marl.scene.moving import PLAY, SHADOWS, WORLD
 from shuttle_marl.scene.write import EPOCH, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton
@@ -236,7 +237,7 @@ def test_messages_hold_what_their_schema_says(reel: Any) -> None:
 def test_attachments_and_origin(reel: Any, log_path: Path) -> None:
     reader = make_reader(io.BytesIO(reel.content))
     files = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
-    assert set(files) == {"layout.lichtblick.json", "layout.foxglove.json", "rallies.arrow"}
+    assert set(files) == {*LAYOUTS, "rallies.arrow"}
     rows = pa.ipc.open_file(files["rallies.arrow"]).read_all()
     assert rows["number"].to_pylist() == reel.numbers
     (facts,) = (found.metadata for found in reader.iter_metadata())
