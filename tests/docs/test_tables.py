@@ -22,9 +22,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of all pages, which the tool takes for those of the repository."""
-    for path in (path for pattern in ("*.md", "docs/*.md", "benchmarks/*.md") for path in tables.ROOT.glob(pattern)):
+    for path in (path for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md") for path in tables.ROOT.glob(pattern)):
         copy = tmp_path / path.relative_to(tables.ROOT)
-        copy.parent.mkdir(exist_ok=True)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, copy)
     monkeypatch.setattr(tables, "ROOT", tmp_path)
     return tmp_path
@@ -56,7 +56,7 @@ def test_short_ranking_of_a_run(run: Path) -> None:
     assert set(shown) == {"`minimax`", "`bc`", "`random`"}
     assert all(len(row) == len(lines[0]) for row in lines)
     assert (shown["`bc`"][2], shown["`bc`"][5]) == ("50.0 %", "0.000")
-    assert shown["`minimax`"][2:] == ["70.8 %", "0.000", "0.847"]
+    assert shown["`minimax`"][2:] == ["67.2 %", "65.6 % (62.6 to 68.7)", "0.000", "0.777"]
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
