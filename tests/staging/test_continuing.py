@@ -134,10 +134,10 @@ def test_what_cannot_be_continued(played: list[PlayedRally]) -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_branches_keep_all_limits(played: list[PlayedRally]) -> None:
+def test_random_branches_keep_all_limits(played: list[PlayedRally]) -> None:
     rng = np.random.default_rng(3)
     done = 0
-    while done < 1000:
+    while done < 200:
         rally = played[int(rng.integers(len(played)))]
         motion = stage(rally, seed=int(rng.integers(1 << 30)), handedness=HANDS[done % 2], athletes=("male", "female"))
         for _ in range(20):
