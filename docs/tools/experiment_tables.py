@@ -56,7 +56,7 @@ def next_strokes() -> str:
 
 
 def recipes() -> str:
-    """What the recipes for other libraries reached."""
+    """Results of the recipes for other libraries."""
     result = saved("experiments", "recipes")
     rows = []
     for name, found in result["recipes"].items():

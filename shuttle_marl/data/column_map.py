@@ -45,7 +45,7 @@ COLUMNS: Final[dict[str, str]] = {
         for axis in "xy"
     },
 }  # fmt: skip
-"""What a column can hold, by the name used here."""
+"""Contents of a column, by the name used here."""
 REQUIRED: Final = ("match", "rally", "player", "shot")
 _COORDINATES: Final = ("striker", "court")
 FAULTS: Final = ("out", "net", "short", "foul")

@@ -204,7 +204,7 @@ class ImitatorNetworks:
         return out
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """What a file holds, by name."""
+        """Arrays of a file, by name."""
         weights = {f"members.{name}": weight.numpy() for name, weight in self.members.state_dict().items()}
         return {"mean": self.mean, "scale": self.scale, "cuts": self.cuts, **weights}
 

@@ -114,7 +114,7 @@ class ImitatorTrees:
         return out
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """What a file holds, by name."""
+        """Arrays of a file, by name."""
         named = {"types": self.types, "areas": self.areas}
         return {
             "cuts": self.cuts,

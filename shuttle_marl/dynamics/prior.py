@@ -35,7 +35,7 @@ _WIDEST: Final = 4.0
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Prior:
-    """What a fit starts from.
+    """Starting point of a fit.
 
     Attributes:
         folder: of the model.

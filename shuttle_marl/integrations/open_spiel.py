@@ -31,7 +31,7 @@ __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 NAME: Final = "python_shuttle_marl_rally"
 _DEFAULTS: Final[dict[str, Any]] = {"model": "default", "profile": "", "server": -1, "max_strokes": 0}
 _LONGEST: Final = 100_000
-"""What OpenSpiel is told of rallies without a limit; the probability of longer ones is not worth a number."""
+"""Limit that OpenSpiel is told of rallies without one; the probability of longer ones is not worth a number."""
 _STROKE: Final = -1
 """Value of ``pair`` where a stroke is due and not its outcome."""
 

@@ -31,7 +31,7 @@ from shuttle_marl.tensor_files import parsed, read_tensors
 
 Floats = npt.NDArray[np.float64]
 Inputs = Literal["observation", "tokens"]
-"""What a network reads: the vector of ``rally_v0``, or the six integers of the batched environments."""
+"""Input of a network: the vector of ``rally_v0``, or the six integers of the batched environments."""
 
 FUNCTIONS: Final[dict[str, Callable[[Floats], Floats]]] = {
     "relu": lambda x: np.maximum(x, 0.0),

@@ -57,7 +57,7 @@ class Physique:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Known:
-    """What of a trajectory is known already.
+    """Known part of a trajectory.
 
     Attributes:
         trajectory: the rally so far.

@@ -1,4 +1,4 @@
-"""What players do all the time: they breathe, shift their weight, and turn the racket in the hand; tired ones breathe harder.
+"""Habits of players: they breathe, shift their weight, and turn the racket in the hand; tired ones breathe harder.
 
 It is added to the pose between key poses, and vanishes at the player's own contacts, where the racket has to meet the shuttle.
 All of it is a function of the time and of what has happened until then, so that a continued motion goes through it evenly.
@@ -34,7 +34,7 @@ _MOST_EFFORT: Final = 6
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Habits:
-    """What is added over F frames, for a player in their own frame, as a right-hander.
+    """Movement added over F frames, for a player in their own frame, as a right-hander.
 
     Attributes:
         pose: ``[F, 27]`` to trunk and arms [rad].

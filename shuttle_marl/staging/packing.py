@@ -36,7 +36,7 @@ _LARGEST: Final = 1 << 26
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Frames:
-    """What is packed for every frame: F frames, two players.
+    """Numbers packed for every frame: F frames, two players.
 
     Attributes:
         hips: ``[F, 2, 3]`` where the hips are [m].
@@ -72,7 +72,7 @@ def write(head: dict[str, Any], frames: Frames) -> bytes:
 
 
 def read_head(content: bytes) -> tuple[dict[str, Any], memoryview]:
-    """What stands in front of a packed motion, and the bytes behind it.
+    """Head of a packed motion, and the bytes behind it.
 
     Raises:
         StagingError: not a packed motion, of another version, cut off or damaged.

@@ -95,7 +95,7 @@ class Keys:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Past:
-    """What of the movements of a player stays as it is.
+    """Part of the movements of a player that stays as it is.
 
     Attributes:
         frame: the last frame that does.

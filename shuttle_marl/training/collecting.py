@@ -35,7 +35,7 @@ SEEDS: Final = 1 << 31
 
 
 class Observer:
-    """What the network sees of states, as tensors of a device.
+    """Input of the network for states, as tensors of a device.
 
     Args:
         game: the tables.
@@ -160,7 +160,7 @@ class RallyCollector(BaseCollector):
         return seed % SEEDS
 
     def state_dict(self) -> OrderedDict[str, Any]:
-        """What a resumed run needs: the states whose entries are asked for first."""
+        """State that a resumed run needs: the states whose entries are asked for first."""
         return OrderedDict(known=torch.from_numpy(self.sampler.known.copy()), iteration=torch.tensor(self.iteration))
 
     def load_state_dict(self, state_dict: OrderedDict[str, Any]) -> None:

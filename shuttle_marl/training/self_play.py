@@ -84,7 +84,7 @@ class SelfPlay:
         self._sampler.assign(np.where(chosen, (turn - 1) % opponents, -1))
 
     def state(self) -> Tensors:
-        """What a resumed run needs that does not follow from its weights."""
+        """State that a resumed run needs and that does not follow from its weights."""
         return {f"pool.{slot}.{name}": part for slot, weights in enumerate(self._pool) for name, part in weights.items()}
 
     def restore(self, tensors: Tensors) -> None:

@@ -43,7 +43,7 @@ class _Wanted:
 
 
 class Answers:
-    """What a server knows and does.
+    """Knowledge and actions of a server.
 
     Args:
         tables: of the game and its policies.

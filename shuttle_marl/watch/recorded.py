@@ -39,7 +39,7 @@ class Recorded(Protocol):
 
     @property
     def title(self) -> str:
-        """What they are, in words."""
+        """Description in words."""
         ...
 
     def rally(self, number: int) -> Rally:

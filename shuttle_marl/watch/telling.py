@@ -69,7 +69,7 @@ def _athlete(name: str, right_handed: bool) -> dict[str, Any]:
 
 
 def stroke_facts(game: Game, stroke: int, seat: int) -> dict[str, Any]:
-    """What a stroke of the catalogue is, and the area on the court that it is meant for: ``[x0, x1, y0, y1]`` [m]."""
+    """Words for a stroke of the catalogue, and the area on the court that it is meant for: ``[x0, x1, y0, y1]`` [m]."""
     catalogue, sign = game.catalogue, facing(seat)
     (x0, x1), (y0, y1) = area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
     xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))

@@ -100,7 +100,7 @@ class Worth:
         return Players(tables=(first, second), value=self._tables.values(sides))
 
     def analysis(self, rally: Rally, players: "Players") -> dict[str, Any]:
-        """What every stroke of a rally was worth; see ``docs/watch.md``."""
+        """Worth of every stroke of a rally; see ``docs/watch.md``."""
         strokes, landings = [], []
         shares: tuple[list[float], list[float]] = ([], [])
         odds = match_odds(players.value, rally.score)
