@@ -1,0 +1,107 @@
+"""Equilibria and rankings of small games between policies, against known answers and OpenSpiel."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.league.meta_games import MetaGameError, alpha_rank, maximal_lottery, nash, nash_average, uniform
+
+ROCK_PAPER_SCISSORS = np.array([[0.0, -1, 1], [1, 0, -1], [-1, 1, 0]])
+TRANSITIVE = np.array([[0.0, 1, 2], [-1, 0, 1], [-2, -1, 0]])
+
+
+def _with_copy(payoff: np.ndarray) -> np.ndarray:
+    """The game with its first policy entered twice."""
+    order = [0, *range(len(payoff))]
+    return payoff[np.ix_(order, order)]
+
+
+def test_nash_of_known_games() -> None:
+    found = nash(ROCK_PAPER_SCISSORS)
+    assert np.allclose(found.row, 1 / 3)
+    assert np.allclose(found.column, 1 / 3)
+    assert abs(found.value) < 1e-9
+    assert np.allclose(nash(TRANSITIVE).row, [1, 0, 0])
+    # A game without symmetry, by hand.
+    found = nash([[3, -1], [-2, 4]])
+    assert np.allclose(found.row, [0.6, 0.4])
+    assert np.allclose(found.column, [0.5, 0.5])
+    assert found.value == pytest.approx(1.0)
+
+
+def test_nash_averages_of_known_games() -> None:
+    assert np.allclose(nash_average(ROCK_PAPER_SCISSORS), 1 / 3, atol=1e-9)
+    assert np.allclose(nash_average(TRANSITIVE), [1, 0, 0], atol=1e-9)
+    assert np.allclose(nash_average(np.zeros((4, 4))), 1 / 4, atol=1e-12)
+    # Copies share what one would have: the equilibrium is that of the game without the copy.
+    assert np.allclose(nash_average(_with_copy(ROCK_PAPER_SCISSORS)), [1 / 6, 1 / 6, 1 / 3, 1 / 3], atol=1e-9)
+    assert np.allclose(nash_average(_with_copy(TRANSITIVE)), [1 / 2, 1 / 2, 0, 0], atol=1e-9)
+    # One who loses to all changes nothing.
+    weak = np.pad(ROCK_PAPER_SCISSORS, (0, 1))
+    weak[:3, 3], weak[3, :3] = 1, -1
+    assert np.allclose(nash_average(weak), [1 / 3, 1 / 3, 1 / 3, 0], atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 7), st.integers(0, 2**32 - 1), st.booleans())
+def test_nash_average_is_an_equilibrium_that_treats_copies_alike(n: int, seed: int, whole: bool) -> None:
+    rng = np.random.default_rng(seed)
+    raw = rng.integers(-3, 4, (n, n)).astype(float) if whole else rng.normal(size=(n, n))
+    payoff = raw - raw.T
+    p = nash_average(payoff)
+    assert p.sum() == pytest.approx(1)
+    assert (p >= 0).all()
+    assert (p @ payoff).min() > -1e-6 * max(1, np.abs(payoff).max())
+    copied = nash_average(_with_copy(payoff))
+    assert copied[0] == pytest.approx(copied[1], abs=1e-6)
+    entropy = -np.sum(p * np.log(np.maximum(p, 1e-300)))
+    other = nash(payoff).row
+    assert entropy >= -np.sum(other * np.log(np.maximum(other, 1e-300))) - 1e-6
+
+
+def test_nash_average_has_most_entropy() -> None:
+    # Policies 2 and 3 are copies but for a third that beats both alike: equilibria form an edge, of which this is the middle.
+    payoff = np.array([[0, 1, -1, -1], [-1, 0, 1, 1], [1, -1, 0, 0], [1, -1, 0, 0]], dtype=float)
+    assert np.allclose(nash_average(payoff), [1 / 3, 1 / 3, 1 / 6, 1 / 6], atol=1e-9)
+
+
+def test_maximal_lotteries_of_known_games() -> None:
+    # Eleven votes of two to one in a circle, whatever the number of votes of a pair.
+    votes = np.array([[0.0, 4, 8], [8, 0, 4], [4, 8, 0]])
+    assert np.allclose(maximal_lottery(votes), 1 / 3, atol=1e-9)
+    assert np.allclose(maximal_lottery([[0, 6, 9], [4, 0, 7], [1, 3, 0]]), [1, 0, 0], atol=1e-9)
+    # Unequal margins in a circle: policy i is drawn in proportion to the margin of the pair without it.
+    margins = np.array([[0.0, 3, -1], [-3, 0, 2], [1, -2, 0]])
+    assert np.allclose(maximal_lottery(np.maximum(margins, 0)), np.array([2, 1, 3]) / 6, atol=1e-9)
+
+
+def test_alpha_rank_of_known_games() -> None:
+    assert np.allclose(alpha_rank(ROCK_PAPER_SCISSORS), 1 / 3)
+    assert np.allclose(alpha_rank(ROCK_PAPER_SCISSORS, alpha=np.inf), 1 / 3)
+    assert np.allclose(alpha_rank(TRANSITIVE), [1, 0, 0], atol=1e-9)
+    assert np.allclose(uniform(TRANSITIVE), 1 / 3)
+    with_copy = alpha_rank(_with_copy(ROCK_PAPER_SCISSORS))
+    assert with_copy[0] == pytest.approx(with_copy[1])
+    assert alpha_rank([[0.0]]).tolist() == [1.0]
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0, np.inf])
+@pytest.mark.parametrize("seed", range(3))
+def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
+    theirs = pytest.importorskip("open_spiel.python.egt.alpharank")
+    raw = np.random.default_rng(seed).normal(size=(6, 6))
+    payoff = raw - raw.T if seed else raw
+    infinite = bool(np.isinf(alpha))
+    _, _, expected, _, _ = theirs.compute(
+        [payoff], m=20, alpha=1.0 if infinite else alpha, use_inf_alpha=infinite, inf_alpha_eps=0.02
+    )
+    assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20, noise=0.02), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [[[0, np.nan], [0, 0]], [[0, 1, 2], [1, 0, 1]], [[]], [[0, 1], [1, 0]]])
+def test_what_makes_no_game_is_refused(wrong: list[list[float]]) -> None:
+    with pytest.raises(MetaGameError):
+        nash_average(wrong)
+    with pytest.raises(MetaGameError, match="alpha"):
+        alpha_rank(TRANSITIVE, alpha=0)
