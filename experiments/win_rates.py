@@ -27,10 +27,11 @@ from rich.table import Table
 
 from experiments.spread import IQM, mean_and_deviation
 from experiments.training_runs import save_results, train_all
-from shuttle_marl import exact, runs
+from shuttle_marl import runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.away import Values, of_pair, over
+from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game import load_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of
@@ -152,11 +153,14 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
         named.setdefault(agent, []).append(f"agent:{run.out}/agent")
     refits = refits_of(game)
     rows, matrix = [], {}
+    known: dict[str, dict[str, float]] = {}
     for row, names in track(named.items(), "matches", console=console, transient=True):
         found, against, policies = [], [], []
         for seed, name in enumerate(names):
             policy = tabulate(resolve(name, game), game, name)
-            figures = dataclasses.asdict(evaluator.evaluate(policy))
+            # Rows without training play the same policy with every seed.
+            figures = known.get(policy.hash) or dataclasses.asdict(evaluator.evaluate(policy))
+            known[policy.hash] = figures
             found.append({"seed": seed, "matches_won": share_won(name, config, seed, folder), **figures})
             against.append(_match_odds(policy, others))
             policies.append(policy)
@@ -198,17 +202,17 @@ def _out(run: TrainingConfig) -> Path:
 
 def _away(policies: Sequence[TabulatedPolicy], opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
     """``rally_win`` and ``match_win`` of a row's policies against the opponent in a refit, means over the seeds."""
-    # Rows without training play the same policy with every seed.
     found = [of_pair(policy, opponent, refit) for policy in {policy.hash: policy for policy in policies}.values()]
     return {name: float(np.mean([odds[name] for odds in found])) for name in found[0]}
 
 
 def _match_odds(policy: TabulatedPolicy, others: dict[str, TabulatedPolicy]) -> dict[str, float]:
-    return {name: exact.evaluate(policy, other).odds().match() for name, other in others.items()}
+    found = pair_odds([(policy, other) for other in others.values()])
+    return {name: odds.match() for name, odds in zip(others, found, strict=True)}
 
 
 def _exploitability(game: Game, name: str) -> float:
-    return exact.best_response(tabulate(resolve(name, game), game, name)).value.odds().value
+    return best_odds([tabulate(resolve(name, game), game, name)])[0].value
 
 
 def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[list[dict[str, float]]]]:

@@ -154,7 +154,7 @@ def evaluate(
     console = cli.console()
     console.print(cli.scorecards(cards))
     console.print(cli.play(cards))
-    best = scorer.reference_response.value.odds()
+    best = scorer.reference_best
     console.print(
         f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
         "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play. "

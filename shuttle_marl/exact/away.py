@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate
 from shuttle_marl.game.rally import Game
@@ -83,7 +84,7 @@ def moved(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
 
 def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
     """``rally_win`` and ``match_win`` of a policy against another in a refit."""
-    odds = evaluate(moved(policy, refit), moved(opponent, refit)).odds()
+    (odds,) = pair_odds([(moved(policy, refit), moved(opponent, refit))])
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 

@@ -118,7 +118,7 @@ class TabulatedPolicy:
     game: Game
     cumulative: npt.NDArray[np.uint16]
 
-    @property
+    @functools.cached_property
     def hash(self) -> str:
         """SHA-256 of the table, hexadecimal."""
         return hashlib.sha256(self.cumulative.tobytes()).hexdigest()

@@ -7,9 +7,7 @@ swapped seats. Exact figures are the limits of the samples after infinitely many
 
 import dataclasses
 import math
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Final
 
@@ -97,7 +95,7 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
 
 
 def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> ExactOdds:
-    from shuttle_marl.exact import crossplay, nash_conv  # noqa: PLC0415  numba
+    from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     at, policies = list(tables), list(tables.values())
@@ -108,8 +106,7 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
     odds = crossplay(policies if scorer is None else [*policies, scorer.reference])
     match, exploitability, normalised = blank.match.copy(), blank.exploitability.copy(), blank.normalised_score.copy()
     match[np.ix_(at, at)] = odds.match()[: len(at), : len(at)]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        exploitability[at] = [found.exploitability for found in threads.map(nash_conv, policies)]
+    exploitability[at] = [odds.value for odds in best_odds(policies)]
     if scorer is not None:
         scores = [scorer.normalised(float(share)) for share in odds.rally[: len(at), -1]]
         normalised[at] = [np.nan if score is None else score for score in scores]
@@ -121,8 +118,8 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
 
 def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "Spread":
     """``[N]`` share of the matches won against all others in refits; NaN without a table."""
-    from shuttle_marl.exact import crossplay  # noqa: PLC0415  numba
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
+    from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
 
     def shares(refit: Game) -> "dict[str, Values]":
         odds = crossplay([moved(table, refit) for table in tables.values()], tolerance=_AWAY)

@@ -16,9 +16,10 @@ from scipy.stats import binomtest
 
 from shuttle_marl.exact.away import Spread, moved, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.match import normalised_score
+from shuttle_marl.exact.known import best_odds
+from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.occupancy import Visits, visits
-from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
+from shuttle_marl.exact.optimal import Solution, best_response, policy_regret, solve
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
@@ -141,13 +142,13 @@ class Scorer:
         return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
 
     @functools.cached_property
-    def reference_response(self) -> Response:
-        """The best response to ``bc``."""
-        return best_response(self.reference, tolerance=self.tolerance)
+    def reference_best(self) -> Odds:
+        """Odds of the best response to ``bc`` against it."""
+        return best_odds([self.reference], tolerance=self.tolerance)[0]
 
     def normalised(self, rally_win_vs_bc: float) -> float | None:
         """The normalised score of a probability to win a rally against ``bc``; None if nothing beats ``bc``."""
-        best = self.reference_response.value.odds()
+        best = self.reference_best
         # bc wins exactly half of the rallies against itself.
         return normalised_score(rally_win_vs_bc, 0.5, best.rally, error_bound=best.error_bound)
 
@@ -176,7 +177,7 @@ class Scorer:
         loss = policy_regret(policy, solution=self.solution, tolerance=self.tolerance)
         seen = visits(policy, self.reference, tolerance=self.tolerance)
         endings = dict(zip(_ENDINGS, seen.endings().values(), strict=True))
-        score, best = self.normalised(odds.rally), self.reference_response.value.odds()
+        score, best = self.normalised(odds.rally), self.reference_best
         bounds = [
             odds.error_bound,
             answer.value.error_bound,

@@ -2,9 +2,9 @@
 
 import functools
 import hashlib
-from pathlib import Path
 from typing import Final
 
+from shuttle_marl.exact.sources import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
@@ -21,14 +21,14 @@ def minimax_policy(game: Game) -> TabulatedPolicy:
     """The minimax policy of a game, solved once."""
     from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba, only when it is asked for
 
-    return cached_table(game, f"minimax {_solvers()}", lambda: solve(game).policy[0])
+    return cached_table(game, f"minimax {solvers_hash()}", lambda: solve(game).policy[0])
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
     """The best response to a policy."""
     from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba, only when it is asked for
 
-    return cached_table(policy.game, f"best-response {policy.hash} {_solvers()}", lambda: best_response(policy).policy)
+    return cached_table(policy.game, f"best-response {policy.hash} {solvers_hash()}", lambda: best_response(policy).policy)
 
 
 @functools.lru_cache(maxsize=4)
@@ -43,7 +43,7 @@ def robust_policy(game: Game) -> TabulatedPolicy:
     others = refits_of(game)
     if not others:
         raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
-    decided_by = " ".join(["robust", *(other.hash for other in others), _solvers()])
+    decided_by = " ".join(["robust", *(other.hash for other in others), solvers_hash()])
     return cached_table(game, decided_by, lambda: solve_robust([game, *others]).policy)
 
 
@@ -67,16 +67,9 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     who = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
     return cached_table(
         game,
-        f"human {tau!r} {who} {_solvers()}",
+        f"human {tau!r} {who} {solvers_hash()}",
         lambda: from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability),
     )
-
-
-@functools.cache
-def _solvers() -> str:
-    """Hash of the source code that solves: what another version solved is not read."""
-    sources = sorted(Path(__file__).parents[1].joinpath("exact").glob("*.py"))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
 
 
 def load_minimax(kind: str | None, game: Game) -> Policy:

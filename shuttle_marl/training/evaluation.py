@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl import exact
+from shuttle_marl.exact.known import best_odds
 from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -80,14 +81,14 @@ class Evaluator:
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
             normalised_score=float(np.mean(scores)) if scores else None,
-            exploitability=exact.best_response(policy, tolerance=_TOLERANCE).value.odds().value,
+            exploitability=best_response(policy, tolerance=_TOLERANCE).value.odds().value,
         )
 
 
 # Opponents are few, and the same ones in all runs of a study.
 @functools.lru_cache(maxsize=8)
 def _best_odds(opponent: TabulatedPolicy) -> Odds:
-    return exact.best_response(opponent).value.odds()
+    return best_odds([opponent])[0]
 
 
 @functools.lru_cache(maxsize=2)

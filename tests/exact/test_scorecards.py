@@ -65,7 +65,7 @@ def test_the_figures_of_one_policy() -> None:
     assert card.exploitability == pytest.approx(nash_conv(policy).exploitability, abs=1e-12)
     won = card.endings_vs_bc["own winner"] + card.endings_vs_bc["fault of the opponent"]
     assert won == pytest.approx(card.rally_win_vs_bc, abs=1e-8)
-    best = SCORER.reference_response.value.odds().rally
+    best = SCORER.reference_best.rally
     assert card.normalised_score == pytest.approx((odds.rally - 0.5) / (best - 0.5), abs=1e-12)
     assert card.gap_at_serve >= card.regret_per_rally / 2 - abs(solve(GAME).value[0][ROOT])
     assert set(card.as_json()) >= {"policy", "rally_win_vs_bc", "match_win_vs_bc", "exploitability", "normalised_score"}

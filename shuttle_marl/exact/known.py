@@ -1,0 +1,188 @@
+"""Exact odds that were computed before, kept in the user's cache folder.
+
+A tournament of 17 solves 153 pairs, most of which the last tournament solved too. Each result is kept under a hash of all that
+decides it: the game, both policies, the tolerance, and the source code of the solvers. A damaged or unwritable cache costs time
+and nothing else.
+"""
+
+import contextlib
+import functools
+import hashlib
+import logging
+import os
+import sqlite3
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import platformdirs
+
+from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.optimal import best_response
+from shuttle_marl.exact.profile import Crossplay, evaluate_chains, induced
+from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.game.table import TabulatedPolicy
+
+Pair = tuple[TabulatedPolicy, TabulatedPolicy]
+
+_KEPT: Final = 200_000
+"""Results in the cache, about 20 MB; the oldest make room for others."""
+_WAIT_S: Final = 20.0
+"""How long to wait while another process writes."""
+_LOG: Final = logging.getLogger(__name__)
+
+
+def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Odds]:
+    """Odds of the first policy of each pair against the second; what is not known is solved on all cores.
+
+    Args:
+        pairs: each of one game.
+        tolerance: largest error bound of a value that is good enough.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    # A pair and the same pair the other way round are one problem.
+    ordered = [(a, b) if a.hash <= b.hash else (b, a) for a, b in pairs]
+    keys = [_key("pair", a.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
+    missing = dict(zip(keys, ordered, strict=True))
+
+    def solve(wanted: Sequence[bytes]) -> list[tuple[float, ...]]:
+        used = {id(policy): policy for key in wanted for policy in missing[key]}
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            chains = dict(zip(used, threads.map(induced, used.values()), strict=True))
+
+            def solve_one(key: bytes) -> tuple[float, ...]:
+                a, b = missing[key]
+                odds = evaluate_chains(chains[id(a)], chains[id(b)], tolerance=tolerance).odds()
+                return odds.serving, odds.receiving, odds.error_bound
+
+            return list(threads.map(solve_one, wanted))
+
+    found = []
+    for (first, _), (a, _), (serving, receiving, bound) in zip(pairs, ordered, _known(keys, solve), strict=True):
+        swapped = first is not a
+        found.append(
+            Odds(
+                serving=1 - receiving if swapped else serving,
+                receiving=1 - serving if swapped else receiving,
+                error_bound=bound,
+            )
+        )
+    return found
+
+
+def crossplay(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> Crossplay:
+    """:func:`shuttle_marl.exact.crossplay` of tabulated policies of one game; known pairs are read from the cache."""
+    n = len(policies)
+    rows, columns = np.triu_indices(n)
+    found = pair_odds(
+        [(policies[i], policies[j]) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)], tolerance=tolerance
+    )
+    serving = np.empty((n, n))
+    serving[columns, rows] = [1 - odds.receiving for odds in found]
+    serving[rows, columns] = [odds.serving for odds in found]
+    return Crossplay(serving=serving, error_bound=max((odds.error_bound for odds in found), default=0.0))
+
+
+def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> list[Odds]:
+    """Odds of the best response to each policy against that policy.
+
+    Args:
+        policies: each of one game.
+        tolerance: largest error bound of a value that is good enough.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    keys = [_key("best response", policy.game.hash, policy.hash, repr(tolerance)) for policy in policies]
+    by_key = dict(zip(keys, policies, strict=True))
+
+    def solve_one(key: bytes) -> tuple[float, ...]:
+        odds = best_response(by_key[key], tolerance=tolerance).value.odds()
+        return odds.serving, odds.receiving, odds.error_bound
+
+    def solve(wanted: Sequence[bytes]) -> list[tuple[float, ...]]:
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            return list(threads.map(solve_one, wanted))
+
+    found = _known(keys, solve)
+    return [Odds(serving=serving, receiving=receiving, error_bound=bound) for serving, receiving, bound in found]
+
+
+def _key(*parts: str) -> bytes:
+    return hashlib.sha256(" ".join([*parts, solvers_hash()]).encode()).digest()
+
+
+def _known(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[tuple[float, ...]]]) -> list[tuple[float, ...]]:
+    """Results by their keys: from the cache, or solved and kept there."""
+    found = dict(_read(list(dict.fromkeys(keys))))
+    missing = [key for key in dict.fromkeys(keys) if key not in found]
+    if missing:
+        solved = dict(zip(missing, solve(missing), strict=True))
+        _keep(solved)
+        found |= solved
+    return [found[key] for key in keys]
+
+
+def _path() -> Path:
+    return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "odds.sqlite"
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
+        database.execute("CREATE TABLE IF NOT EXISTS result (key BLOB PRIMARY KEY, numbers BLOB NOT NULL)")
+        yield database
+
+
+def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, tuple[float, ...]]]:
+    path = _path()
+    if not path.is_file():
+        return
+    try:
+        with _opened(path) as database:
+            for key in keys:
+                row = database.execute("SELECT numbers FROM result WHERE key = ?", (key,)).fetchone()
+                if row and (numbers := _unpacked(key, row[0])) is not None:
+                    yield key, numbers
+    except sqlite3.OperationalError as error:
+        _say_once(f"{path}: {error}. Exact odds are solved again")
+    except sqlite3.DatabaseError:  # damaged: made again
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def _keep(solved: dict[bytes, tuple[float, ...]]) -> None:
+    path = _path()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _opened(path) as database, database:
+            rows = [(key, _packed(key, numbers)) for key, numbers in solved.items()]
+            database.executemany("INSERT OR REPLACE INTO result VALUES (?, ?)", rows)
+            database.execute("DELETE FROM result WHERE rowid <= (SELECT MAX(rowid) FROM result) - ?", (_KEPT,))
+    except (sqlite3.Error, OSError) as error:
+        _say_once(f"{path}: {error}. Exact odds are solved again by every command")
+
+
+def _packed(key: bytes, numbers: tuple[float, ...]) -> bytes:
+    body = struct.pack(f"<{len(numbers)}d", *numbers)
+    return struct.pack("<I", zlib.crc32(key + body)) + body
+
+
+def _unpacked(key: bytes, packed: object) -> tuple[float, ...] | None:
+    """The numbers; None if they are damaged."""
+    if not isinstance(packed, bytes) or len(packed) % 8 != 4:
+        return None
+    (crc,), body = struct.unpack("<I", packed[:4]), packed[4:]
+    return struct.unpack(f"<{len(body) // 8}d", body) if crc == zlib.crc32(key + body) else None
+
+
+@functools.cache
+def _say_once(message: str) -> None:
+    _LOG.warning(message)
