@@ -51,6 +51,16 @@ def figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def check_format(path: Path) -> None:
+    """Refuse a file whose suffix is of no known format.
+
+    Raises:
+        AnalysisError: it is not.
+    """
+    if path.suffix not in _FORMATS:
+        raise AnalysisError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
+
+
 def save(drawn: Any, path: Path) -> None:
     """Write a figure as PNG, SVG or PDF.
 
@@ -58,8 +68,7 @@ def save(drawn: Any, path: Path) -> None:
         AnalysisError: the suffix is of no known format.
         FileWriteError: the file cannot be written.
     """
-    if path.suffix not in _FORMATS:
-        raise AnalysisError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
+    check_format(path)
     with io.BytesIO() as buffer:
         drawn.savefig(buffer, format=path.suffix[1:], dpi=110)
         replace_file(path, buffer.getvalue())

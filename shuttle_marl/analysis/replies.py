@@ -52,15 +52,25 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
         ExactError: the two strokes never follow each other.
     """
     game = solution.games[0]
+    edges = edges_of(game, incoming, own)
+    # Rested players, and no duel: the states of the first block.
+    below, above = (_aim(game, solution.value[1], 2 * edges + contact) for contact in (0, 1))
+    return below, above
+
+
+def edges_of(game: Game, incoming: int, own: int | None = None) -> npt.NDArray[np.intp]:
+    """Edges on which a stroke comes in: after one's own last stroke, or after any (None).
+
+    Raises:
+        ExactError: the two strokes never follow each other.
+    """
     edges = np.flatnonzero(game.edge_incoming == incoming)
     if own is not None:
         edges = edges[game.edge_own[edges] == own]
     if not len(edges):
         after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
         raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
-    # Rested players, and no duel: the states of the first block.
-    below, above = (_aim(game, solution.value[1], 2 * edges + contact) for contact in (0, 1))
-    return below, above
+    return edges
 
 
 def _aim(game: Game, following: Floats, states: npt.NDArray[np.intp]) -> Aim:

@@ -60,12 +60,13 @@ def solve(
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     tables = resolve_game(game, profile)
+    strokes = _strokes_to_plot(tables, plot, incoming, own)
     warm_up(tables)
     begun = time.perf_counter()
     solution = solve_game(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
-    if incoming is not None or own is not None or plot is not None:
-        _plot(solution, plot, incoming, own)
+    if plot is not None:
+        _plot(solution, plot, *strokes)
     others = refits_of(tables) if away else ()
     spreads = over(others, functools.partial(of_solution, solution)) if others else None
     figures = {
@@ -346,22 +347,35 @@ def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, 
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _plot(solution: Any, path: Path | None, incoming: str | None, own: str | None) -> None:
-    from shuttle_marl.analysis.replies import plot, stroke_index  # noqa: PLC0415
-    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
+def _strokes_to_plot(game: "Game", path: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
+    """Check what is to be drawn before anything is computed; catalogue indices of the incoming and of one's own stroke."""
+    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.analysis.replies import edges_of, stroke_index  # noqa: PLC0415
 
     if path is None:
-        raise ExactError("--incoming and --own choose what is drawn; name the picture with --plot FILE")
-    tables = solution.games[0]
+        if incoming is not None or own is not None:
+            raise ExactError("--incoming and --own choose what is drawn; name the picture with --plot FILE")
+        return None, None
+    pictures.check_format(path)
+    pictures.figure(1, 1)  # fails where matplotlib is not installed
+    chosen = tuple(None if name is None else stroke_index(game, name) for name in (incoming, own))
+    if chosen[0] is not None:
+        edges_of(game, chosen[0], chosen[1])
+    return chosen[0], chosen[1]
+
+
+def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
+    from shuttle_marl.analysis.replies import plot  # noqa: PLC0415
+    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
+
     if incoming is None:
         import numpy as np  # noqa: PLC0415
 
+        tables = solution.games[0]
         there = tables.incoming(np.arange(tables.n_states))
         seen = np.bincount(there, visits(*solution.policy).states[0], tables.n_strokes + 1)
-        shown = int(seen[: tables.n_strokes].argmax())
-    else:
-        shown = stroke_index(tables, incoming)
-    plot(solution, path, shown, None if own is None else stroke_index(tables, own))
+        incoming = int(seen[: tables.n_strokes].argmax())
+    plot(solution, path, incoming, own)
 
 
 def _check_some(policies: Sequence[str]) -> None:

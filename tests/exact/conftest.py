@@ -1,34 +1,34 @@
-"""The shipped game, solved once."""
+"""A small game with everything that the shipped one has, solved once, and its average player."""
 
 import pytest
 from value_iteration import ValueIteration
 
 from shuttle_marl.exact import Solution, solve
 from shuttle_marl.game.rally import Game
-from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.policy.bc import load
+from tests.reduced import reduced_game
 
 
 @pytest.fixture(scope="session")
-def shipped() -> Game:
-    """The shipped game."""
-    return default_game()
+def small() -> Game:
+    """The game."""
+    return reduced_game()
 
 
 @pytest.fixture(scope="session")
-def solution(shipped: Game) -> Solution:
-    """The shipped game, solved."""
-    return solve(shipped)
+def solution(small: Game) -> Solution:
+    """The game, solved."""
+    return solve(small)
 
 
 @pytest.fixture(scope="session")
-def bc(shipped: Game) -> TabulatedPolicy:
+def bc(small: Game) -> TabulatedPolicy:
     """The behaviour-cloned average player."""
-    return load(None, shipped)
+    return load(None, small)
 
 
 @pytest.fixture(scope="session")
-def oracle(shipped: Game) -> ValueIteration:
-    """An independent solver of the shipped game."""
-    return ValueIteration(shipped)
+def oracle(small: Game) -> ValueIteration:
+    """An independent solver of the game."""
+    return ValueIteration(small)

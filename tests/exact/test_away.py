@@ -11,18 +11,18 @@ from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
 from shuttle_marl.exact.away import moved, over, spread
 from shuttle_marl.exact.fixed_point import newton
-from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
+GAME = reduced_game()
 
 
 @pytest.fixture(scope="module")
 def refits() -> tuple[Game, ...]:
-    """Two games of the shipped layout."""
+    """Two games of its layout."""
     return with_probabilities(GAME, 1), with_probabilities(GAME, 2)
 
 
@@ -59,7 +59,7 @@ def test_a_scorecard_has_figures_away(refits: tuple[Game, ...]) -> None:
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert commands.main(arguments) == 0
+    assert commands.main((*arguments, "--game", reduced_model())) == 0
     return capsys.readouterr().out
 
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
+GAME = reduced_game()
 SMASH = next(name for name in GAME.catalogue.names if name.startswith("smash:"))
 
 
@@ -29,7 +31,7 @@ def at_home(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(arguments) == 0, capsys.readouterr().err
+    assert main((*arguments, "--game", reduced_model())) == 0, capsys.readouterr().err
     return capsys.readouterr().out
 
 
@@ -49,6 +51,21 @@ def test_solve_prints_what_it_promises(capsys: pytest.CaptureFixture[str]) -> No
     coarse = json.loads(output(capsys, "solve", "--json", "--tolerance", "0.01"))
     assert coarse["sweeps"] < found["sweeps"]
     assert found["error_bound"] < coarse["error_bound"] <= 0.01
+
+
+def test_commands_play_the_shipped_game_unless_told_otherwise(capsys: pytest.CaptureFixture[str]) -> None:
+    def told(*arguments: str) -> Any:
+        assert main((*arguments, "--json")) == 0
+        return json.loads(capsys.readouterr().out)
+
+    game = default_game()
+    solved = told("solve", "--tolerance", "1e-4")
+    assert (solved["states"], solved["legal_pairs"]) == (game.n_states, game.n_pairs)
+    answer, odds, (card,) = told("best-response", "random"), told("crossplay", "bc", "random"), told("evaluate", "random")
+    assert card["exploitability"] == pytest.approx(answer["exploitability"], abs=1e-9)
+    assert card["rally_win_vs_bc"] == pytest.approx(odds["rally_win"][1][0], abs=1e-8)
+    assert card["match_win_vs_bc"] == pytest.approx(odds["match_win"][1][0], abs=1e-6)
+    assert card["gap_at_serve"] > solved["value_at_serve"]
 
 
 def test_solve_for_people(capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,7 +128,7 @@ def test_sampled_rallies_are_recorded(capsys: pytest.CaptureFixture[str], reader
         assert np.mean(mine.winner == seat) == pytest.approx(card["rally_win_vs_bc"], abs=1e-12)
         assert mine.length.mean() == pytest.approx(card["rally_length_vs_bc"], abs=1e-12)
     log.close()
-    assert recording(["check", "runs/evaluate-5.mcap"]) == 0
+    assert recording(["check", "runs/evaluate-5.mcap", "--game", reduced_model()]) == 0
     capsys.readouterr()
 
 

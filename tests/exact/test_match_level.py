@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import Solution, least_gain
+from shuttle_marl.exact import least_gain, solve
 from shuttle_marl.exact.match import match_table
+from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import Rules, match_win_probability
 
 SHORT = Rules(points=3, clear=2, cap=5, games=2)
@@ -22,9 +23,9 @@ def test_the_table_holds_the_exact_odds_at_every_score(serving: float, receiving
         assert lost + p * (won - lost) == pytest.approx(float(exact), abs=1e-12)
 
 
-def test_perfect_rallies_are_a_perfect_match(solution: Solution) -> None:
+def test_perfect_rallies_are_a_perfect_match() -> None:
     """In the shipped game a rally won never lowers the probability of winning the match, at any score and with either server."""
-    value = solution.value_at_serve
+    value = solve(default_game()).value_at_serve
     assert least_gain((1 + value) / 2, (1 - value) / 2) > 0
     assert least_gain((1 + value) / 2, (1 - value) / 2, Rules(points=11)) > 0
 

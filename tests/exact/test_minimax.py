@@ -67,9 +67,9 @@ def test_coarse_values_are_within_their_bound(game: Game) -> None:
         assert np.abs(coarse.value[0] - exact.value[0]).max() <= coarse.error_bound + exact.error_bound
 
 
-def test_the_bound_is_that_of_the_contraction(solution: Solution, shipped: Game) -> None:
-    good, returned, _ = shipped.stroke_probabilities()
-    rally = shipped.base(shipped.pair_state) >= 2
+def test_the_bound_is_that_of_the_contraction(solution: Solution, small: Game) -> None:
+    good, returned, _ = small.stroke_probabilities()
+    rally = small.base(small.pair_state) >= 2
     d = float((good * returned)[rally].max())
     assert solution.contraction == pytest.approx(d, abs=1e-12)
     assert solution.error_bound == pytest.approx(solution.residual * d / (1 - d), abs=1e-9)
@@ -80,9 +80,9 @@ def test_equal_to_plain_value_iteration(solution: Solution, oracle: ValueIterati
     assert np.abs(solution.value[0] - oracle.minimax).max() < 1e-7
 
 
-def test_two_equal_tables_are_the_symmetric_game(solution: Solution, shipped: Game) -> None:
-    copy = dataclasses.replace(shipped, threshold=shipped.threshold.copy())
-    asymmetric = solve(shipped, copy)
+def test_two_equal_tables_are_the_symmetric_game(solution: Solution, small: Game) -> None:
+    copy = dataclasses.replace(small, threshold=small.threshold.copy())
+    asymmetric = solve(small, copy)
     assert asymmetric.value_at_serve == pytest.approx(solution.value_at_serve, abs=2e-9)
     assert np.abs(asymmetric.value[0] - asymmetric.value[1]).max() < 2e-9
 
@@ -96,18 +96,16 @@ def test_no_policy_gains_against_minimax(solution: Solution) -> None:
     assert found.exploitability == found.nash_conv / 2
 
 
-def test_the_same_values_twice(solution: Solution, shipped: Game) -> None:
-    again = solve(shipped)
+def test_the_same_values_twice(solution: Solution, small: Game) -> None:
+    again = solve(small)
     assert np.array_equal(again.value[0], solution.value[0])
     assert np.array_equal(again.policy[0].cumulative, solution.policy[0].cumulative)
 
 
-def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, shipped: Game) -> None:
+def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, small: Game) -> None:
     p = solution.policy[0].pair_probabilities()
     assert set(np.unique(p)) == {0.0, 1.0}
-    assert np.array_equal(
-        np.bincount(shipped.pair_state, p, shipped.n_states), shipped.legal_count(np.arange(shipped.n_states)) > 0
-    )
+    assert np.array_equal(np.bincount(small.pair_state, p, small.n_states), small.legal_count(np.arange(small.n_states)) > 0)
 
 
 def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
@@ -126,12 +124,12 @@ def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
     assert serve_always_good.value[0][ROOT] == pytest.approx(expected, abs=2e-12)
 
 
-def test_games_of_different_layouts_are_refused(shipped: Game) -> None:
+def test_games_of_different_layouts_are_refused(small: Game) -> None:
     first, second = random_game(1, rallies=5), random_game(2, rallies=5)
     with pytest.raises(ExactError, match=r"different catalogues|differ in"):
         solve(first, second)
     with pytest.raises(ExactError, match="different catalogues"):
-        solve(shipped, first)
+        solve(small, first)
     moved = copy.copy(first)
     object.__setattr__(moved, "reply_start", first.reply_start + 1)  # no such game can be made
     with pytest.raises(ExactError, match="differ in reply_start"):

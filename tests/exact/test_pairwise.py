@@ -8,6 +8,7 @@ from exact_games import games, random_game, random_policy, seeds
 from hypothesis import given, settings
 
 from shuttle_marl.exact import ExactError, crossplay, evaluate
+from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
 from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
 from shuttle_marl.game.scoring import match_win_probability
@@ -36,18 +37,18 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
     assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
 
 
-def test_the_same_odds_twice_and_in_any_company(shipped: Game) -> None:
-    tables = [tabulate(resolve(name, shipped), shipped) for name in ("bc", "safe")]
+def test_the_same_odds_twice_and_in_any_company(small: Game) -> None:
+    tables = [tabulate(resolve(name, small), small) for name in ("bc", "safe")]
     table = crossplay(tables)
     assert np.array_equal(table.serving, crossplay(tables).serving)
     assert table.serving[0, 1] == pytest.approx(crossplay(tables[::-1]).serving[1, 0], abs=table.error_bound)
 
 
-def test_no_policies_and_other_games_are_refused(shipped: Game) -> None:
+def test_no_policies_and_other_games_are_refused(small: Game) -> None:
     with pytest.raises(ExactError, match="no policies"):
         crossplay([])
     with pytest.raises(ExactError, match="different catalogues"):
-        crossplay([tabulate(resolve("safe", shipped), shipped), random_policy(random_game(0), 0)])
+        crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])
 
 
 def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: int, key: int) -> int:
@@ -72,8 +73,8 @@ def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: in
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(NAMES, 2)))
-def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(shipped: Game, first: str, second: str) -> None:
-    policies = [tabulate(resolve(name, shipped), shipped) for name in (first, second)]
+def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(small: Game, first: str, second: str) -> None:
+    policies = [tabulate(resolve(name, small), small) for name in (first, second)]
     odds = evaluate(*policies).odds()
     rallies = 500_000
     serving = sampled_wins(policies[0], policies[1], rallies, NAMES.index(first)) / rallies
@@ -84,11 +85,17 @@ def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(shipped: Game, 
     assert abs(odds.rally - (serving + receiving) / 2) < Z * spread / rallies**0.5
 
 
-def test_matches_follow_from_rallies(shipped: Game) -> None:
-    tables = [tabulate(resolve(name, shipped), shipped) for name in NAMES]
+def test_matches_follow_from_rallies(small: Game) -> None:
+    tables = [tabulate(resolve(name, small), small) for name in NAMES]
     table = crossplay(tables)
     expected = match_win_probability(table.serving, 1 - table.serving.T)
     assert np.array_equal(table.match(), expected)
+
+
+def test_safe_play_leads_and_every_style_beats_random_play_in_the_shipped_game() -> None:
+    game = default_game()
+    table = crossplay([tabulate(resolve(name, game), game) for name in NAMES], tolerance=1e-3)
     order = np.argsort(table.match().mean(axis=1))
     assert NAMES[order[-1]] == "safe"
     assert NAMES[order[0]] == "random"
+    assert (table.rally[:-1, NAMES.index("random")] > 0.52).all()

@@ -1,4 +1,4 @@
-"""Profiles, best responses, exploitability, visits and regret, on random games and on the shipped one."""
+"""Profiles, best responses, exploitability, visits and regret, on random games and on a small sister of the shipped one."""
 
 import dataclasses
 
@@ -188,9 +188,9 @@ def test_visits_are_expected_numbers_of_strokes() -> None:
     assert visits(policy, policy, tolerance=1e-12).rally_length == pytest.approx(1 + 7 / 16 * (a + b), abs=1e-10)
 
 
-def test_policies_of_other_games_are_refused(shipped: Game, bc: TabulatedPolicy) -> None:
+def test_policies_of_other_games_are_refused(small: Game, bc: TabulatedPolicy) -> None:
     policy = random_policy(random_game(5), 0)
-    for call in (lambda: evaluate(bc, policy), lambda: visits(policy, bc), lambda: best_response(policy, game=shipped)):
+    for call in (lambda: evaluate(bc, policy), lambda: visits(policy, bc), lambda: best_response(policy, game=small)):
         with pytest.raises(ExactError, match="different catalogues"):
             call()
 

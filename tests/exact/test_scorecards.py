@@ -17,8 +17,9 @@ from shuttle_marl.league.entrants import ANCHORS, Entrant, default_pool, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer, sample
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
+GAME = reduced_game()
 SCORER = Scorer(GAME)
 
 
@@ -155,7 +156,9 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: object) -> Non
         file.write("player.reads_score = True\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path)
-        run = run_league(LeagueConfig(pool=("safe", "random", "my_sulker:player"), matches=60, out=tmp_path / "run"))
+        run = run_league(
+            LeagueConfig(pool=("safe", "random", "my_sulker:player"), matches=60, game=reduced_model(), out=tmp_path / "run")
+        )
     safe, random = (tabulate(resolve(name, GAME), GAME) for name in ("safe", "random"))
     exact = evaluate(safe, random).odds().match()
     rows = pyarrow.csv.read_csv(run.folder / "results.csv").to_pylist()

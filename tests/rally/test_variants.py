@@ -30,6 +30,7 @@ from shuttle_marl.policy import bc
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.tensor_files import Tensors, read_tensors
 from shuttle_marl.training import PPOConfig, train
+from tests.reduced import reduced_game, reduced_model
 
 
 def shaken(game: Game, seed: int, spread: float = 0.4) -> Game:
@@ -87,12 +88,18 @@ def test_steps_are_applied_in_whole_numbers() -> None:
     assert table[pair, 0] == (2 * inside * ONE + total) // (2 * total)
 
 
+@pytest.fixture(autouse=True)
+def the_same_origins_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A game is known to come from the folder where it was loaded last; here that is a copy."""
+    monkeypatch.setattr(shipped, "_ORIGINS", dict(shipped._ORIGINS))
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the shipped model with a profile and two refits."""
+    """A copy of the small model with a profile and two refits."""
     folder = tmp_path_factory.mktemp("made") / "model"
-    shutil.copytree(model_folder(), folder, ignore=shutil.ignore_patterns("agents", VARIANTS))
-    game = load_game()
+    shutil.copytree(reduced_model(), folder, ignore=shutil.ignore_patterns(VARIANTS))
+    game = reduced_game()
     replace_file(folder / VARIANTS, packed(game, {name: shaken(game, i) for i, name in enumerate(["men", "1", "2"])}))
     header, arrays = read_tensors(folder / BC)
     tilted = (arrays["log_choice"] * 2).astype(np.float16)
@@ -232,12 +239,15 @@ def test_what_unpacks_to_more_than_a_table_is_refused_before_it_does() -> None:
         unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1")
 
 
-def test_the_file_is_the_same_in_another_process() -> None:
-    game = load_game()
-    content = packed(game, {"men": shaken(game, 5), "1": shaken(game, 6)})
+def test_the_file_is_the_same_in_another_process(tmp_path: Path) -> None:
+    game = reduced_game()
+    games = {"men": shaken(game, 5), "1": shaken(game, 6)}
+    for name, each in {"game": game, **games}.items():
+        each.save(tmp_path / name)
     code = (
-        "import sys; from tests.rally.test_variants import *; game = load_game(); "
-        "sys.stdout.buffer.write(packed(game, {'men': shaken(game, 5), '1': shaken(game, 6)}))"
+        "import sys; from pathlib import Path; from shuttle_marl.game.rally import Game; "
+        "from shuttle_marl.game.variants import packed; game, men, first = (Game.load(Path(name)) for name in sys.argv[1:]); "
+        "sys.stdout.buffer.write(packed(game, {'men': men, '1': first}))"
     )
-    again = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, cwd=Path(__file__).parents[2])
-    assert again.stdout == content
+    again = subprocess.run([sys.executable, "-c", code, "game", "men", "1"], check=True, capture_output=True, cwd=tmp_path)
+    assert again.stdout == packed(game, games)

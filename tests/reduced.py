@@ -1,0 +1,98 @@
+"""A small sister of the shipped model: a third of its strokes and what goes with them, so that it is solved at once.
+
+Efforts, duels, players, disciplines and refits are all there, and every probability is that of the shipped game. Tests of
+what is computed, and of commands, need no more; tests of what is shipped take the shipped game.
+"""
+
+import atexit
+import functools
+import hashlib
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from safetensors.numpy import save
+
+from shuttle_marl.files import seal
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.shipped import (
+    BC,
+    CARD,
+    GAME,
+    NETWORKS,
+    PROFILES,
+    SUPPORT,
+    VARIANTS,
+    default_game,
+    load_game,
+    model_folder,
+    read_model,
+    read_model_card,
+)
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.game.variants import packed
+
+Ints = npt.NDArray[np.integer[Any]]
+
+EVERY = 3
+REFITS = ("1", "2")
+"""Refits of the shipped model that the small one has too."""
+
+
+@functools.cache
+def reduced_model() -> str:
+    """Folder of the model, removed at the end of the process; look, do not touch."""
+    folder = Path(tempfile.mkdtemp(prefix="reduced-model-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    shipped, source = default_game(), model_folder()
+    layout_of_it, edges, pairs = _smaller(shipped)
+
+    def reduced(game: Game) -> Game:
+        return Game(**layout_of_it, threshold=game.threshold[pairs], fault_odds=game.fault_odds)
+
+    game = reduced(shipped)
+    game.save(folder / GAME)
+    players = read_model(source, BC)
+    arrays = {name: array[pairs] if name.startswith("log_choice") else array for name, array in players.arrays.items()}
+    (folder / BC).write_bytes(save(arrays, metadata=dict(players.metadata)))
+    support = {name: np.ascontiguousarray(array[edges]) for name, array in read_model(source, SUPPORT).arrays.items()}
+    (folder / SUPPORT).write_bytes(save(support))
+    others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *REFITS)}
+    (folder / VARIANTS).write_bytes(packed(game, others))
+    shutil.copy(source / NETWORKS, folder)
+    hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
+    card = {**read_model_card(source), "game_hash": game.hash, "variants": list(others), "sha256": hashes}
+    (folder / CARD).write_bytes(seal(card))
+    return str(folder)
+
+
+def reduced_game() -> Game:
+    """The game of the model."""
+    return load_game(reduced_model())
+
+
+def _smaller(game: Game) -> tuple[dict[str, Any], Ints, Ints]:
+    """Catalogue and layout of a game with fewer strokes, and which edges and base pairs of the larger one its own are."""
+    kept = np.arange(game.n_strokes) % EVERY == 0
+    while True:  # until each stroke that is left can be answered from both contacts
+        answered = (game.reply_mask[:-1] & kept).any(axis=2).all(axis=1)
+        if answered[kept].all():
+            break
+        kept &= answered
+    old = np.append(np.flatnonzero(kept), game.n_strokes)
+    catalogue = Catalogue.from_names([game.catalogue.names[k] for k in old[:-1]])
+    replies = game.reply_mask.any(axis=1)[np.ix_(old, old[:-1])]
+    tables = layout(catalogue, replies, duels=game.counts_duels)
+    state = np.arange(2 * len(tables["edge_own"]))
+    of_state = game.state_of(
+        old[tables["edge_own"][state >> 1]], old[tables["edge_incoming"][state >> 1]], state & 1, tables["edge_duel"][state >> 1]
+    )
+    empty = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
+    pairs = game.pair(of_state[empty.base_pair_state], old[empty.base_pair_stroke])
+    assert of_state.min() >= 0
+    assert pairs.min() >= 0
+    return {"catalogue": catalogue, **tables}, of_state[::2] >> 1, pairs
