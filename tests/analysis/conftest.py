@@ -20,10 +20,11 @@ def bc() -> TabulatedPolicy:
 @pytest.fixture(scope="session")
 def tournament(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rally log of bc, attacking and random; look, do not touch."""
-    from shuttle_marl.league import LeagueConfig, run_league
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
 
     config = LeagueConfig(pool=("bc", "attacking", "random"), matches=8, out=tmp_path_factory.mktemp("played") / "run")
-    return run_league(config).folder / "rallies.mcap"
+    return play_league(config).folder / "rallies.mcap"
 
 
 @pytest.fixture(scope="session")

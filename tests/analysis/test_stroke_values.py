@@ -80,9 +80,10 @@ def test_the_values_of_a_rally_add_up_to_its_outcome(valued: pa.Table, bc: Tabul
 
 def test_the_reference_adds_nothing_to_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
     """bc against a player of the same play: decisions and execution are 0 but for luck; minimax decides better."""
-    from shuttle_marl.league import LeagueConfig, run_league
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
 
-    folder = run_league(LeagueConfig(pool=("bc", "bc@1.0", "minimax"), matches=20, out=tmp_path / "run")).folder
+    folder = play_league(LeagueConfig(pool=("bc", "bc@1.0", "minimax"), matches=20, out=tmp_path / "run")).folder
     table = add_values(strokes_of(folder / "rallies.mcap", rallies=10**9), bc)
     even = table.filter(pc.and_(pc.not_equal(table["player"], "minimax"), pc.not_equal(table["opponent"], "minimax")))
     for name in ("value_added", "decision", "execution"):

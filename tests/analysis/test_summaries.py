@@ -103,9 +103,10 @@ def test_nothing_to_analyse(tmp_path: Path) -> None:
 
 def test_the_mix_of_bc_is_that_of_its_exact_play(tmp_path: Path, bc) -> None:
     from shuttle_marl.exact import visits
-    from shuttle_marl.league import LeagueConfig, run_league
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
 
-    folder = run_league(LeagueConfig(pool=("bc", "bc@1.0"), matches=60, out=tmp_path / "run")).folder
+    folder = play_league(LeagueConfig(pool=("bc", "bc@1.0"), matches=60, out=tmp_path / "run")).folder
     found = summarise(strokes_of(folder, rallies=10**9))
     seen = visits(bc, bc)
     assert np.abs(found.shots - seen.shot_mix(0)).max() < 0.01

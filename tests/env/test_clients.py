@@ -78,7 +78,7 @@ def test_torchrl_rolls_pettingzoo_out(module: ModuleType) -> None:
     env = PettingZooWrapper(module.env(), use_mask=True)
     env.set_seed(3)
     rewards: dict[str, list[float]] = {"player_0": [], "player_1": []}
-    for _ in range(20):
+    for _ in range(20 if module is rally_v0 else 4):  # many short rallies, or parts of long matches
         rollout = env.rollout(100)
         for player, found in rewards.items():
             now, following = rollout[player], rollout["next", player]

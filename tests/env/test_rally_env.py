@@ -99,14 +99,14 @@ def test_effort_and_duels_are_counted_from_the_strokes_of_the_rally(play):
 def test_long_rallies_use_draws_beyond_the_first_block():
     game = default_game()
     good, returned, _ = game.stroke_probabilities()
-    longest = 0
+    continues, longest = good * returned, 0
     env = rally_v0.raw_env()
     for seed in range(40):
         env.reset(seed=seed)
         state, count = ROOT, 0
         while not any(env.terminations.values()):
             pairs = np.arange(game.pair_start[state], game.pair_start[state + 1])
-            pair = pairs[np.argmax((good * returned)[pairs])]
+            pair = pairs[np.argmax(continues[pairs])]
             env.step(game.pair_stroke[pair])
             u = outcome_draw(draw(stream(seed, 0), count))
             outcome, following = strike(game, np.array([state]), np.array([pair - pairs[0]]), u)

@@ -179,6 +179,7 @@ def test_what_is_seen_and_told_is_that_of_the_environment_inside() -> None:
 
 def test_long_rallies_use_draws_beyond_the_first_block() -> None:
     good, returned, _ = GAME.stroke_probabilities()
+    continues = good * returned
     env = SingleRallyEnv(opponent="safe@greedy")
     longest = 0
     for seed in range(200):
@@ -190,7 +191,7 @@ def test_long_rallies_use_draws_beyond_the_first_block() -> None:
             key = draws.stream(seed, raw.episode)
             expected = draws.choice_draw(draws.draw(key, len(raw._strokes) if raw.state_number != ROOT else 0))[0]
             assert raw.choice_draw() == expected
-            _, _, over, _, _ = env.step(GAME.pair_stroke[first + np.argmax((good * returned)[first:last])])
+            _, _, over, _, _ = env.step(GAME.pair_stroke[first + np.argmax(continues[first:last])])
             count = len(raw._strokes)
         longest = max(longest, count)
     assert longest > 40

@@ -5,7 +5,6 @@ If a change is meant to change one of them, the models and every number in the d
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,10 @@ import pytest
 from shuttle_marl.exact import solve
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import default_game
-from shuttle_marl.league.entrants import Entrant, LeagueConfig
-from shuttle_marl.league.ranking import ExactOdds, exact_odds
-from shuttle_marl.league.run import run_league
+from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
+from tests.tournaments import play_league
 
 GAME_HASH = "9055e4d94379"
 VALUE_AT_SERVE = -0.0066886
@@ -52,14 +50,9 @@ def test_the_game_and_its_value_at_the_serve(game: Game) -> None:
     assert solve(game).value_at_serve == pytest.approx(VALUE_AT_SERVE, abs=1e-7)
 
 
-def test_a_tournament(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unsolved(game: Game, entrants: Sequence[Entrant], _: object) -> ExactOdds:
-        """No exact figures, which have tests of their own."""
-        return exact_odds(game, [dataclasses.replace(entrant, table=None) for entrant in entrants])
-
-    monkeypatch.setattr("shuttle_marl.league.run.exact_odds", unsolved)
+def test_a_tournament(tmp_path: Path) -> None:
     pool = ("bc", "attacking", "safe@greedy", "ppo", "random", "minimax")
-    run = run_league(LeagueConfig(pool=pool, matches=4, seed=5, out=tmp_path / "run"))
+    run = play_league(LeagueConfig(pool=pool, matches=4, seed=5, out=tmp_path / "run"))
     assert {standing.player: standing.wins for standing in run.standings} == WINS
     assert digest(run.folder / "rallies.mcap") == TOURNAMENT
 

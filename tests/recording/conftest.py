@@ -75,8 +75,9 @@ def log_file(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of a little tournament; look, do not touch."""
-    from shuttle_marl.league import LeagueConfig, run_league
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
 
     out = tmp_path_factory.mktemp("played") / "run"
-    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=6, out=out))
+    play_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=6, out=out))
     return out / "rallies.mcap"

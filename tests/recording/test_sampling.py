@@ -8,12 +8,13 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, Sampling
 from shuttle_marl.recording.check import check
+from tests.tournaments import play_league
 
 GAME = default_game()
-POOL = ("attacking", "safe", "random")
+POOL = ("bc", "bc:viktor-axelsen", "bc:an-se-young")
 
 
 @pytest.mark.parametrize("text", ["all", "none", "sample:1000000"])
@@ -72,13 +73,13 @@ def test_the_recorder_keeps_those(tmp_path: Path, rallies, header) -> None:
 @pytest.fixture(scope="module")
 def sampled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("sampled") / "run"
-    run_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=out))
+    play_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=out))
     return out
 
 
 def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path, tmp_path: Path) -> None:
     full = LeagueConfig(pool=POOL, matches=60, seed=3, out=tmp_path / "full")
-    run_league(full)
+    play_league(full)
     assert (sampled / "results.csv").read_bytes() == (tmp_path / "full" / "results.csv").read_bytes()
     assert check(sampled / "rallies.mcap", GAME).problems == ()
     with RallyLog(sampled / "rallies.mcap") as log, RallyLog(tmp_path / "full" / "rallies.mcap") as all_of_it:
@@ -104,7 +105,7 @@ def test_a_resumed_sampled_run_writes_the_same_bytes(sampled: Path, tmp_path: Pa
         lines = (sampled / name).read_bytes().splitlines(keepends=True)
         (run / name).write_bytes(b"".join(lines[:done] if name == "pairings.jsonl" else lines))
     (run / "rallies.mcap.part").write_bytes((sampled / "rallies.mcap").read_bytes()[:-5000])
-    run_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=run, resume=True))
+    play_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=run, resume=True))
     for name in ("rallies.mcap", "results.csv", "pairings.jsonl"):
         assert (run / name).read_bytes() == (sampled / name).read_bytes()
 

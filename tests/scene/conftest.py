@@ -11,9 +11,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from shuttle_marl.game import default_game
-from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.write import select, write_scene
+from tests.tournaments import play_league
 
 RALLIES = 2
 
@@ -52,7 +53,7 @@ def read(content: bytes) -> list[tuple[int, str, Any]]:
 def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scripted players over two matches; look, do not touch."""
     out = tmp_path_factory.mktemp("scene") / "run"
-    run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=out))
+    play_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=out))
     return out / "rallies.mcap"
 
 
