@@ -160,6 +160,8 @@ HEADINGS = (
     "player",
     "rating",
     "95 % interval",
+    "exact rating",
+    "ranks (95 %)",
     "matches won",
     "95 % interval",
     "exact",
@@ -170,8 +172,8 @@ HEADINGS = (
     "exploitability",
     "normalised",
 )
-_REPORT_ONLY: Final = (5, 9, 10)
-"""Columns that the console leaves out: the interval of the matches won, serving, receiving."""
+_REPORT_ONLY: Final = (4, 5, 7, 11, 12)
+"""Columns that the console leaves out: exact rating, ranks, the interval of the matches won, serving, receiving."""
 _ABOUT_AWAY: Final = (
     "- away: the same in refits of the game on resampled matches, which the same data could have given: mean, and 95 % interval "
     "for one more refit.",
@@ -188,6 +190,8 @@ def cells(standing: Standing) -> tuple[str, ...]:
         player,
         _number(standing.rating, "+.0f"),
         f"{_number(standing.rating_low, '+.0f')} to {_number(standing.rating_high, '+.0f')}",
+        "" if math.isnan(standing.rating_exact) else f"{standing.rating_exact:+.0f}",
+        f"{standing.rank_low} to {standing.rank_high}" if standing.rank_low else "",
         _percent(standing.share),
         f"{_percent(standing.share_low)} to {_percent(standing.share_high)}",
         _percent(standing.exact_share),

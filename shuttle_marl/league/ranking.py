@@ -1,8 +1,6 @@
-"""Ranking of the entrants of a tournament: Bradley-Terry ratings with intervals, exact figures, and the tables of both.
+"""Ranking of the entrants of a tournament: ratings with intervals, exact figures, and the tables of both.
 
-Model of the ratings: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952).
-Fitted to all matches together, so unlike with Elo's updates their order does not matter. Intervals are over the cells of
-swapped seats. Exact figures are the limits of the samples after infinitely many matches.
+Exact figures are the limits of the samples after infinitely many matches.
 """
 
 import dataclasses
@@ -19,22 +17,16 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
+from shuttle_marl.league.ratings import ELO, TAILS, Floats, Pairs, exact_ratings, rank_intervals, ratings
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread, Values
 
-Floats = npt.NDArray[np.float64]
-
 _DECIMALS: Final = 6
 """Figures are rounded to so many decimals, far above their error bound, so that files have the same bytes on every machine."""
 _AWAY: Final = 1e-7
 """Error bound of odds in refits, which are further than that from each other."""
-ELO: Final = 400 / np.log(10)
-"""Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
-_STEPS: Final = 200
-_LONGEST_STEP: Final = 2.0
-_TAILS: Final = (2.5, 97.5)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,6 +42,7 @@ class ExactOdds:
             game has no ``bc``.
         away: ``[N]`` share of the matches that an entrant wins against all others that have a table, in refits of the game; None
             if it was not asked for.
+        away_shares: ``[R, N]`` the same in each of the R refits; without any if it was not asked for.
         problem: why there are no figures at all; empty if there are.
     """
 
@@ -58,6 +51,7 @@ class ExactOdds:
     exploitability: Floats
     normalised_score: Floats
     away: "Spread | None" = None
+    away_shares: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
@@ -113,11 +107,14 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
     # Adding 0 turns a rounded -0.0 into 0.0.
     match, exploitability, normalised = (np.round(x, _DECIMALS) + 0.0 for x in (match, exploitability, normalised))
     filled = dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
-    return dataclasses.replace(filled, away=_away(len(match), tables, refits)) if refits else filled
+    if not refits:
+        return filled
+    away, shares = _away(len(match), tables, refits)
+    return dataclasses.replace(filled, away=away, away_shares=shares)
 
 
-def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "Spread":
-    """``[N]`` share of the matches won against all others in refits; NaN without a table."""
+def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "tuple[Spread, Floats]":
+    """``[N]`` share of the matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
 
@@ -125,85 +122,12 @@ def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game])
         odds = crossplay([moved(table, refit) for table in tables.values()], tolerance=_AWAY)
         share = np.full(n, np.nan)
         share[list(tables)] = np.round(of_all_pairs(odds)["match_share"], _DECIMALS)
+        each.append(share)
         return {"share": share}
 
-    # The pairs of one refit keep all cores busy.
-    return over(refits, shares, at_once=1)["share"]
-
-
-def bradley_terry(wins: Floats) -> Floats:
-    """Fit ratings by Newton's method on the likelihood.
-
-    Args:
-        wins: ``[..., n, n]`` matches that i won against j; the diagonal is ignored. Results must connect all entrants both
-            ways, or the likeliest ratings are infinite; :func:`smoothed` sees to that.
-
-    Returns:
-        ``[..., n]`` theta, with mean 0; entrants without matches have 0.
-    """
-    diagonal = np.eye(wins.shape[-1], dtype=bool)
-    wins = np.where(diagonal, 0.0, wins)
-    played = wins + np.swapaxes(wins, -1, -2)
-    theta = np.zeros(wins.shape[:-1])
-    for _ in range(_STEPS):
-        probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
-        gradient = (wins - played * probability).sum(axis=-1)
-        curvature = played * probability * (1 - probability)
-        hessian = -curvature
-        hessian[..., diagonal] = curvature.sum(axis=-1)
-        # Only differences of theta are determined; the pseudo-inverse leaves their mean alone.
-        step = (np.linalg.pinv(hessian, hermitian=True) @ gradient[..., None])[..., 0]
-        theta = theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(step).max(initial=0) < 1e-10:
-            break
-    centred: Floats = theta - theta.mean(axis=-1, keepdims=True)
-    return centred
-
-
-def smoothed(cells: Floats) -> Floats:
-    """``[P, 3]`` counts of cells with half a cell added to each outcome (Jeffreys' prior).
-
-    So 500 cells out of 500 neither give an infinite rating nor come out as certain.
-    """
-    return cells + 0.5
-
-
-def wins_of(shares: Floats, cells: Floats, pairs: npt.NDArray[np.intp], n: int) -> Floats:
-    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
-
-    Args:
-        shares: ``[..., P, 3]`` share of the cells of which the first entrant of each pairing won no match, one, both.
-        cells: ``[P]`` number of cells.
-        pairs: ``[P, 2]`` the entrants of each pairing.
-        n: number of entrants.
-    """
-    wins = np.zeros((*shares.shape[:-2], n, n))
-    wins[..., pairs[:, 0], pairs[:, 1]] = cells * (shares[..., 1] + 2 * shares[..., 2])
-    wins[..., pairs[:, 1], pairs[:, 0]] = cells * (shares[..., 1] + 2 * shares[..., 0])
-    return wins
-
-
-def ratings(cells: Floats, pairs: npt.NDArray[np.intp], n: int, seed: int, replicates: int = 1000) -> tuple[Floats, Floats]:
-    """Ratings, and what they would be under other draws of the cells: a Bayesian bootstrap (Rubin, Ann. Statist. 1981).
-
-    The two matches of a cell share their draws, so cells are drawn and not matches.
-
-    Args:
-        cells: ``[P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
-        pairs: ``[P, 2]`` the entrants of each pairing.
-        n: number of entrants.
-        seed: of the draws.
-        replicates: number of draws B.
-
-    Returns:
-        ``[n]`` theta and ``[B, n]`` theta.
-    """
-    counts = smoothed(cells)
-    total = counts.sum(axis=1)
-    rng = np.random.default_rng(seed)
-    drawn = np.array([rng.dirichlet(count, size=replicates) for count in counts]).reshape(-1, replicates, 3)
-    theta = bradley_terry(wins_of(counts / total[:, None], total, pairs, n))
-    return theta, bradley_terry(wins_of(drawn.swapaxes(0, 1), total, pairs, n))
+    each: list[Floats] = []
+    # The pairs of one refit keep all cores busy, and so the refits come in their order.
+    return over(refits, shares, at_once=1)["share"], np.array(each)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -216,6 +140,9 @@ class Standing:
         rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
         rating_low: lower end of its 95 % interval.
         rating_high: upper end.
+        rating_exact: what the rating would be after infinitely many matches of every pair, mean of those with a table 0; NaN
+            without a table.
+        rank_low, rank_high: 95 % interval of the rank among those that played; 0 without matches.
         matches: matches played.
         wins: of those won.
         share: share of matches won; NaN without matches.
@@ -252,22 +179,37 @@ class Standing:
     away_high: float = math.nan
     exploitability: float = math.nan
     normalised_score: float = math.nan
+    rating_exact: float = math.nan
+    rank_low: int = 0
+    rank_high: int = 0
 
 
 def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
     """Rank the entrants by rating, best first; with their exact figures where they are given."""
-    played = [result for result in results if not result.forfeit]
-    pairs = np.array([[pool.index(name) for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
-    cells = np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3)
+    played, cells, pairs = played_cells(pool, results)
     theta, drawn = ratings(cells, pairs, len(pool), seed)
-    rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, _TAILS, axis=0)
+    rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, TAILS, axis=0)
     standings = [
         _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
         for i, name in enumerate(pool)
     ]
+    present = np.unique(pairs)
+    for i, (first, last) in zip(present, rank_intervals(theta[present], drawn[:, present]).tolist(), strict=True):
+        standings[i] = dataclasses.replace(standings[i], rank_low=first, rank_high=last)
     order = sorted(range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
     placed = [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
-    return placed if exact is None else [_with_exact(standing, played, exact) for standing in placed]
+    if exact is None:
+        return placed
+    exact_rating = dict(zip(exact.names, ELO * exact_ratings(exact.match), strict=True))
+    return [_with_exact(standing, played, exact, float(exact_rating[standing.player])) for standing in placed]
+
+
+def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], Floats, Pairs]:
+    """The P pairings that were not forfeited, ``[P, 3]`` their cells and ``[P, 2]`` their entrants, as the fit takes them."""
+    played = [result for result in results if not result.forfeit]
+    place = {name: i for i, name in enumerate(pool)}
+    pairs = np.array([[place[name] for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
+    return played, np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3), pairs
 
 
 def wilson(wins: int, matches: int) -> tuple[float, float]:
@@ -305,7 +247,7 @@ def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tu
     )
 
 
-def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOdds) -> Standing:
+def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOdds, rating: float) -> Standing:
     name, i = standing.player, exact.names.index(standing.player)
     opponents = [other for result in played if name in result.names for other in result.names if other != name]
     share, low, high = (math.nan,) * 3 if exact.away is None else np.array(dataclasses.astuple(exact.away))[:, i].tolist()
@@ -315,6 +257,8 @@ def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOd
         away_low=low,
         away_high=high,
         exact_share=exact.share(name, opponents),
+        # The mean of ratings is 0 to rounding errors of the machine only.
+        rating_exact=round(rating, _DECIMALS),
         exploitability=float(exact.exploitability[i]),
         normalised_score=float(exact.normalised_score[i]),
     )

@@ -28,7 +28,8 @@ from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.folder import append_results, check_same, console_table, manifest, open_run, read_results, report
-from shuttle_marl.league.ranking import exact_odds, rank, ranking_table, ratings
+from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
+from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.tournament import forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check

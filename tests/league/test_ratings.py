@@ -1,6 +1,7 @@
 """Ratings and intervals against closed forms, other libraries, and simulated leagues."""
 
 import math
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -8,7 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from shuttle_marl.league.ranking import ELO, bradley_terry, ratings, smoothed, wilson, wins_of
+from shuttle_marl.league.ranking import wilson
+from shuttle_marl.league.ratings import (
+    ELO,
+    bradley_terry,
+    exact_ratings,
+    fewest_to_flip,
+    misfit,
+    observed_wins,
+    rank_intervals,
+    ratings,
+    smoothed,
+    wins_of,
+)
 
 
 def test_two_players() -> None:
@@ -45,12 +58,13 @@ def test_many_fits_at_once_are_single_fits() -> None:
 
 
 def league(theta: np.ndarray, cells: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Cells whose two matches are negatively correlated: they share one draw, as swapped seats do."""
+    """Cells whose two matches are negatively correlated: half of them share one draw, as swapped seats do in part."""
     n = len(theta)
     pairs = np.array([(a, b) for a in range(n) for b in range(a + 1, n)])
     p = 1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]]))
     u = rng.random((len(pairs), cells))
-    won = (u < p[:, None]).astype(int) + (1 - u < p[:, None])
+    twin = np.where(rng.random(u.shape) < 0.5, 1 - u, rng.random(u.shape))
+    won = (u < p[:, None]).astype(int) + (twin < p[:, None])
     return np.stack([(won == k).sum(axis=1) for k in range(3)], axis=1).astype(float), pairs
 
 
@@ -97,3 +111,97 @@ def test_wilson(wins: int, losses: int) -> None:
 
 def test_wilson_without_matches() -> None:
     assert all(map(math.isnan, wilson(0, 0)))
+
+
+def test_entrants_in_two_separate_groups_are_rated_within_them() -> None:
+    wins = np.zeros((5, 5))
+    wins[0, 1], wins[1, 0], wins[2, 3], wins[3, 2] = 30, 10, 10, 30
+    theta = bradley_terry(wins)
+    assert theta == pytest.approx(np.array([1, -1, -1, 1, 0]) * math.log(3) / 2)
+
+
+def test_exact_ratings_are_the_limit_of_the_sampled_ones() -> None:
+    rng = np.random.default_rng(0)
+    theta = np.array([1.5, 0.4, 0.0, -0.7])
+    cells, pairs = league(theta, 200_000, rng)
+    match = 1 / (1 + np.exp(theta - theta[:, None]))
+    match[:, 3] = match[3] = np.nan
+    exact = exact_ratings(match)
+    assert np.isnan(exact[3])
+    assert exact[:3] == pytest.approx(theta[:3] - theta[:3].mean(), abs=1e-9)
+    sampled = ratings(cells, pairs, 4, seed=0, replicates=2)[0]
+    assert sampled[:3] - sampled[:3].mean() == pytest.approx(exact[:3], abs=0.01)
+    certain = np.array([[0.5, 1.0], [0.0, 0.5]])
+    assert np.isfinite(exact_ratings(certain)).all()
+
+
+@pytest.mark.parametrize("theta", [[1.0, 0.3, 0.2, -1.5], [0.0, 0.0, 0.0, 0.0]])
+def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
+    """Of 95 % intervals 95 in a hundred hold the truth; those of ranks as many at least, also where entrants are equal."""
+    rng = np.random.default_rng(2)
+    true = np.array(theta)
+    best, worst = 1 + (true[:, None] < true).sum(axis=1), len(true) - (true[:, None] > true).sum(axis=1)
+    rated, ranked = [], []
+    for _ in range(400):
+        cells, pairs = league(true, 60, rng)
+        found, drawn = ratings(cells, pairs, len(true), seed=int(rng.integers(1 << 30)), replicates=300)
+        low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
+        rated.extend(((low <= true - true.mean()) & (true - true.mean() <= high)).tolist())
+        ranks = rank_intervals(found, drawn)
+        ranked.extend(((ranks[:, 0] <= best) & (worst <= ranks[:, 1])).tolist())
+    assert 0.93 <= np.mean(rated) <= 0.97
+    assert np.mean(ranked) >= 0.94
+    if theta[0] != theta[3]:
+        assert (ranks[3] == 4).all()  # the last one is last by far
+
+
+def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> None:
+    rng = np.random.default_rng(3)
+    theta = np.array([0.8, 0.2, 0.0, -0.3, -0.7])
+    rejected = []
+    for _ in range(300):
+        cells, pairs = league(theta, 100, rng)
+        rejected.append(misfit(cells, pairs, ratings(cells, pairs, 5, seed=0, replicates=1)[0]).p < 0.05)
+    assert 0.01 <= np.mean(rejected) <= 0.10
+    circle = np.array([[5.0, 10, 85], [85, 10, 5], [5, 10, 85]])
+    pairs = np.array([[0, 1], [0, 2], [1, 2]])
+    found = misfit(circle, pairs, ratings(circle, pairs, 3, seed=0, replicates=1)[0])
+    assert found.degrees == 1
+    assert found.p < 1e-9
+    assert found.expected == pytest.approx([0.5] * 3)
+    assert np.sign(found.z).tolist() == [1, -1, 1]
+    assert math.isnan(misfit(circle[:1], pairs[:1], np.zeros(2)).p)
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=15, deadline=None)
+def test_the_fewest_matches_that_flip_the_order(seed: int) -> None:
+    """Against all ways to remove up to two matches."""
+    rng = np.random.default_rng(seed)
+    cells, pairs = league(np.array([0.3, 0.2, 0.0]), 8, rng)
+    theta = ratings(cells, pairs, 3, seed=0, replicates=1)[0]
+    above, below = map(int, np.argsort(-theta)[:2])
+    fewest = fewest_to_flip(cells, pairs, 3, above, below)
+    wins = observed_wins(cells, pairs, 3)
+    off = ~np.eye(3, dtype=bool)  # one and a half of the wins are the prior's
+    kinds = [(i, j) for i in range(3) for j in range(3) if i != j]
+
+    def flips(removed: list[tuple[int, int]]) -> bool:
+        left = wins.copy()
+        for kind in removed:
+            left[kind] -= 1
+        after = bradley_terry(left)
+        return bool((left[off] >= 1.4).all() and after[above] < after[below] - 1e-9)
+
+    smaller = next((k for k in (1, 2) if any(map(flips, map(list, combinations_with_replacement(kinds, k))))), 3)
+    if theta[above] - theta[below] < 1e-9:
+        assert fewest == 0
+        return
+    assert fewest == smaller if smaller < 3 else fewest is not None and fewest >= 3
+
+
+def test_an_order_that_no_removal_changes() -> None:
+    """Without its wins the unbeaten one is equal to the other, not behind it."""
+    cells, pairs = np.array([[0.0, 0, 100]]), np.array([[0, 1]])
+    assert fewest_to_flip(cells, pairs, 2, 0, 1) is None
+    assert fewest_to_flip(cells, pairs, 2, 1, 0) == 0

@@ -1,0 +1,289 @@
+"""Bradley-Terry ratings: the fit, its intervals, and all that says how far it can be trusted.
+
+Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). Fitted to all
+matches together, so unlike with Elo's updates their order does not matter. Intervals are over the cells of swapped seats: the
+two matches of a cell share their draws and are not independent.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import chi2
+
+Floats = npt.NDArray[np.float64]
+Pairs = npt.NDArray[np.intp]
+
+ELO: Final = 400 / np.log(10)
+"""Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
+TAILS: Final = (2.5, 97.5)
+"""Percentiles that bound a 95 % interval."""
+_STEPS: Final = 200
+_LONGEST_STEP: Final = 2.0
+_AT_ONCE: Final = 1 << 21
+"""So many entries of matrices are fitted together."""
+_TIE: Final = 1e-9
+"""Ratings that differ by less are equal."""
+_SURE: Final = 5e-7
+"""Exact odds are known to six decimals; nearer to certainty than this is taken as this, which keeps ratings finite."""
+
+
+def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
+    """Fit ratings by Newton's method on the likelihood.
+
+    Args:
+        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. Results must connect
+            all who played each other both ways, or the likeliest ratings are infinite; :func:`smoothed` sees to that.
+        start: ``[n]`` theta to begin with; changes the time only.
+
+    Returns:
+        ``[..., n]`` theta, with mean 0; entrants without matches have 0.
+    """
+    n = wins.shape[-1]
+    diagonal = np.eye(n, dtype=bool)
+    wins = np.where(diagonal, 0.0, wins)
+    played = wins + np.swapaxes(wins, -1, -2)
+    _, part = connected_components(played.reshape(-1, n, n).any(axis=0), directed=False)
+    # Only differences within a part are determined; this leaves the mean of each part alone.
+    together = part[:, None] == part
+    anchor = together / together.sum(axis=1)
+    theta = np.zeros(wins.shape[:-1]) if start is None else np.broadcast_to(start, wins.shape[:-1])
+    for _ in range(_STEPS):
+        probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
+        gradient = (wins - played * probability).sum(axis=-1)
+        curvature = played * probability * (1 - probability)
+        hessian = anchor - curvature
+        hessian[..., diagonal] += curvature.sum(axis=-1)
+        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        theta = theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        if np.abs(step).max(initial=0) < 1e-10:
+            break
+    centred: Floats = theta - theta.mean(axis=-1, keepdims=True)
+    return centred
+
+
+def smoothed(cells: Floats) -> Floats:
+    """``[P, 3]`` counts of cells with half a cell added to each outcome (Jeffreys' prior).
+
+    So 500 cells out of 500 neither give an infinite rating nor come out as certain.
+    """
+    return cells + 0.5
+
+
+def wins_of(shares: Floats, cells: Floats, pairs: Pairs, n: int) -> Floats:
+    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
+
+    Args:
+        shares: ``[..., P, 3]`` share of the cells of which the first entrant of each pairing won no match, one, both.
+        cells: ``[P]`` number of cells.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+        n: number of entrants.
+    """
+    wins = np.zeros((*shares.shape[:-2], n, n))
+    wins[..., pairs[:, 0], pairs[:, 1]] = cells * (shares[..., 1] + 2 * shares[..., 2])
+    wins[..., pairs[:, 1], pairs[:, 0]] = cells * (shares[..., 1] + 2 * shares[..., 0])
+    return wins
+
+
+def observed_wins(cells: Floats, pairs: Pairs, n: int) -> Floats:
+    """``[n, n]`` matches won, smoothed."""
+    counts = smoothed(cells)
+    total = counts.sum(axis=1)
+    return wins_of(counts / total[:, None], total, pairs, n)
+
+
+def ratings(cells: Floats, pairs: Pairs, n: int, seed: int, replicates: int = 1000) -> tuple[Floats, Floats]:
+    """Ratings, and what they would be under other draws of the cells: a Bayesian bootstrap (Rubin, Ann. Statist. 1981).
+
+    The two matches of a cell share their draws, so cells are drawn and not matches.
+
+    Args:
+        cells: ``[P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+        n: number of entrants.
+        seed: of the draws.
+        replicates: number of draws B.
+
+    Returns:
+        ``[n]`` theta and ``[B, n]`` theta.
+    """
+    counts = smoothed(cells)
+    total = counts.sum(axis=1)
+    rng = np.random.default_rng(seed)
+    drawn = np.array([rng.dirichlet(count, size=replicates) for count in counts]).reshape(-1, replicates, 3).swapaxes(0, 1)
+    theta = bradley_terry(observed_wins(cells, pairs, n))
+    together = max(1, _AT_ONCE // max(1, n * n))
+    parts = [drawn[first : first + together] for first in range(0, replicates, together)]
+    return theta, np.concatenate([bradley_terry(wins_of(part, total, pairs, n), theta) for part in parts])
+
+
+def exact_ratings(match: Floats) -> Floats:
+    """Ratings that the sampled ones approach if every pair plays the same, infinite number of matches.
+
+    Args:
+        match: ``[n, n]`` probability that the entrant of the row wins a match against that of the column; NaN for one that has
+            no exact odds.
+
+    Returns:
+        ``[n]`` theta, mean 0 over those that have odds; NaN for the others.
+    """
+    known = np.flatnonzero(~np.isnan(match).all(axis=1))
+    theta = np.full(len(match), np.nan)
+    if len(known):
+        theta[known] = bradley_terry(match[np.ix_(known, known)].clip(_SURE, 1 - _SURE))
+    return theta
+
+
+def rank_intervals(theta: Floats, drawn: Floats) -> npt.NDArray[np.intp]:
+    """95 % confidence intervals of the ranks (Mogstad, Romano, Shaikh & Wilhelm, Rev. Econ. Stud. 2024).
+
+    A percentile of bootstrapped ranks is too narrow where entrants are nearly equal. Here an entrant's rank is bounded by those
+    who are surely above it and surely below it, by intervals of its differences to all others that hold at the same time.
+
+    Args:
+        theta: ``[n]`` ratings.
+        drawn: ``[B, n]`` bootstrap draws of them.
+
+    Returns:
+        ``[n, 2]`` lowest and highest number of the rank, from 1 for the best.
+    """
+    n = len(theta)
+    found = np.empty((n, 2), dtype=np.intp)
+    for i in range(n):
+        others = np.arange(n) != i
+        lead = theta[i] - theta[others]
+        noise = drawn[:, i, None] - drawn[:, others] - lead
+        deviation = noise.std(axis=0)
+        known = deviation > 0
+        largest = (np.abs(noise[:, known]) / deviation[known]).max(axis=1, initial=0)
+        margin = np.percentile(largest, 95) * deviation
+        found[i] = 1 + (known & (lead < -margin)).sum(), n - (known & (lead > margin)).sum()
+    return found
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Misfit:
+    """How far the results of P pairings are from what the ratings say.
+
+    Attributes:
+        share: ``[P]`` share of the matches that the first entrant won.
+        expected: ``[P]`` what the ratings say.
+        z: ``[P]`` their difference in standard errors.
+        statistic: sum of squared z.
+        degrees: of freedom, pairings - (entrants - 1); with 0 nothing can be said.
+        p: probability of a statistic as large if Bradley-Terry's model holds; NaN without degrees of freedom.
+    """
+
+    share: Floats
+    expected: Floats
+    z: Floats
+    statistic: float
+    degrees: int
+    p: float
+
+
+def misfit(cells: Floats, pairs: Pairs, theta: Floats) -> Misfit:
+    """Compare the results with the ratings, pairing by pairing; arguments as in :func:`ratings`."""
+    counts = smoothed(cells)
+    total = counts.sum(axis=1)
+    won = np.array([0.0, 0.5, 1.0])
+    share = counts @ won / total
+    variance = (counts @ won**2 / total - share**2) / total
+    expected = 1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]]))
+    z = (share - expected) / np.sqrt(variance)
+    entrants = len(np.unique(pairs))
+    links = 0
+    if len(pairs):
+        n = len(theta)
+        graph = np.zeros((n, n), dtype=bool)
+        graph[pairs[:, 0], pairs[:, 1]] = True
+        parts, _ = connected_components(graph, directed=False)
+        links = entrants - (parts - (n - entrants))
+    degrees = len(pairs) - links
+    statistic = float((z**2).sum())
+    return Misfit(
+        share=share,
+        expected=expected,
+        z=z,
+        statistic=statistic,
+        degrees=degrees,
+        p=float(chi2.sf(statistic, degrees)) if degrees else float("nan"),
+    )
+
+
+def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) -> int | None:
+    """Number of matches whose removal puts one entrant behind another: small where a ranking hangs on few results.
+
+    The matches with the largest influence on the difference of the two ratings go first (Broderick, Giordano & Meager,
+    arXiv 2011.14999), found again after each fit, and the fit without them is made, so the number suffices; a smaller one is
+    hardly possible.
+
+    Args:
+        cells: ``[P, 3]`` as in :func:`ratings`; a match is removed, not a cell.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+        n: number of entrants.
+        above: the one with the higher rating.
+        below: the other one.
+
+    Returns:
+        0 if they are not in that order; None if no removal does it.
+    """
+
+    def behind(theta: Floats) -> bool:
+        return bool(theta[above] < theta[below] - _TIE)
+
+    wins = observed_wins(cells, pairs, n)
+    left = np.rint(wins_of(cells / np.maximum(1, cells.sum(axis=1, keepdims=True)), cells.sum(axis=1), pairs, n)).astype(np.int64)
+    theta, removed = bradley_terry(wins), 0
+    if theta[above] <= theta[below]:
+        return 0
+    while True:
+        gap = max(0.0, theta[above] - theta[below])
+        influence = np.where(left > 0, _influence(wins, theta, above, below), 0.0)
+        order = np.argsort(-influence, axis=None)
+        order = order[influence.ravel()[order] > 0]
+        if not len(order):
+            return None
+        # As many of the most influential ones as close the gap by the linear approximation, and one at least.
+        closed = np.cumsum(left.ravel()[order] * influence.ravel()[order])
+        whole = int(np.searchsorted(closed, gap))
+        taken = np.zeros(left.size, dtype=np.int64)
+        taken[order[:whole]] = left.ravel()[order[:whole]]
+        if whole < len(order):
+            rest = gap - (closed[whole - 1] if whole else 0.0)
+            taken[order[whole]] = max(1, int(np.ceil(rest / influence.ravel()[order[whole]])))
+        following = bradley_terry(wins - taken.reshape(n, n), theta)
+        if behind(following):
+            return removed + _fewest_of(wins, taken, order, theta, behind)
+        wins, left, theta, removed = wins - taken.reshape(n, n), left - taken.reshape(n, n), following, removed + int(taken.sum())
+
+
+def _influence(wins: Floats, theta: Floats, above: int, below: int) -> Floats:
+    """``[n, n]`` by how much the removal of a win of i over j lowers ``theta[above] - theta[below]``, to first order."""
+    played = wins + wins.T
+    probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    curvature = played * probability * (1 - probability)
+    np.fill_diagonal(curvature, 0)
+    hessian = np.diag(curvature.sum(axis=1)) - curvature
+    contrast = np.zeros(len(theta))
+    contrast[[above, below]] = 1, -1
+    v = np.linalg.pinv(hessian, hermitian=True) @ contrast
+    return (1 - probability) * (v[:, None] - v[None, :])
+
+
+def _fewest_of(
+    wins: Floats, taken: npt.NDArray[np.int64], order: Pairs, theta: Floats, behind: Callable[[Floats], bool]
+) -> int:
+    """Fewest of the matches taken, in the order of their influence, that suffice; all of them do."""
+    low, high = 0, int(taken.sum())
+    before = np.concatenate([[0], np.cumsum(taken[order])[:-1]])
+    while high - low > 1:
+        middle = (low + high) // 2
+        part = np.zeros_like(taken)
+        part[order] = np.clip(middle - before, 0, taken[order])
+        found = bradley_terry(wins - part.reshape(wins.shape), theta)
+        low, high = (low, middle) if behind(found) else (middle, high)
+    return high
