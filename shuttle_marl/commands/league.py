@@ -9,7 +9,8 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.league.entrants import LeagueConfig
-from shuttle_marl.league.folder import RALLIES, console_table
+from shuttle_marl.league.folder import RALLIES
+from shuttle_marl.league.report import console_table
 from shuttle_marl.league.run import run_league
 
 

@@ -10,7 +10,6 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.game.policy import PolicyError

@@ -23,6 +23,9 @@ TAILS: Final = (2.5, 97.5)
 """Percentiles that bound a 95 % interval."""
 _STEPS: Final = 200
 _LONGEST_STEP: Final = 2.0
+_KEPT: Final = 0.1
+_INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
+"""Shares of cells with no, one and two matches won by one of two equals, if the matches of a cell are independent."""
 _AT_ONCE: Final = 1 << 21
 """So many entries of matrices are fitted together."""
 _TIE: Final = 1e-9
@@ -35,8 +38,8 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
     """Fit ratings by Newton's method on the likelihood.
 
     Args:
-        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. Results must connect
-            all who played each other both ways, or the likeliest ratings are infinite; :func:`smoothed` sees to that.
+        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. Results must
+            connect all who played each other both ways, or the likeliest ratings are infinite; :func:`prior_wins` sees to that.
         start: ``[n]`` theta to begin with; changes the time only.
 
     Returns:
@@ -65,34 +68,52 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
     return centred
 
 
-def smoothed(cells: Floats) -> Floats:
-    """``[P, 3]`` counts of cells with half a cell added to each outcome (Jeffreys' prior).
-
-    So 500 cells out of 500 neither give an infinite rating nor come out as certain.
-    """
-    return cells + 0.5
-
-
-def wins_of(shares: Floats, cells: Floats, pairs: Pairs, n: int) -> Floats:
+def wins_of(cells: Floats, pairs: Pairs, n: int) -> Floats:
     """``[..., n, n]`` matches won, for :func:`bradley_terry`.
 
     Args:
-        shares: ``[..., P, 3]`` share of the cells of which the first entrant of each pairing won no match, one, both.
-        cells: ``[P]`` number of cells.
+        cells: ``[..., P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
     """
-    wins = np.zeros((*shares.shape[:-2], n, n))
-    wins[..., pairs[:, 0], pairs[:, 1]] = cells * (shares[..., 1] + 2 * shares[..., 2])
-    wins[..., pairs[:, 1], pairs[:, 0]] = cells * (shares[..., 1] + 2 * shares[..., 0])
+    wins = np.zeros((*cells.shape[:-2], n, n))
+    wins[..., pairs[:, 0], pairs[:, 1]] = cells[..., 1] + 2 * cells[..., 2]
+    wins[..., pairs[:, 1], pairs[:, 0]] = cells[..., 1] + 2 * cells[..., 0]
     return wins
 
 
-def observed_wins(cells: Floats, pairs: Pairs, n: int) -> Floats:
-    """``[n, n]`` matches won, smoothed."""
-    counts = smoothed(cells)
-    total = counts.sum(axis=1)
-    return wins_of(counts / total[:, None], total, pairs, n)
+def prior_wins(wins: Floats) -> Floats:
+    """``[n, n]`` matches to add to those that were won, in all one less than there are entrants.
+
+    They come from Jeffreys' prior (Firth, Biometrika 1993): finite ratings for the unbeaten, and the bias of the likeliest
+    ratings removed to first order. A fixed number of matches for each pair instead would draw the strongest towards the others.
+    """
+    played = wins + wins.T
+    prior = np.where(played > 0, 0.5, 0.0)
+    theta = bradley_terry(wins + prior)
+    for _ in range(_STEPS):
+        curvature, covariance = _information(played, theta)
+        variance = covariance.diagonal()[:, None] + covariance.diagonal() - 2 * covariance
+        following = np.where(played > 0, curvature * variance / 2, 0.0)
+        change = np.abs(following - prior).max(initial=0)
+        prior = following
+        if change < 1e-9:
+            break
+        theta = bradley_terry(wins + prior, theta)
+    return prior
+
+
+def _information(played: Floats, theta: Floats) -> tuple[Floats, Floats]:
+    """``[n, n]`` curvature of each pair's likelihood, and the covariance of the ratings."""
+    probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    curvature = played * probability * (1 - probability)
+    np.fill_diagonal(curvature, 0)
+    return curvature, np.asarray(np.linalg.pinv(np.diag(curvature.sum(axis=1)) - curvature, hermitian=True))
+
+
+def expected_share(theta: Floats, pairs: Pairs) -> Floats:
+    """``[P]`` probability that the first entrant of a pairing wins a match, by the ratings."""
+    return np.asarray(1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]])))
 
 
 def ratings(cells: Floats, pairs: Pairs, n: int, seed: int, replicates: int = 1000) -> tuple[Floats, Floats]:
@@ -110,14 +131,18 @@ def ratings(cells: Floats, pairs: Pairs, n: int, seed: int, replicates: int = 10
     Returns:
         ``[n]`` theta and ``[B, n]`` theta.
     """
-    counts = smoothed(cells)
-    total = counts.sum(axis=1)
+    wins = wins_of(cells, pairs, n)
+    prior = prior_wins(wins)
+    theta = bradley_terry(wins + prior)
+    # The prior is drawn too, so an outcome that was never seen is possible; a tenth is kept, so that all ratings are finite.
+    drawn_prior = (1 - _KEPT) * prior[pairs[:, 0], pairs[:, 1], None] * _INDEPENDENT
+    weights = cells + drawn_prior + 1e-12
     rng = np.random.default_rng(seed)
-    drawn = np.array([rng.dirichlet(count, size=replicates) for count in counts]).reshape(-1, replicates, 3).swapaxes(0, 1)
-    theta = bradley_terry(observed_wins(cells, pairs, n))
+    drawn = np.array([rng.dirichlet(weight, size=replicates) for weight in weights]).reshape(-1, replicates, 3).swapaxes(0, 1)
+    drawn = drawn * weights.sum(axis=1)[:, None]
     together = max(1, _AT_ONCE // max(1, n * n))
-    parts = [drawn[first : first + together] for first in range(0, replicates, together)]
-    return theta, np.concatenate([bradley_terry(wins_of(part, total, pairs, n), theta) for part in parts])
+    parts = [wins_of(drawn[first : first + together], pairs, n) for first in range(0, replicates, together)]
+    return theta, np.concatenate([bradley_terry(part + _KEPT * prior, theta) for part in parts])
 
 
 def exact_ratings(match: Floats) -> Floats:
@@ -171,7 +196,7 @@ class Misfit:
     Attributes:
         share: ``[P]`` share of the matches that the first entrant won.
         expected: ``[P]`` what the ratings say.
-        z: ``[P]`` their difference in standard errors.
+        z: ``[P]`` their difference in standard errors, which allow for the correlation within cells.
         statistic: sum of squared z.
         degrees: of freedom, pairings - (entrants - 1); with 0 nothing can be said.
         p: probability of a statistic as large if Bradley-Terry's model holds; NaN without degrees of freedom.
@@ -187,13 +212,15 @@ class Misfit:
 
 def misfit(cells: Floats, pairs: Pairs, theta: Floats) -> Misfit:
     """Compare the results with the ratings, pairing by pairing; arguments as in :func:`ratings`."""
-    counts = smoothed(cells)
-    total = counts.sum(axis=1)
+    total = cells.sum(axis=1)
     won = np.array([0.0, 0.5, 1.0])
-    share = counts @ won / total
-    variance = (counts @ won**2 / total - share**2) / total
-    expected = 1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]]))
-    z = (share - expected) / np.sqrt(variance)
+    share = cells @ won / total
+    expected = expected_share(theta, pairs)
+    # The two matches of a cell are not independent; what that does to the variance is found over all pairings together.
+    independent = (share * (1 - share) / 2 * total).sum()
+    within = (cells * (won - share[:, None]) ** 2).sum()
+    factor = max(within / independent, 1e-3) if independent else 1.0
+    z = (share - expected) / np.sqrt(factor * expected * (1 - expected) / (2 * total))
     entrants = len(np.unique(pairs))
     links = 0
     if len(pairs):
@@ -235,8 +262,8 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
     def behind(theta: Floats) -> bool:
         return bool(theta[above] < theta[below] - _TIE)
 
-    wins = observed_wins(cells, pairs, n)
-    left = np.rint(wins_of(cells / np.maximum(1, cells.sum(axis=1, keepdims=True)), cells.sum(axis=1), pairs, n)).astype(np.int64)
+    won = wins_of(cells, pairs, n)
+    wins, left = won + prior_wins(won), np.rint(won).astype(np.int64)
     theta, removed = bradley_terry(wins), 0
     if theta[above] <= theta[below]:
         return 0
@@ -263,20 +290,12 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
 
 def _influence(wins: Floats, theta: Floats, above: int, below: int) -> Floats:
     """``[n, n]`` by how much the removal of a win of i over j lowers ``theta[above] - theta[below]``, to first order."""
-    played = wins + wins.T
-    probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
-    curvature = played * probability * (1 - probability)
-    np.fill_diagonal(curvature, 0)
-    hessian = np.diag(curvature.sum(axis=1)) - curvature
-    contrast = np.zeros(len(theta))
-    contrast[[above, below]] = 1, -1
-    v = np.linalg.pinv(hessian, hermitian=True) @ contrast
-    return (1 - probability) * (v[:, None] - v[None, :])
+    _, covariance = _information(wins + wins.T, theta)
+    v = covariance[:, above] - covariance[:, below]
+    return (1 - 1 / (1 + np.exp(theta[None, :] - theta[:, None]))) * (v[:, None] - v[None, :])
 
 
-def _fewest_of(
-    wins: Floats, taken: npt.NDArray[np.int64], order: Pairs, theta: Floats, behind: Callable[[Floats], bool]
-) -> int:
+def _fewest_of(wins: Floats, taken: npt.NDArray[np.int64], order: Pairs, theta: Floats, behind: Callable[[Floats], bool]) -> int:
     """Fewest of the matches taken, in the order of their influence, that suffice; all of them do."""
     low, high = 0, int(taken.sum())
     before = np.concatenate([[0], np.cumsum(taken[order])[:-1]])

@@ -19,8 +19,11 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of, resolve_game
 from shuttle_marl.league import folder as run_folder
+from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
+from shuttle_marl.league.report import report
+from shuttle_marl.league.style import styles
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
@@ -86,7 +89,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         runs.write_json(folder / runs.MANIFEST, about)
         strokes = _play(config, game, entrants, pairings, results, folder, console)
         seconds = time.monotonic() - begun
-        standings = _write_tables(config, game, results, folder, _exact(config, game, entrants, console))
+        standings = _write_tables(config, game, entrants, results, folder, _exact(config, game, entrants, console))
         done = {
             "status": "finished",
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -195,14 +198,22 @@ def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], consol
 
 
 def _write_tables(
-    config: LeagueConfig, game: Game, results: Sequence[PairResult], folder: Path, exact: ExactOdds
+    config: LeagueConfig,
+    game: Game,
+    entrants: Sequence[Entrant],
+    results: Sequence[PairResult],
+    folder: Path,
+    exact: ExactOdds,
 ) -> list[Standing]:
     standings = rank(config.pool, results, config.seed, exact)
+    tables = {entrant.name: entrant.table for entrant in entrants if entrant.table is not None}
+    assessment = assess(standings, config.pool, results, exact, styles(game, tables))
     table = results_table(results, exact)
     replace_file(folder / "results.csv", csv_bytes(table))
     write_parquet(folder / "results.parquet", table)
     replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
-    replace_file(folder / "report.md", run_folder.report(config, standings, results, game.hash, exact).encode())
+    runs.write_json(folder / run_folder.REPORT, as_json(assessment, standings))
+    replace_file(folder / "report.md", report(config, standings, results, game.hash, exact, assessment).encode())
     return standings
 
 

@@ -26,10 +26,12 @@ from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game import default_game, load_game, scoring
 from shuttle_marl.game.rally import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
+from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import Entrant, enter
-from shuttle_marl.league.folder import append_results, check_same, console_table, manifest, open_run, read_results, report
+from shuttle_marl.league.folder import append_results, check_same, manifest, open_run, read_results
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
+from shuttle_marl.league.report import console_table, report
 from shuttle_marl.league.tournament import forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
@@ -39,7 +41,16 @@ from shuttle_marl.table_files import csv_bytes
 
 POOL = ("random", "safe", "attacking")
 PAIRINGS = round_robin(POOL)
-SAME = ("config.json", "pairings.jsonl", "results.csv", "results.parquet", "ranking.csv", "report.md", "rallies.mcap")
+SAME = (
+    "config.json",
+    "pairings.jsonl",
+    "results.csv",
+    "results.parquet",
+    "ranking.csv",
+    "report.md",
+    "report.json",
+    "rallies.mcap",
+)
 """Files that the flags alone decide; the manifest also says when."""
 
 
@@ -347,9 +358,8 @@ def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.Captu
     assert "[/evil]|\\x1b[2J" in printed
     assert "=b_`*<i> (forfeited 1)" in printed
     config = LeagueConfig(pool=results[0].names, game="`model`")
-    text = report(
-        config, standings, results, "0" * 64, exact_odds(default_game(), [Entrant(name=n, policy=None) for n in config.pool])
-    )
+    exact = exact_odds(default_game(), [Entrant(name=n, policy=None) for n in config.pool])
+    text = report(config, standings, results, "0" * 64, exact, assess(standings, config.pool, results, exact, {}))
     assert "\x1b" not in text
     html = MarkdownIt("commonmark").enable("table").render(text)
     plain = unescape(re.sub(r"<[^>]*>", "", html))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 from scipy.stats import binomtest
 
 from shuttle_marl.league.ranking import wilson
@@ -16,10 +17,9 @@ from shuttle_marl.league.ratings import (
     exact_ratings,
     fewest_to_flip,
     misfit,
-    observed_wins,
+    prior_wins,
     rank_intervals,
     ratings,
-    smoothed,
     wins_of,
 )
 
@@ -40,16 +40,23 @@ def test_another_library_finds_the_same(seed: int, n: int) -> None:
     assert bradley_terry(wins) == pytest.approx(choix.ilsr_pairwise_dense(wins, tol=1e-12), abs=1e-6)
 
 
-def test_a_gradient_of_zero_at_one_sided_results() -> None:
-    """The smoothed wins are lopsided, yet the expected wins are still the observed ones."""
-    cells = np.array([[0, 0, 500], [0, 0, 500], [0, 3, 497]], dtype=float)
-    pairs = np.array([[0, 1], [0, 2], [1, 2]])
-    counts = smoothed(cells)
-    wins = wins_of(counts / counts.sum(axis=1, keepdims=True), counts.sum(axis=1), pairs, 3)
-    theta = bradley_terry(wins)
-    assert np.isfinite(theta).all()
-    expected = (wins + wins.T) / (1 + np.exp(theta[None, :] - theta[:, None]))
-    assert expected.sum(axis=1) == pytest.approx(wins.sum(axis=1), rel=1e-8)
+def test_the_prior_is_that_of_jeffreys() -> None:
+    """The ratings make the likelihood times the root of the determinant of its information largest."""
+    cells, pairs = np.array([[0, 0, 20], [1, 4, 5], [0, 3, 17.0]]), np.array([[0, 1], [0, 2], [1, 2]])
+    wins = wins_of(cells, pairs, 3)
+
+    def loss(free: np.ndarray) -> float:
+        theta = np.array([*free, 0.0])
+        p = 1 / (1 + np.exp(theta - theta[:, None]))
+        curvature = (wins + wins.T) * p * (1 - p)
+        information = np.diag(curvature.sum(axis=1)) - curvature
+        return -float((wins * np.log(p)).sum() + np.linalg.slogdet(information[:2, :2])[1] / 2)
+
+    free = minimize(loss, np.zeros(2), tol=1e-12).x
+    expected = np.array([*free, 0.0])
+    assert ratings(cells, pairs, 3, seed=0, replicates=1)[0] == pytest.approx(expected - expected.mean(), abs=1e-4)
+    assert prior_wins(wins).sum() == pytest.approx(2)
+    assert prior_wins(np.array([[0.0, 7], [0, 0]])) == pytest.approx(np.array([[0, 0.5], [0.5, 0]]))
 
 
 def test_many_fits_at_once_are_single_fits() -> None:
@@ -72,7 +79,7 @@ def test_simulated_ratings_are_found_and_lie_in_their_intervals() -> None:
     rng = np.random.default_rng(1)
     theta = np.array([1.5, 0.5, 0.0, -0.6, -1.4])
     inside = []
-    for _ in range(60):
+    for _ in range(30):
         cells, pairs = league(theta, 200, rng)
         found, drawn = ratings(cells, pairs, 5, seed=0, replicates=300)
         assert found == pytest.approx(theta, abs=0.35)
@@ -135,34 +142,55 @@ def test_exact_ratings_are_the_limit_of_the_sampled_ones() -> None:
     assert np.isfinite(exact_ratings(certain)).all()
 
 
-@pytest.mark.parametrize("theta", [[1.0, 0.3, 0.2, -1.5], [0.0, 0.0, 0.0, 0.0]])
-def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
-    """Of 95 % intervals 95 in a hundred hold the truth; those of ranks as many at least, also where entrants are equal."""
+THETAS = ([1.0, 0.3, 0.2, -1.5], [0.0, 0.0, 0.0, 0.0], [5.0, 2.0, 0.0, -2.0, -5.0], [4.0, 0.0])
+"""Entrants that are close, equal, so far from each other that they win all matches, and only two."""
+
+
+def coverage(theta: list[float], runs: int) -> tuple[float, float]:
+    """Share of simulated tournaments in which the intervals of ratings, and of ranks, hold the true ones."""
     rng = np.random.default_rng(2)
-    true = np.array(theta)
+    true = np.array(theta) - np.mean(theta)
     best, worst = 1 + (true[:, None] < true).sum(axis=1), len(true) - (true[:, None] > true).sum(axis=1)
     rated, ranked = [], []
-    for _ in range(400):
+    for _ in range(runs):
         cells, pairs = league(true, 60, rng)
         found, drawn = ratings(cells, pairs, len(true), seed=int(rng.integers(1 << 30)), replicates=300)
         low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
-        rated.extend(((low <= true - true.mean()) & (true - true.mean() <= high)).tolist())
+        rated.extend(((low <= true) & (true <= high)).tolist())
         ranks = rank_intervals(found, drawn)
         ranked.extend(((ranks[:, 0] <= best) & (worst <= ranks[:, 1])).tolist())
-    assert 0.93 <= np.mean(rated) <= 0.97
-    assert np.mean(ranked) >= 0.94
-    if theta[0] != theta[3]:
-        assert (ranks[3] == 4).all()  # the last one is last by far
+    return float(np.mean(rated)), float(np.mean(ranked))
+
+
+@pytest.mark.parametrize("theta", THETAS)
+def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
+    rated, ranked = coverage(theta, 60)
+    assert 0.90 <= rated <= 0.99
+    assert ranked >= 0.88
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("theta", THETAS)
+def test_of_95_percent_intervals_95_in_a_hundred_hold(theta: list[float]) -> None:
+    """Those of ranks hold as often at least, also where entrants are equal."""
+    rated, ranked = coverage(theta, 1500)
+    assert 0.93 <= rated <= 0.97
+    assert ranked >= 0.94
+
+
+def test_ranks_that_are_sure() -> None:
+    cells, pairs = league(np.array([2.0, 0.0, 0.0, -2.0]), 300, np.random.default_rng(0))
+    assert rank_intervals(*ratings(cells, pairs, 4, seed=0)).tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
 
 
 def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> None:
     rng = np.random.default_rng(3)
     theta = np.array([0.8, 0.2, 0.0, -0.3, -0.7])
     rejected = []
-    for _ in range(300):
+    for _ in range(150):
         cells, pairs = league(theta, 100, rng)
         rejected.append(misfit(cells, pairs, ratings(cells, pairs, 5, seed=0, replicates=1)[0]).p < 0.05)
-    assert 0.01 <= np.mean(rejected) <= 0.10
+    assert 0 < np.mean(rejected) <= 0.12
     circle = np.array([[5.0, 10, 85], [85, 10, 5], [5, 10, 85]])
     pairs = np.array([[0, 1], [0, 2], [1, 2]])
     found = misfit(circle, pairs, ratings(circle, pairs, 3, seed=0, replicates=1)[0])
@@ -182,16 +210,18 @@ def test_the_fewest_matches_that_flip_the_order(seed: int) -> None:
     theta = ratings(cells, pairs, 3, seed=0, replicates=1)[0]
     above, below = map(int, np.argsort(-theta)[:2])
     fewest = fewest_to_flip(cells, pairs, 3, above, below)
-    wins = observed_wins(cells, pairs, 3)
-    off = ~np.eye(3, dtype=bool)  # one and a half of the wins are the prior's
+    won = wins_of(cells, pairs, 3)
+    wins = won + prior_wins(won)
     kinds = [(i, j) for i in range(3) for j in range(3) if i != j]
 
     def flips(removed: list[tuple[int, int]]) -> bool:
-        left = wins.copy()
+        gone = np.zeros((3, 3))
         for kind in removed:
-            left[kind] -= 1
-        after = bradley_terry(left)
-        return bool((left[off] >= 1.4).all() and after[above] < after[below] - 1e-9)
+            gone[kind] += 1
+        if (gone > won).any():
+            return False
+        after = bradley_terry(wins - gone)
+        return bool(after[above] < after[below] - 1e-9)
 
     smaller = next((k for k in (1, 2) if any(map(flips, map(list, combinations_with_replacement(kinds, k))))), 3)
     if theta[above] - theta[below] < 1e-9:

@@ -1,0 +1,298 @@
+"""Assessment of a tournament beyond its ranking: the game between the entrants, cycles, and how firmly the ranks stand."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import kendalltau
+
+from shuttle_marl.league.meta_games import alpha_rank, maximal_lottery, nash_average
+from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
+from shuttle_marl.league.ratings import ELO, Floats, Misfit, Pairs, fewest_to_flip, misfit, prior_wins, wins_of
+from shuttle_marl.league.style import Style
+from shuttle_marl.league.tournament import PairResult
+
+ANCHOR: Final = "minimax"
+"""Perfect play, which can absorb all probability of an equilibrium; games are shown without it too."""
+_MOST_CYCLES: Final = 20
+_SURE: Final = 5e-7
+_DECIMALS: Final = 6
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class MetaGame:
+    """The game in which each of two players chooses one of N entrants.
+
+    Attributes:
+        names: the entrants.
+        nash_average: ``[N]`` the equilibrium of most entropy, by the probability to win a match.
+        maximal_lottery: ``[N]`` the same if only counts who wins more often than not.
+        alpha_rank: ``[N]`` shares of an evolving population.
+    """
+
+    names: tuple[str, ...]
+    nash_average: Floats
+    maximal_lottery: Floats
+    alpha_rank: Floats
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Cycle:
+    """Three entrants of whom each beats the next, and the last the first.
+
+    Attributes:
+        names: the three.
+        wins: probability of each to beat the next.
+    """
+
+    names: tuple[str, str, str]
+    wins: tuple[float, float, float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Flip:
+    """Neighbours in the ranking.
+
+    Attributes:
+        above, below: the two.
+        matches: how many matches need to be removed so that they change places; None if no removal does it.
+        played: matches of the whole tournament.
+    """
+
+    above: str
+    below: str
+    matches: int | None
+    played: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Stability:
+    """Ranks by the exact share of matches won, in R refits of the game.
+
+    Attributes:
+        names: N entrants with a table.
+        home: ``[N]`` rank in the game itself.
+        away: ``[R, N]`` ranks in the refits.
+        agreement: ``[R]`` Kendall's tau between the two: 1 for the same order, -1 for the reverse.
+    """
+
+    names: tuple[str, ...]
+    home: npt.NDArray[np.intp]
+    away: npt.NDArray[np.intp]
+    agreement: Floats
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Assessment:
+    """Assessment of N entrants.
+
+    Attributes:
+        names: in the order of the pool.
+        win: ``[N, N]`` probability that the row wins a match against the column: exact, else as sampled, with the prior of
+            the ratings, else by the ratings.
+        misfit: of the ratings to the P pairings that were played.
+        pairs: the names of those.
+        games: games between all, and without :data:`ANCHOR` where that is not all, by description.
+        cyclic_share: share of the log-odds, squared, that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
+        cycles: those of three, the clearest first.
+        flips: neighbours in the ranking.
+        stability: None without figures away from home.
+        styles: by name, of those with a table.
+    """
+
+    names: tuple[str, ...]
+    win: Floats
+    misfit: Misfit
+    pairs: list[tuple[str, str]]
+    games: dict[str, MetaGame]
+    cyclic_share: float
+    cycles: list[Cycle]
+    flips: list[Flip]
+    stability: Stability | None
+    styles: Mapping[str, Style]
+
+
+def assess(
+    standings: Sequence[Standing],
+    pool: Sequence[str],
+    results: Sequence[PairResult],
+    exact: ExactOdds,
+    styles: Mapping[str, Style],
+) -> Assessment:
+    """Assess a tournament.
+
+    Args:
+        standings: its ranking.
+        pool: N entrants.
+        results: of all pairings.
+        exact: the exact figures.
+        styles: of the entrants that have one.
+    """
+    played, cells, pairs = played_cells(pool, results)
+    rating = {standing.player: standing.rating / ELO for standing in standings}
+    theta = np.nan_to_num(np.array([rating[name] for name in pool]))
+    win = _win(exact, cells, pairs, theta)
+    rated = [standing for standing in standings if standing.matches]
+    return Assessment(
+        names=tuple(pool),
+        win=win,
+        misfit=misfit(cells, pairs, theta),
+        pairs=[result.names for result in played],
+        games=meta_games([name for name in pool if name in {standing.player for standing in rated}], pool, win),
+        cyclic_share=cyclic_share(win),
+        cycles=cycles(pool, win),
+        flips=[
+            Flip(
+                above=above.player,
+                below=below.player,
+                matches=fewest_to_flip(cells, pairs, len(pool), pool.index(above.player), pool.index(below.player)),
+                played=int(2 * cells.sum()),
+            )
+            for above, below in itertools.pairwise(rated)
+            if above.rating > below.rating  # forfeits put entrants behind those with lower ratings
+        ],
+        stability=stability(exact),
+        styles=styles,
+    )
+
+
+def _win(exact: ExactOdds, cells: Floats, pairs: Pairs, theta: Floats) -> Floats:
+    win = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    wins = wins_of(cells, pairs, len(win))
+    wins += prior_wins(wins)
+    played = wins + wins.T
+    win = np.where(played > 0, wins / np.where(played > 0, played, 1), win)
+    win = np.where(np.isnan(exact.match), win, exact.match)
+    # The two directions of a pair are rounded on their own.
+    return np.asarray(np.round((win + 1 - win.T) / 2, _DECIMALS + 1))
+
+
+def meta_games(names: Sequence[str], pool: Sequence[str], win: Floats) -> dict[str, MetaGame]:
+    """The games between entrants: all of them, and without perfect play if it is one of three or more.
+
+    Args:
+        names: those who play, of the pool.
+        pool: names of the rows and columns.
+        win: ``[N, N]`` probability that the row wins a match against the column.
+    """
+    games = {"all": list(names)}
+    if ANCHOR in names and len(names) > 2:
+        games[f"without {ANCHOR}"] = [name for name in names if name != ANCHOR]
+    return {about: _meta_game(some, win[np.ix_(at, at)]) for about, some in games.items() if (at := [*map(pool.index, some)])}
+
+
+def _meta_game(names: Sequence[str], win: Floats) -> MetaGame:
+    payoff = win - win.T
+    return MetaGame(
+        names=tuple(names),
+        nash_average=np.round(nash_average(payoff), _DECIMALS),
+        maximal_lottery=np.round(maximal_lottery(np.sign(payoff)), _DECIMALS),
+        alpha_rank=np.round(alpha_rank(payoff), _DECIMALS),
+    )
+
+
+def cyclic_share(win: Floats) -> float:
+    """Share of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
+
+    Args:
+        win: ``[N, N]`` probability that the row wins against the column.
+    """
+    p = win.clip(_SURE, 1 - _SURE)
+    odds = np.log(p / (1 - p))
+    level = odds.mean(axis=1)
+    whole = float((odds**2).sum())
+    return round(float(((odds - level[:, None] + level) ** 2).sum()) / whole, _DECIMALS) if whole else 0.0
+
+
+def cycles(names: Sequence[str], win: Floats) -> list[Cycle]:
+    """Threes of whom each beats the next and the last the first: those whose closest match is clearest first, twenty at most.
+
+    Args:
+        names: N entrants.
+        win: ``[N, N]`` probability that the row wins against the column.
+    """
+    margin, n = win - 0.5, len(names)
+    found = []
+    for i in range(n):
+        # A cycle begins with the first of its three in the pool.
+        weakest = np.minimum(np.minimum(margin[i][:, None], margin), margin[:, i][None, :])
+        weakest[: i + 1], weakest[:, : i + 1] = 0, 0
+        found += [(float(weakest[j, k]), (i, int(j), int(k))) for j, k in np.argwhere(weakest > 0)]
+    found.sort(key=lambda each: (-each[0], each[1]))
+    return [
+        Cycle(names=(names[i], names[j], names[k]), wins=(float(win[i, j]), float(win[j, k]), float(win[k, i])))
+        for _, (i, j, k) in found[:_MOST_CYCLES]
+    ]
+
+
+def stability(exact: ExactOdds) -> Stability | None:
+    """How the exact ranks hold in refits of the game; None without shares there."""
+    if not exact.away_shares.size:
+        return None
+    known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))
+    match = exact.match[np.ix_(known, known)]
+    home = _ranks(match.sum(axis=1) - match.diagonal())
+    away = np.array([_ranks(shares[known]) for shares in exact.away_shares])
+    tau = [float(kendalltau(home, ranks).statistic) if len(known) > 1 else math.nan for ranks in away]
+    return Stability(names=tuple(exact.names[i] for i in known), home=home, away=away, agreement=np.array(tau))
+
+
+def _ranks(shares: Floats) -> npt.NDArray[np.intp]:
+    """``[N]`` ranks from 1 for the largest share; equal ones share the better rank."""
+    return np.asarray(1 + (shares[None, :] > shares[:, None]).sum(axis=1))
+
+
+def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:
+    """Content of ``report.json``: nothing but numbers, text, lists and null."""
+    fit, stable = assessment.misfit, assessment.stability
+    found = {
+        "ranking": [dataclasses.asdict(standing) for standing in standings],
+        "payoffs": {"players": assessment.names, "match_win": assessment.win.tolist()},
+        "misfit": {
+            "statistic": fit.statistic,
+            "degrees": fit.degrees,
+            "p": fit.p,
+            "pairs": [
+                {"players": names, "share": share, "expected": expected, "z": z}
+                for names, share, expected, z in zip(
+                    assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True
+                )
+            ],
+        },
+        "meta_games": {
+            about: {
+                rule: dict(zip(game.names, getattr(game, rule).tolist(), strict=True))
+                for rule in ("nash_average", "maximal_lottery", "alpha_rank")
+            }
+            for about, game in assessment.games.items()
+        },
+        "cyclic_share": assessment.cyclic_share,
+        "cycles": [{"players": cycle.names, "match_win": cycle.wins} for cycle in assessment.cycles],
+        "flips": [dataclasses.asdict(flip) for flip in assessment.flips],
+        "stability": None
+        if stable is None
+        else {
+            "players": stable.names,
+            "rank": stable.home.tolist(),
+            "rank_in_refits": stable.away.tolist(),
+            "kendall_tau": stable.agreement.tolist(),
+        },
+        "styles": {name: dataclasses.asdict(style) for name, style in assessment.styles.items()},
+    }
+    plain: dict[str, Any] = _plain(found)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN; rounded, files have the same bytes on every machine."""
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return round(value, _DECIMALS) + 0.0 if math.isfinite(value) else None
+    return value

@@ -1,0 +1,76 @@
+"""Styles: how much of a policy's play is that of people, and the mix of its strokes. Exact, from its table."""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
+
+PEOPLE: Final = "bc"
+"""The average player of the data, imitated."""
+AXES: Final[dict[str, tuple[str, ...]]] = {
+    "smash": ("smash", "half-smash"),
+    "drop": ("drop",),
+    "clear": ("clear",),
+    "lift": ("lift",),
+    "block": ("block",),
+    "net shot": ("net-shot", "cross-court-net-shot"),
+    "net kill": ("net-kill",),
+    "drive and push": ("drive", "push"),
+}
+"""Shot types of a style; serves are none."""
+_TOLERANCE: Final = 1e-7
+_DECIMALS: Final = 6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Style:
+    """Style of a policy.
+
+    Attributes:
+        likeness: share of the strokes in common with ``bc``: the smaller of the two probabilities of every stroke, summed, in the
+            states that ``bc`` meets when it plays itself; 1 for ``bc``.
+        rally_length: expected strokes of a rally against ``bc``.
+        shots: share of each of :data:`AXES` among the strokes after the serve, against ``bc``.
+    """
+
+    likeness: float
+    rally_length: float
+    shots: dict[str, float]
+
+
+def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
+    """The styles of policies by name; without any where the game has no ``bc``."""
+    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
+
+    try:
+        people = tabulate(resolve(PEOPLE, game), game, PEOPLE)
+    except PolicyError:
+        return {}
+    usual = people.pair_probabilities()
+    met = visits(people, people, tolerance=_TOLERANCE).states
+    weight = game.of_pairs((met[0] + met[1]) / (met[0] + met[1]).sum())
+
+    def style(policy: TabulatedPolicy) -> Style:
+        seen = visits(policy, people, tolerance=_TOLERANCE)
+        mix = dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))
+        rallying = sum(mix[shot] for shots in AXES.values() for shot in shots)
+        return Style(
+            likeness=round(float((weight * np.minimum(usual, policy.pair_probabilities())).sum()), _DECIMALS),
+            rally_length=round(seen.rally_length, _DECIMALS),
+            shots={
+                axis: round(sum(mix[shot] for shot in shots) / rallying, _DECIMALS) if rallying else 0.0
+                for axis, shots in AXES.items()
+            },
+        )
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return dict(zip(tables, threads.map(style, tables.values()), strict=True))
