@@ -1,8 +1,10 @@
-"""``python -m shuttle_marl.league``: a round robin between policies."""
+"""``python -m shuttle_marl.league``: a round robin between policies; ``… league train``: policies that learn from each other."""
 
+import json as json_format
 import shlex
+import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import Annotated, Final
 
 import tyro
 
@@ -12,6 +14,7 @@ from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.report import console_table
 from shuttle_marl.league.run import run_league
+from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
@@ -25,13 +28,50 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
         out.print(f"watch it: python -m shuttle_marl.watch --replay {shlex.quote(printable(str(log)))}", soft_wrap=True)
 
 
+def train(
+    config: tyro.conf.OmitArgPrefixes[LeagueTrainingConfig], json_output: Annotated[bool, tyro.conf.arg(name="json")] = False
+) -> None:
+    """Train main agents and exploiters against each other, their past and exact best responses.
+
+    Args:
+        config: what to train.
+        json_output: print the final figures as JSON.
+    """
+    from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
+
+    done = train_league(config, cli.console(stderr=True))
+    figures = done.figures
+    if json_output:
+        sys.stdout.write(json_format.dumps({**figures, "run": str(done.folder)}) + "\n")
+        return
+    table = printable(str(done.folder / MAIN))
+    rows = {
+        "main agent": f"{figures['main_agent']}, the least exploitable of {len(figures['curve'])}",
+        "exploitability": f"{figures['exploitability']:.5f} (within {figures['error_bound']:.0e})",
+        "rounds": f"{figures['rounds']} in {figures['seconds']:.0f} s, {figures['strokes']:,} strokes",
+        "policies": f"{len(figures['policies'])}, {figures['payoffs_solved']} pairs of them solved exactly",
+        "played as": f"table:{table}",
+        "run folder": printable(str(done.folder)),
+    }
+    cli.console().print(cli.facts(rows), soft_wrap=True)
+
+
 COMMANDS: Final = play
+TRAIN: Final = "train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    args = list(sys.argv[1:] if argv is None else argv)
+    if args[:1] == [TRAIN]:
+        description = (
+            "Main agents, main exploiters and league exploiters learn in rounds. After each, policies are frozen, payoffs and "
+            "exploitability are solved exactly, and all is saved: --resume continues after the last round."
+        )
+        return cli.run(train, prog=f"python -m shuttle_marl.league {TRAIN}", description=description, argv=args[1:])
     description = (
         "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
-        "Writes a run folder with results, ratings, a report and every rally played."
+        "Writes a run folder with results, ratings, a report and every rally played. "
+        f"`python -m shuttle_marl.league {TRAIN} --help`: a league that learns."
     )
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=args)

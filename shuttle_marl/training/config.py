@@ -52,7 +52,7 @@ FractionOrZero = Annotated[float, Within(low=0, high=1, text="a number from 0 to
 Weight = Annotated[float, Within(low=0, high=10, text="a number from 0 to 10")]
 
 
-def _bounds(config: type) -> dict[str, tuple[bool, Within]]:
+def bounds_of(config: type) -> dict[str, tuple[bool, Within]]:
     """By field, whether it is a whole number, and its bounds."""
     hints = get_type_hints(config, include_extras=True)
     return {
@@ -125,7 +125,7 @@ class TrainingConfig:
         from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
         Sampling.parse(self.record)
-        for name, (whole, bounds) in _bounds(type(self)).items():
+        for name, (whole, bounds) in bounds_of(type(self)).items():
             value = getattr(self, name)
             if value is not None and (value not in bounds or (whole and not isinstance(value, int))):
                 raise TrainingError(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")

@@ -1,0 +1,174 @@
+"""The policies of a league so far, each frozen and stored once under the hash of its table, and what they win against each other.
+
+Payoffs are exact: every pair that is asked for is solved once, and never again.
+"""
+
+import collections
+import dataclasses
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import zstandard
+
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
+from shuttle_marl.files import FileReadError, open_file, problem, replace_file
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.training.league.config import LeagueTrainingError
+
+Floats = npt.NDArray[np.float64]
+
+TABLES: Final = "tables"
+"""Folder of the tables in the folder of a run."""
+TOLERANCE: Final = 1e-5
+"""Error bound of the values behind payoffs and exploitability, far below what training can tell apart."""
+_CHAIN_BYTES: Final = 2 << 30
+"""Memory for chains of policies; a policy that is not among those kept is read again."""
+
+
+class Tables:
+    """Tables of policies in a folder, by hash.
+
+    Args:
+        folder: of the run.
+        game: of the policies.
+    """
+
+    def __init__(self, folder: Path, game: Game) -> None:
+        self._folder, self._game = folder / TABLES, game
+
+    def keep(self, policy: TabulatedPolicy) -> str:
+        """Store a policy, unless it is there; returns its hash."""
+        name = policy.hash
+        path = self._path(name)
+        if not path.exists():
+            replace_file(path, zstandard.ZstdCompressor(level=1).compress(policy.cumulative.tobytes()))
+        return name
+
+    def read(self, name: str) -> TabulatedPolicy:
+        """The policy of a hash.
+
+        Raises:
+            LeagueTrainingError: it is missing or damaged.
+        """
+        path = self._path(name)
+        size = 2 * self._game.n_pairs
+        try:
+            with open_file(path) as file:
+                content = zstandard.ZstdDecompressor().decompress(file.read(), max_output_size=size)
+            cumulative = np.frombuffer(content, np.uint16)
+            policy = TabulatedPolicy(game=self._game, cumulative=cumulative)
+            if len(cumulative) != self._game.n_pairs or policy.hash != name:
+                raise FileReadError("it does not fit the hash in its name")
+        except (OSError, zstandard.ZstdError, FileReadError) as error:
+            raise LeagueTrainingError(f"{path}: cannot be read ({problem(error)}); train again with --overwrite") from error
+        return policy
+
+    def forget(self, kept: Collection[str]) -> None:
+        """Delete the tables of all policies but some, by hash."""
+        for path in self._folder.glob("*.zst"):
+            if path.stem not in kept:
+                path.unlink(missing_ok=True)
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.zst"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Frozen:
+    """A policy that does not change any more.
+
+    Attributes:
+        name: such as ``bc``, ``main-0@3`` (the first main agent after round 3) or ``best-response:main-0@3``.
+        role: ``given``, ``main``, ``main-exploiter``, ``league-exploiter``, ``best-response`` or ``oracle``.
+        round: after which it joined; 0 for those given.
+        hash: of its table.
+    """
+
+    name: str
+    role: str
+    round: int
+    hash: str
+
+
+class Payoffs:
+    """Odds of pairs of policies, solved when they are first asked for.
+
+    Args:
+        tables: of the policies.
+        cells: what is known already, as :meth:`as_json` gave it.
+    """
+
+    def __init__(self, tables: Tables, cells: Mapping[str, Sequence[float]] = {}) -> None:
+        self._tables = tables
+        self._cells: dict[tuple[str, str], tuple[float, float]] = {}
+        for pair, (first, second) in cells.items():
+            a, _, b = pair.partition(" ")
+            self._cells[a, b] = (float(first), float(second))
+        self._chains: collections.OrderedDict[str, InducedChain] = collections.OrderedDict()
+        self.solved = 0
+        """Pairs that were solved, not known before."""
+
+    def as_json(self, kept: Collection[str]) -> dict[str, list[float]]:
+        """The odds of some policies that are known: by two hashes, probabilities that each wins a rally that it serves."""
+        cells = sorted(self._cells.items())
+        return {f"{a} {b}": [first, second] for (a, b), (first, second) in cells if a in kept and b in kept}
+
+    def odds(self, policy: str, others: Iterable[str]) -> list[Odds]:
+        """Odds of a policy against each of some others, by hash."""
+        others = list(others)
+        missing = sorted({_pair(policy, other) for other in others} - self._cells.keys())
+        missing = [pair for pair in missing if pair[0] != pair[1]]
+        for chunk in (missing[i : i + 8] for i in range(0, len(missing), 8)):
+            chains = [(self._chain(a), self._chain(b)) for a, b in chunk]
+            with ThreadPoolExecutor(os.cpu_count()) as threads:
+                for pair, odds in zip(chunk, threads.map(_solve, chains), strict=True):
+                    self._cells[pair] = odds
+                    self.solved += 1
+        return [self._odds(policy, other) for other in others]
+
+    def _odds(self, policy: str, other: str) -> Odds:
+        if policy == other:
+            return Odds(serving=0.5, receiving=0.5, error_bound=TOLERANCE)  # of both together: what one wins the other loses
+        a, b = self._cells[_pair(policy, other)]
+        mine, theirs = (a, b) if policy < other else (b, a)
+        return Odds(serving=mine, receiving=1 - theirs, error_bound=TOLERANCE / 2)
+
+    def values(self, hashes: Sequence[str]) -> Floats:
+        """``[N, N]`` value of a rally of the row against the column, both serving equally often; antisymmetric."""
+        out = np.zeros((len(hashes), len(hashes)))
+        for i, policy in enumerate(hashes):
+            out[i, :i] = [odds.value for odds in self.odds(policy, hashes[:i])]
+        return np.asarray(out - out.T)
+
+    def match_wins(self, policy: str, others: Sequence[str]) -> Floats:
+        """``[K]`` probabilities that a policy wins a match against each of some others."""
+        return np.array([odds.match() for odds in self.odds(policy, others)])
+
+    def _chain(self, name: str) -> InducedChain:
+        if name in self._chains:
+            self._chains.move_to_end(name)
+            return self._chains[name]
+        chain = self._chains[name] = induced(self._tables.read(name))
+        while len(self._chains) > 2 and sum(map(_bytes, self._chains.values())) > _CHAIN_BYTES:
+            self._chains.popitem(last=False)
+        return chain
+
+
+def _pair(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)
+
+
+def _solve(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
+    value = evaluate_chains(*chains, tolerance=TOLERANCE)
+    return value.odds(0).serving, value.odds(1).serving
+
+
+def _bytes(chain: InducedChain) -> int:
+    return sum({id(part): part.nbytes for part in chain.weight}.values())

@@ -1,0 +1,310 @@
+"""Leagues that learn, on a game of a few hundred states: what they reach, and that a kill changes nothing."""
+
+import contextlib
+import dataclasses
+import itertools
+import json
+import multiprocessing
+import os
+import random
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import load
+
+from shuttle_marl import exact
+from shuttle_marl.commands.league import main
+from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.table import base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.runs import RunError
+from shuttle_marl.training.league.config import WAYS, LeagueTrainingConfig, LeagueTrainingError, Meta, Way
+from shuttle_marl.training.league.mixtures import merged
+from shuttle_marl.training.league.population import TABLES, Payoffs, Tables
+from shuttle_marl.training.league.psro import meta_strategy
+from shuttle_marl.training.league.run import MAIN, train_league
+from shuttle_marl.training.league.state import LEAGUE
+from shuttle_marl.training.learner import Learner
+
+STROKES = (
+    "short-serve:front-centre:below:backhand",
+    "clear:back-left:above:forehand",
+    "cross-court-net-shot:front-left:below:forehand",
+    "half-smash:middle-right:above:around-the-head",
+    "lift:back-centre:below:forehand",
+    "net-shot:front-centre:below:forehand",
+    "net-shot:front-right:above:backhand",
+    "smash:middle-left:above:forehand",
+)
+SMALL: dict[str, Any] = {
+    "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "renew": 2, "patience": 2, "workers": 1, "pool": ("attacking", "safe")
+}  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Name of a model: long rallies of smashes and net shots at two levels of effort."""
+    folder = tmp_path_factory.mktemp("model")
+    catalogue = Catalogue.from_names(STROKES)
+    n = len(catalogue)
+    tables = layout(catalogue, np.vstack([np.tile(~catalogue.is_serve, (n, 1)), catalogue.is_serve]), duels=True)
+    rng = np.random.default_rng(0)
+    good, returned, above = rng.uniform([[0.85], [0.9], [0.3]], [[0.95], [0.98], [0.7]], (3, base_pairs(tables)))
+    odds = np.array([ONE, 2 * ONE], np.int32)
+    game = Game(catalogue=catalogue, threshold=thresholds(good, returned, above), fault_odds=odds, **tables)
+    game.save(folder / "game.safetensors")
+    return str(folder)
+
+
+def final(folder: Path) -> tuple[dict[str, Any], bytes]:
+    """All results of a run but the time that it took."""
+    figures = json.loads((folder / "results.json").read_text())
+    del figures["seconds"]
+    for line in figures["curve"]:
+        del line["seconds"]
+    return figures, load((folder / MAIN).read_bytes())["cumulative"].tobytes()
+
+
+@pytest.mark.parametrize("way", [pytest.param(way, marks=pytest.mark.slow if way in WAYS[:2] else ()) for way in WAYS])
+def test_every_way_learns(way: Way, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(**{**SMALL, "strokes": 9_000}, way=way, oracle="ppo", game=model, out=tmp_path / "run")
+    done = train_league(config)
+    game = load_game(model)
+    first, *_, last = done.figures["curve"]
+    assert done.figures["exploitability"] <= last["exploitability"] <= first["exploitability"]
+    assert way == "psro" or last["exploitability"] < first["exploitability"]
+    answer = exact.best_response(done.policy)
+    assert answer.value.odds().value == pytest.approx(done.figures["exploitability"], abs=2e-5)
+    roles = {each["role"] for each in done.figures["policies"]}
+    with_exploiters = {"given", "main", "best-response", "main-exploiter", "league-exploiter"}
+    assert roles == {"plain": {"given", "main"}, "psro": {"given", "oracle"}}.get(way, with_exploiters)
+    # Policies are stored once, under their hashes, and those of the past are never changed.
+    hashes = [each["hash"] for each in done.figures["policies"]]
+    assert len(set(hashes)) == len(hashes)
+    tables = Tables(done.folder, game)
+    assert [tables.read(name).hash for name in hashes] == hashes
+    assert (done.folder / "exploitability.png").stat().st_size > 1000
+    with pytest.raises(RunError, match="finished run"):
+        train_league(config)
+    again = train_league(dataclasses.replace(config, resume=True))
+    assert again.figures["curve"] == done.figures["curve"]
+
+
+@pytest.mark.parametrize("meta", ["nash", "uniform", "alpha-rank"])
+def test_exact_oracles_find_the_equilibrium(meta: Meta, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(way="psro", meta=meta, rounds=12, game=model, pool=("attacking",), out=tmp_path / "run")
+    done = train_league(config)
+    # Only with Nash equilibria is it sure to end there; the mean of all best responses draws nearer.
+    assert done.figures["exploitability"] < {"nash": 1e-4, "uniform": 0.03}.get(meta, 0.05)
+    assert done.figures["converged"] == (meta != "uniform")
+    solved = exact.solve(load_game(model))
+    value = exact.evaluate(done.policy, solved.policy[1]).odds().value
+    assert value == pytest.approx(0, abs=done.figures["exploitability"] + 1e-5)
+
+
+@pytest.mark.parametrize("algorithm", [pytest.param("a2c", marks=pytest.mark.slow), "sac"])
+def test_every_algorithm_plays_in_a_league(algorithm: Any, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(**{**SMALL, "rounds": 2}, learner=algorithm, game=model, out=tmp_path / "run")
+    done = train_league(config)
+    assert len(done.figures["curve"]) == 2
+    assert done.figures["strokes"] >= 1500
+
+
+def test_double_oracles_solve_matrix_games() -> None:
+    """Rock, paper, scissors and well, of which rock is of no use: found from rock alone."""
+    payoff = np.array([[0, -1, 1, -1], [1, 0, -1, 1], [-1, 1, 0, -1], [1, -1, 1, 0]], dtype=float)
+    known = [0]
+    for _ in range(4):
+        shares = meta_strategy("nash", payoff[np.ix_(known, known)])
+        answer = int((payoff[:, known] @ shares).argmax())
+        if answer in known:
+            break
+        known.append(answer)
+    strategy = dict(zip(known, shares.tolist(), strict=True))
+    assert strategy == pytest.approx({0: 0, 1: 1 / 3, 2: 1 / 3, 3: 1 / 3} if len(known) == 4 else strategy)
+    assert (payoff[:, known] @ shares).max() <= 1e-9
+    assert np.allclose(meta_strategy("uniform", payoff), 1 / 4)
+    assert meta_strategy("alpha-rank", payoff).sum() == pytest.approx(1)
+
+
+def test_a_mixture_as_one_policy_wins_what_the_mixture_wins(model: str) -> None:
+    game = load_game(model)
+    rng = np.random.default_rng(1)
+
+    def drawn() -> Any:
+        weight = rng.gamma(0.5, size=game.n_pairs) + 1e-3
+        return from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
+
+    policies, opponent, shares = [drawn() for _ in range(3)], drawn(), np.array([0.5, 0.3, 0.2])
+    expected = shares @ [exact.evaluate(policy, opponent).odds().value for policy in policies]
+    # A table holds probabilities in units of 1/65535.
+    assert exact.evaluate(merged(policies, shares, opponent), opponent).odds().value == pytest.approx(expected, abs=1e-4)
+    assert merged(policies, np.array([0, 1.0, 0])) is policies[1]
+
+
+def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
+    game = load_game(model)
+    rng = np.random.default_rng(2)
+    tables, policies = Tables(tmp_path, game), []
+    for _ in range(4):
+        weight = rng.gamma(0.5, size=game.n_pairs) + 1e-3
+        policies.append(
+            from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
+        )
+    hashes = [tables.keep(policy) for policy in policies]
+    assert len(list((tmp_path / TABLES).iterdir())) == 4
+    payoffs = Payoffs(tables)
+    assert np.allclose(payoffs.values(hashes[:3]), 2 * exact.crossplay(policies[:3]).rally - 1, atol=2e-5)
+    assert payoffs.solved == 3
+    restored = Payoffs(tables, payoffs.as_json(hashes))
+    assert np.allclose(restored.values(hashes), 2 * exact.crossplay(policies).rally - 1, atol=2e-5)
+    assert restored.solved == 3
+    assert restored.match_wins(hashes[0], hashes[:1]) == pytest.approx(0.5)
+    assert np.allclose(restored.match_wins(hashes[3], hashes[:3]), exact.crossplay(policies).match()[3, :3], atol=1e-3)
+
+
+class Killed(BaseException):
+    """End of the process, as far as the league can tell."""
+
+
+def stopping(when: int) -> Callable[[Any, Any], None]:
+    """A replacement of ``os.replace`` that stops before a file comes to its place for the n-th time."""
+    count, replace = itertools.count(1), os.replace
+
+    def replace_or_stop(source: Any, target: Any) -> None:
+        if next(count) == when:
+            raise Killed
+        replace(source, target)
+
+    return replace_or_stop
+
+
+@pytest.fixture(scope="module")
+def whole(model: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A league that was not broken off."""
+    return train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path_factory.mktemp("whole") / "run")).folder
+
+
+@pytest.mark.parametrize("when", [pytest.param(n, marks=() if n in (4, 17, 26) else pytest.mark.slow) for n in range(1, 61)])
+def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
+    when: int, whole: Path, model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before files that come to their places, one after another."""
+    config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run")
+    with monkeypatch.context() as patch, contextlib.suppress(Killed):
+        patch.setattr(os, "replace", stopping(when))
+        train_league(config)
+    train_league(dataclasses.replace(config, resume=(tmp_path / "run" / "config.json").exists()))
+    assert final(tmp_path / "run") == final(whole)
+
+
+def _run(config: LeagueTrainingConfig) -> None:
+    train_league(config)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+@pytest.mark.parametrize("kills", [1, pytest.param(30, marks=pytest.mark.slow)])
+def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Path, model: str, tmp_path: Path) -> None:
+    rng = random.Random(kills)
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["shuttle_marl.training.league.run"])
+    config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run")
+    for _ in range(kills):
+        resume = (tmp_path / "run" / "config.json").exists()
+        process = context.Process(target=_run, args=(dataclasses.replace(config, resume=resume),))
+        process.start()
+        process.join(rng.uniform(0.5, 4.0))
+        if process.pid is not None and process.is_alive():
+            os.kill(process.pid, signal.SIGKILL)
+        process.join()
+    train_league(dataclasses.replace(config, resume=(tmp_path / "run" / "config.json").exists()))
+    assert final(tmp_path / "run") == final(whole)
+
+
+@pytest.mark.slow
+def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run")
+    context = multiprocessing.get_context("forkserver")
+    process = context.Process(target=_run, args=(config,))
+    process.start()
+    # The first child of the league that lives is a worker.
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    found: list[int] = []
+    while process.is_alive() and not found:
+        process.join(0.05)
+        with contextlib.suppress(OSError):
+            found = [pid for pid in map(int, children.read_text().split()) if _is_worker(pid)]
+    if found:
+        os.kill(found[-1], signal.SIGKILL)
+    process.join()
+    assert process.exitcode == 0
+    assert final(tmp_path / "run") == final(whole)
+
+
+def _is_worker(pid: int) -> bool:
+    return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+
+
+def test_learning_that_diverges_says_where(model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from shuttle_marl.training.league import turns
+    from shuttle_marl.training.learner import DivergedError
+
+    def diverging(config: Any, game: Game) -> Learner:
+        learner = turns.make_ppo(config, game)
+
+        def learn(*_: Any) -> dict[str, float]:
+            raise DivergedError("loss_critic became nan")
+
+        return dataclasses.replace(learner, learn=learn)
+
+    monkeypatch.setitem(turns._MAKE, "ppo", diverging)
+    with pytest.raises(DivergedError, match=r"main-agent-0 in round 1: .*--learning-rate"):
+        train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run"))
+
+
+def test_damage_is_noticed(whole: Path, model: str, tmp_path: Path) -> None:
+    import shutil
+
+    config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run", resume=True)
+    shutil.copytree(whole, tmp_path / "run")
+    best = json.loads((whole / LEAGUE).read_text())["best"]["hash"]
+    (tmp_path / "run" / TABLES / f"{best}.zst").write_bytes(b"rubbish")
+    with pytest.raises(LeagueTrainingError, match="cannot be read"):
+        train_league(config)
+    (tmp_path / "run" / LEAGUE).write_text("{}")
+    with pytest.raises(LeagueTrainingError, match="cannot be used"):
+        train_league(config)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--budget", "soon"], "expected a time"),
+        (["--budget", "0m"], "expected a time"),
+        (["--budget", "5m", "--strokes", "10"], "give one of them"),
+        (["--responses", "0.9", "--past", "0.5"], "shares of 1"),
+        (["--main-agents", "0"], "whole number from 1"),
+        (["--way", "psro", "--strokes", "10"], "nothing learns"),
+        (["--pool", "nobody"], "nobody"),
+    ],
+)
+def test_bad_settings_are_refused(flags: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", *flags, "--out", str(tmp_path / "run")]) == 1
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_command_prints_its_figures(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--way", "psro", "--rounds", "2", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
+    assert main(["train", *flags, "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["rounds"] == 2
+    assert figures["run"] == str(tmp_path / "run")
+    assert main(["train", *flags, "--resume"]) == 0
+    assert "exploitability" in capsys.readouterr().out
