@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from shuttle_marl.exact.away import Spread
+    from shuttle_marl.exact.losses import Holes
     from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., Any]
@@ -170,6 +171,23 @@ def play(cards: Sequence["Scorecard"]) -> Table:
     for card in cards:
         if card.endings_vs_bc is not None and card.shot_mix_vs_bc is not None:
             table.add_row(_name(card.policy), shares(card.endings_vs_bc), shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
+    return table
+
+
+def holes(policy: str, found: "Holes") -> Table:
+    """The states in which a policy loses most, one a row."""
+    title = Text(f"Where {printable(policy)} loses most to its best response")
+    table = Table(title=title, title_justify="left", header_style="bold")
+    table.add_column("state", overflow="fold")
+    table.add_column("plays, better", overflow="fold")
+    for heading in ("in self-play", "against its best response", "lost a stroke", "lost a rally"):
+        table.add_column(heading, justify="right")
+    for hole in found.holes:
+        played = f"{hole.played} {percent(hole.played_share)}"
+        better = "" if hole.best == hole.played else f"\n{hole.best} {percent(hole.best_share)}"
+        seen = (f"{share:.4f}" if share >= 1e-4 else f"{share:.0e}" for share in (hole.in_self_play, hole.against_best_response))
+        state = hole.description.replace(", ", "\n", 2)
+        table.add_row(Text(state), Text(played + better), *seen, f"{hole.regret:.4f}", f"{hole.loss:.5f}", end_section=True)
     return table
 
 

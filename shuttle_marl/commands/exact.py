@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.exact solve | evaluate | best-response | crossplay``: the game solved, policies measured by it."""
+"""``python -m shuttle_marl.exact COMMAND``: the game solved (``solve``), and policies measured by it, in several ways."""
 
 import contextlib
 import functools
@@ -243,6 +243,47 @@ def best_response(
     _print_away([("the response", figures["home"], spreads)], others, asked=away)
 
 
+def holes(
+    policy: Annotated[str, tyro.conf.Positional],
+    *,
+    game: str = "default",
+    profile: Profile | None = None,
+    top: int = 10,
+    policy_timeout: float = POLICY_TIMEOUT,
+    json_output: Json = False,
+) -> None:
+    """List the states in which a policy loses most to its best response.
+
+    Args:
+        policy: name of a policy (docs/league.md).
+        game: model whose game is played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
+        top: number of states to list.
+        policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
+        json_output: print JSON.
+    """
+    from shuttle_marl.exact import holes as find  # noqa: PLC0415  numba
+    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+
+    if top < 1:
+        raise ExactError(f"--top {top}: expected a number from 1 on")
+    tables = resolve_game(game, profile)
+    with time_limit(policy_timeout):
+        found = find(tabulate(resolve(policy, tables), tables, policy), top=top)
+    if json_output:
+        _say(json_format.dumps({"policy": policy, **found.as_json()}))
+        return
+    console = cli.console()
+    console.print(cli.holes(policy, found))
+    console.print(
+        f"{len(found.holes)} of {found.states:,} states with a loss hold {cli.percent(found.share)} of it. The policy loses "
+        f"{found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play to get it: "
+        f"exploitability {found.exploitability:.5f} (within {found.error_bound:.0e}). in self-play, against its best response: "
+        "how often it strikes there in a rally, both serving equally often."
+    )
+
+
 def crossplay(
     policies: Policies,
     *,
@@ -395,6 +436,7 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "solve": solve,
     "evaluate": evaluate,
     "best-response": best_response,
+    "holes": holes,
     "crossplay": crossplay,
 }
 

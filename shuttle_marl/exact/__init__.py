@@ -1,4 +1,4 @@
-"""Exact values of the game: minimax, robust and human play, best responses, cross-play, regret, visits. See ``docs/exact.md``.
+"""Exact values: minimax, robust and human play, best responses, cross-play, regret, holes, visits. See ``docs/exact.md``.
 
 Names are imported when first used, because the solvers need numba, which takes longer to import than a command's help.
 """
@@ -10,6 +10,7 @@ import lazy_loader
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
+    from shuttle_marl.exact.losses import Hole, Holes, holes
     from shuttle_marl.exact.match import Odds, least_gain
     from shuttle_marl.exact.occupancy import Visits, visits
     from shuttle_marl.exact.optimal import (
@@ -31,6 +32,8 @@ __all__ = [
     "Crossplay",
     "ExactError",
     "Exploitability",
+    "Hole",
+    "Holes",
     "Odds",
     "PairPolicy",
     "ProfileValue",
@@ -45,6 +48,7 @@ __all__ = [
     "best_response",
     "crossplay",
     "evaluate",
+    "holes",
     "least_gain",
     "nash_conv",
     "policy_regret",
@@ -59,6 +63,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "away": ("Spread",),
         "fixed_point": ("TOLERANCE", "ExactError"),
+        "losses": ("Hole", "Holes", "holes"),
         "match": ("Odds", "least_gain"),
         "occupancy": ("Visits", "visits"),
         "optimal": ("Exploitability", "Regret", "Response", "Solution", "best_response", "nash_conv", "policy_regret", "solve"),

@@ -1,0 +1,140 @@
+"""Holes of a policy: the states in which it loses most to its best response.
+
+Let b be the best response to pi, V the minimax values and Q those of strokes. In a state s in which pi strikes, it loses
+regret(s) = V(s) - sum_a pi(a | s) Q(s, a) by not playing the best stroke. The best response b loses in the same way wherever it
+leaves minimax play to win more against pi. As both differences from V add up over a rally (the performance difference lemma:
+Kakade & Langford, ICML 2002), what b gains is exactly
+
+    exploitability = sum_s visits_pi(s) regret_pi(s) - sum_s visits_b(s) regret_b(s),        visits: of pi against b.
+
+The first sum is what pi loses, state by state. A state that is rarely met in self-play may be met in every rally against b, so
+both numbers of visits are told.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
+from shuttle_marl.game.table import TabulatedPolicy
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hole:
+    """A state in which a policy loses.
+
+    Attributes:
+        state: its number.
+        description: the state in words.
+        played: the stroke that the policy plays most there.
+        played_share: its probability.
+        best: the best stroke there.
+        best_share: the probability with which the policy plays it.
+        in_self_play: how often the policy strikes in the state in a rally against itself.
+        against_best_response: the same against its best response.
+        regret: what a stroke there loses on average, as a value from 0 to 2.
+        loss: what that is in a rally against the best response: ``against_best_response * regret``.
+    """
+
+    state: int
+    description: str
+    played: str
+    played_share: float
+    best: str
+    best_share: float
+    in_self_play: float
+    against_best_response: float
+    regret: float
+    loss: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Holes:
+    """Losses of a policy to its best response.
+
+    Attributes:
+        exploitability: what the best response gains, as a value from 0 to 1: ``loss - given_up``.
+        loss: what the policy loses in a rally, over all states.
+        given_up: what the best response gives up of minimax play in a rally to win more against this policy.
+        states: in which any of it is lost.
+        error_bound: each of the three sums is within this of the true one.
+        holes: the states in which most is lost, most first.
+    """
+
+    exploitability: float
+    loss: float
+    given_up: float
+    states: int
+    error_bound: float
+    holes: tuple[Hole, ...]
+
+    @property
+    def share(self) -> float:
+        """Share of the whole loss that lies in :attr:`holes`; 1 where nothing is lost."""
+        return sum(hole.loss for hole in self.holes) / self.loss if self.states else 1.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON."""
+        return {**dataclasses.asdict(self), "share": self.share}
+
+
+def holes(
+    policy: TabulatedPolicy,
+    *,
+    top: int = 10,
+    solution: Solution | None = None,
+    response: Response | None = None,
+    tolerance: float = TOLERANCE,
+) -> Holes:
+    """The states in which a policy loses most to its best response.
+
+    Args:
+        policy: whose losses.
+        top: number of states to list; fewer where fewer lose.
+        solution: the solved game, if it is there already.
+        response: the best response to the policy, if it is there already.
+        tolerance: error bound of values and visits.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    game = policy.game
+    solution = solution or solve(game, tolerance=tolerance)
+    response = response or best_response(policy, tolerance=tolerance)
+    mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
+    theirs = policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
+    alone = visits(policy, policy, tolerance=tolerance).states[0]
+    lost = mine.state * mine.weight
+    found = []
+    for state in mine.largest(top).tolist():
+        if lost[state] <= tolerance:
+            break
+        strokes, pairs = game.legal_strokes(state), game.pairs_of(state)
+        probability = policy.probability_of(np.arange(pairs.start, pairs.stop))
+        best = int(game.stroke_values(solution.value[1], pairs).argmax())
+        most = int(probability.argmax())
+        found.append(
+            Hole(
+                state=state,
+                description=game.describe(state),
+                played=game.catalogue.names[strokes[most]],
+                played_share=float(probability[most]),
+                best=game.catalogue.names[strokes[best]],
+                best_share=float(probability[best]),
+                in_self_play=float(alone[state]),
+                against_best_response=float(mine.weight[state]),
+                regret=float(mine.state[state]),
+                loss=float(lost[state]),
+            )
+        )
+    return Holes(
+        exploitability=response.value.odds().value,
+        loss=mine.per_rally,
+        given_up=theirs.per_rally,
+        states=int((lost > tolerance).sum()),
+        error_bound=max(mine.error_bound, theirs.error_bound, response.value.error_bound),
+        holes=tuple(found),
+    )

@@ -1,0 +1,65 @@
+"""Holes: where a policy loses to its best response, and that the losses add up to its exploitability."""
+
+import json
+
+import numpy as np
+import pytest
+from exact_games import games, random_policy, seeds, tiring_game
+from hypothesis import given, settings
+
+from shuttle_marl.commands.exact import main
+from shuttle_marl.exact import best_response, holes, solve, visits
+from shuttle_marl.game.rally import Game
+from tests.reduced import reduced_model
+
+
+@settings(max_examples=25, deadline=None)
+@given(games, seeds)
+def test_losses_add_up_to_the_exploitability(game: Game, seed: int) -> None:
+    policy = random_policy(game, seed, 3.0)
+    found = holes(policy, top=game.n_states)
+    assert found.loss - found.given_up == pytest.approx(found.exploitability, abs=3 * found.error_bound + 1e-9)
+    assert sum(hole.loss for hole in found.holes) == pytest.approx(found.loss, abs=1e-9 * game.n_states)
+    assert found.share == pytest.approx(1) or found.loss < 1e-6
+    assert found.loss >= found.exploitability - 1e-9
+    assert found.given_up >= -1e-9
+
+
+def test_a_hole_says_what_is_played_and_what_is_better() -> None:
+    game = tiring_game()
+    solution = solve(game)
+    policy = random_policy(game, 3, 3.0)
+    answer = best_response(policy)
+    found = holes(policy, top=4, solution=solution, response=answer)
+    assert len(found.holes) == 4
+    assert [hole.loss for hole in found.holes] == sorted((hole.loss for hole in found.holes), reverse=True)
+    alone, met = visits(policy, policy).states[0], visits(policy, answer.policy).states[0]
+    probability = policy.pair_probabilities()
+    for hole in found.holes:
+        assert hole.description == game.describe(hole.state)
+        assert hole.in_self_play == pytest.approx(alone[hole.state])
+        assert hole.against_best_response == pytest.approx(met[hole.state])
+        pairs, names = game.pairs_of(hole.state), [game.catalogue.names[k] for k in game.legal_strokes(hole.state)]
+        values = game.stroke_values(solution.value[1])[pairs]
+        assert hole.regret == pytest.approx(solution.value[0][hole.state] - probability[pairs] @ values, abs=1e-8)
+        assert names[int(values.argmax())] == hole.best
+        assert hole.best_share == pytest.approx(probability[pairs][int(values.argmax())])
+        assert names[int(probability[pairs].argmax())] == hole.played
+
+
+def test_perfect_play_has_no_holes() -> None:
+    game = tiring_game()
+    found = holes(solve(game).policy[0])
+    assert found.holes == ()
+    assert found.share == 1.0
+    assert np.isclose(found.exploitability, 0, atol=1e-8)
+
+
+def test_the_command_lists_holes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["holes", "attacking", "--top", "3", "--game", reduced_model()]) == 0
+    assert "attacking loses most" in capsys.readouterr().out
+    assert main(["holes", "attacking", "--top", "3", "--game", reduced_model(), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert len(figures["holes"]) == 3
+    assert figures["loss"] - figures["given_up"] == pytest.approx(figures["exploitability"], abs=1e-7)
+    assert main(["holes", "attacking", "--top", "0"]) == 1
