@@ -5,6 +5,7 @@ from typing import Any
 
 from docs.tools.markdown import markdown, saved
 from experiments import human as human_play
+from experiments import league_training as league_study
 from experiments import next_stroke, styles, win_rates
 
 
@@ -65,6 +66,17 @@ def recipes() -> str:
         rows.append((f"`{name}`", reached, f"{found['cpu_seconds']:.0f}", f"`{found['game'][:12]}`"))
     table = markdown(("recipe", "reached", "CPU seconds", "game"), rows, left=("recipe", "reached", "game"))
     return f"{table}\n\nPython {result['python']}: `python -m docs.tools.recipes --save`."
+
+
+def league_training() -> str:
+    """Exploitability after the same budget by every way to train a league; a remark before it was measured."""
+    try:
+        result = saved("experiments", "league_training")
+    except FileNotFoundError:
+        return "Not measured yet: `python -m experiments.league_training --json experiments/results/league_training.json`."
+    table = markdown(league_study.HEADINGS, league_study.table_rows(result), left=("way",))
+    told = f"{result['budget']} and {result['workers']} workers each, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
+    return f"{table}\n\n{told}: {_made_by(result)}."
 
 
 def human() -> str:

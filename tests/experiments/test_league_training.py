@@ -1,0 +1,33 @@
+"""The experiment that compares ways to train a league, at a small size."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.league_training import HEADINGS, main, table_rows
+from tests.reduced import reduced_model
+
+
+def test_a_quick_study_is_resumed_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, saved = tmp_path / "study", tmp_path / "results.json"
+    flags = ["--quick", "--ways", "plain", "psro-exact", "--game", reduced_model(), "--out", str(out), "--json", str(saved)]
+    assert main(flags) == 0
+    printed = capsys.readouterr().out
+    result = json.loads(saved.read_text())
+    assert [row["way"] for row in result["rows"]] == ["plain", "psro-exact"]
+    assert [row["seeds"] for row in result["rows"]] == [2, 1]
+    for row, cells in zip(result["rows"], table_rows(result), strict=True):
+        assert len(cells) == len(HEADINGS)
+        assert row["way"] in printed
+        assert 0 < row["exploitability"]["mean"] < 1
+        assert row["over_time"]["1.0"] == pytest.approx(row["exploitability"]["mean"])
+    runs = sorted(path.name for path in (out / "training").iterdir())
+    assert runs == ["plain-0", "plain-1", "psro-exact-0"]
+    assert main([*flags, "--resume"]) == 0
+    assert json.loads(saved.read_text())["rows"] == result["rows"]
+
+
+def test_a_study_of_nothing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--seeds", "1"]) == 1
+    assert "2 seeds" in capsys.readouterr().err
