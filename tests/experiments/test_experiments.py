@@ -91,7 +91,6 @@ def test_evaluate_prints_the_contract(evaluated: dict[str, Any]) -> None:
 
 @needs_matches
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="the shipped model was fitted to the areas in which winners and outs came down")
 def test_the_shipped_model_predicts_as_well_as_trees(evaluated: dict[str, Any]) -> None:
     for name in ("success", "return", "contact"):
         scores = evaluated[name]

@@ -11,7 +11,7 @@ from experiments import win_rates
 from experiments.spread import IQM, mean_and_deviation
 from shuttle_marl.training import PPOConfig
 
-SMALL = {"batch": 256, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
+SMALL = {"batch": 256, "growth": 0.0, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
 
 
 def test_interquartile_mean_and_its_interval() -> None:
