@@ -22,7 +22,7 @@ def _train(config: TrainingConfig) -> None:
     against = "bc" if config.self_play else " and ".join(config.opponent)
     out.print(
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
-        f"{figures.score_text}, exploitability {figures.exploitability:.3f}"
+        f"{figures.score_text}, {figures.exploitability_text}"
     )
     out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
 

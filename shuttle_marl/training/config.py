@@ -114,6 +114,8 @@ class TrainingConfig:
     """Layers behind the embedding."""
     evaluate_every: Count = 10
     """Iterations between two exact evaluations."""
+    exploitability: bool = True
+    """Compute the exploitability at each of them, which takes half of their time; in self-play always."""
     checkpoint_every: Count = 20
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
     device: str = "cpu"

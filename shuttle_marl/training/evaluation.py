@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl.exact.known import best_odds
+from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
@@ -29,18 +29,23 @@ class Evaluation:
         normalised_score: 0 for ``bc``, 1 for the best response: the mean over the opponents of
             ``(J(pi) - J(bc)) / (J(best response) - J(bc))`` with J the probability of winning a rally, without those to whom
             ``bc`` is a best response already; None if it is one to all of them.
-        exploitability: what the best response to the policy gains, as a value from 0 to 1.
+        exploitability: what the best response to the policy gains, as a value from 0 to 1; None if it was not asked for.
     """
 
     rally_win: float
     match_win: float
     normalised_score: float | None
-    exploitability: float
+    exploitability: float | None
 
     @property
     def score_text(self) -> str:
         """The normalised score in words."""
         return "no normalised score" if self.normalised_score is None else f"normalised score {self.normalised_score:.3f}"
+
+    @property
+    def exploitability_text(self) -> str:
+        """The exploitability in words."""
+        return "no exploitability" if self.exploitability is None else f"exploitability {self.exploitability:.3f}"
 
 
 class Evaluator:
@@ -58,7 +63,8 @@ class Evaluator:
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
         """For each opponent, the odds of ``bc`` and of the best response against it."""
-        return list(zip(self._odds(self._reference), map(_best_odds, self._opponents), strict=True))
+        reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
+        return list(zip(reference, best_odds(self._opponents), strict=True))
 
     @functools.cached_property
     def _chains(self) -> list[InducedChain]:
@@ -69,8 +75,13 @@ class Evaluator:
         own = induced(policy)
         return [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
 
-    def evaluate(self, policy: TabulatedPolicy) -> Evaluation:
-        """The figures of a policy."""
+    def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
+        """The figures of a policy.
+
+        Args:
+            policy: of the same game.
+            exploitability: compute it too, which takes half of the time.
+        """
         odds = self._odds(policy)
         found = [
             normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
@@ -81,16 +92,11 @@ class Evaluator:
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
             normalised_score=float(np.mean(scores)) if scores else None,
-            exploitability=best_response(policy, tolerance=_TOLERANCE).value.odds().value,
+            exploitability=best_response(policy, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
         )
 
 
 # Opponents are few, and the same ones in all runs of a study.
-@functools.lru_cache(maxsize=8)
-def _best_odds(opponent: TabulatedPolicy) -> Odds:
-    return best_odds([opponent])[0]
-
-
 @functools.lru_cache(maxsize=2)
 def _chain(opponent: TabulatedPolicy) -> InducedChain:
     return induced(opponent)

@@ -139,8 +139,8 @@ class _Run:
         self.stopped = False
         self.best = -math.inf
         """Figure of the best evaluation."""
-        self.evaluation: Evaluation | None = None
-        """The latest one; a run ends with one."""
+        self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
+        """The latest one, and what was evaluated; a run ends with one."""
         self.rallies = 0
         """Rallies in the log at the last checkpoint."""
 
@@ -247,7 +247,7 @@ class _Run:
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
         with self._diverging(self.iteration):
             policy = tabulated(self.learner.actor, self.game)
-        evaluation = self.evaluator.evaluate(policy)
+        evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
         strokes = self.strokes
         figures = {**dataclasses.asdict(evaluation), **losses}
         line = {"iteration": self.iteration, "strokes": strokes, "seconds": round(self.seconds, 2), **figures}
@@ -256,8 +256,9 @@ class _Run:
             if value is not None:
                 board.add_scalar(name, value, strokes)
         board.add_scalar("strokes_per_second", strokes / max(self.seconds, 1e-9), strokes)
-        self.evaluation = evaluation
-        figure = -evaluation.exploitability if self.config.self_play else evaluation.rally_win
+        self.evaluation = policy, evaluation
+        found = evaluation.exploitability
+        figure = -found if self.config.self_play and found is not None else evaluation.rally_win
         if figure > self.best:
             self.best = figure
             self._save_agent(BEST, evaluation)
@@ -268,11 +269,15 @@ class _Run:
             self.stopped = True
         return evaluation
 
+    @property
+    def _exploitability(self) -> bool:
+        return self.config.exploitability or self.config.self_play
+
     def _now(self, evaluation: Evaluation) -> str:
         speed = self.strokes / max(self.seconds, 1e-9)
         return (
             f"{speed / 1e3:.0f} k strokes/s · wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of "
-            f"matches · {evaluation.score_text} · exploitability {evaluation.exploitability:.3f}"
+            f"matches · {evaluation.score_text} · {evaluation.exploitability_text}"
         )
 
     def _restore(self) -> bool:
@@ -311,8 +316,10 @@ class _Run:
         self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False, markup=False)
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
-        policy = tabulated(self.learner.actor, self.game)
-        evaluation = self.evaluation or self.evaluator.evaluate(policy)
+        if self.evaluation is None:  # a run that had ended before it was resumed
+            policy = tabulated(self.learner.actor, self.game)
+            self.evaluation = policy, self.evaluator.evaluate(policy, exploitability=self._exploitability)
+        policy, evaluation = self.evaluation
         self._save_agent(AGENT, evaluation)
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
         return TrainingRun(
