@@ -16,7 +16,7 @@ from torchrl.envs.libs.gym import GymEnv, GymWrapper
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
-from benchmarks.time_to_win import Learned
+from benchmarks.peers import Learned, masked_scores
 from shuttle_marl import exact, match_v0, rally_v0
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import RALLY_WIDTH
@@ -52,7 +52,7 @@ def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
     )
     model.learn(32_768)
     random = probability_against_bc(resolve("random", GAME))
-    assert probability_against_bc(Learned(model, GAME)) > random + 0.06
+    assert probability_against_bc(Learned(masked_scores(model), GAME)) > random + 0.06
     reward, _ = evaluate_policy(model, gymnasium.make(NAMES[0]), n_eval_episodes=50, deterministic=False, warn=False)
     assert -1 <= reward <= 1
 
@@ -111,7 +111,7 @@ def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
     game = tiring_game()
     env = gymnasium.make(NAMES[0], opponent=random_policy(game, 1), game=game)
     model = MaskablePPO("MultiInputPolicy", env, seed=0, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]})
-    table = tabulate(Learned(model, game), game)
+    table = tabulate(Learned(masked_scores(model), game), game)
     rng, efforts = np.random.default_rng(0), set()
     for episode in range(20):
         seen, _ = env.reset(seed=episode)
