@@ -5,7 +5,7 @@
 Three targets against `bc`: 98 % of the matches, and .95 and .99 of the normalised score, which is 1 for the best response. All
 learners meet the same opponent in the same game, one after another in one process with one thread of PyTorch. The clock runs from
 the call to the evaluation that reaches the target; evaluations are exact, and computing them now and then is part of the time.
-Ours have a budget for each target, by which learning rate and entropy fall. The learners of :mod:`benchmarks.peers` run with their
+Ours have a budget for each target, by which learning rate and entropy fall. Those of :mod:`benchmarks.peers` run with their
 own defaults and with settings chosen for this game, and are watched until they have reached all targets or their time is up.
 """
 
