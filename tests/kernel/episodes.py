@@ -4,16 +4,25 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.rally import OUTCOMES, Game
 
 Ints = npt.NDArray[np.integer]
 
 
 def compare_with_rally_v0(
-    seed: int, rally: Ints, *, server: Ints, winner: Ints, reason: Ints, length: Ints, stroke: Ints, serves: int | None = None
+    seed: int,
+    rally: Ints,
+    *,
+    server: Ints,
+    winner: Ints,
+    reason: Ints,
+    length: Ints,
+    stroke: Ints,
+    serves: int | None = None,
+    game: Game | None = None,
 ) -> None:
     """Assert that rallies have the server, the end, the winner and the length of the same episodes of ``rally_v0``."""
-    raw = rally_v0.raw_env(server=serves)
+    raw = rally_v0.raw_env(server=serves, game=game)
     rows = {number: row for row, number in enumerate(rally.tolist())}
     assert len(rows) == len(rally)
     end = np.cumsum(length)

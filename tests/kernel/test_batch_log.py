@@ -8,7 +8,6 @@ import numpy.typing as npt
 import pytest
 
 from shuttle_marl.game.rally import IllegalStrokeError
-from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import BatchLog, KernelError, RallyBatch, SingleRallies, VersusBatch, batch_log
 from shuttle_marl.policy.registry import resolve
@@ -17,8 +16,9 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.recording.kernel_rallies import single_rallies_of
 from shuttle_marl.recording.replay import replay
 from tests.kernel.episodes import compare_with_rally_v0
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 NAMES = ("bc", "attacking", "safe")
 STEPS = 60
 
@@ -78,7 +78,7 @@ def test_rallies_against_opponents(tmp_path: Path, opponents, server, seat: int,
     log = BatchLog(VersusBatch(GAME, 40, opponents=some, seat=seat, server=server), seed=9)
     found = join([log.take(), *kept(log, run)])
     single = {name: getattr(found, name) for name in ("server", "winner", "reason", "length", "stroke")}
-    compare_with_rally_v0(9, found.rally, **single, serves=server)
+    compare_with_rally_v0(9, found.rally, **single, serves=server, game=GAME)
     header = LogHeader(
         seed=9,
         game=GAME.hash,
@@ -108,7 +108,7 @@ def test_self_play() -> None:
     run = play(RallyBatch(GAME, 50, seed=4))
     found = join(kept(BatchLog(RallyBatch(GAME, 50), seed=4), run))
     single = {name: getattr(found, name) for name in ("server", "winner", "reason", "length", "stroke")}
-    compare_with_rally_v0(4, found.rally, **single)
+    compare_with_rally_v0(4, found.rally, **single, game=GAME)
     assert len(found.rally) == np.count_nonzero(run.reward)
     assert not found.opponent.any()
 

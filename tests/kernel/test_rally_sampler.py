@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from shuttle_marl import exact
-from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
 from tests.kernel.episodes import compare_with_rally_v0
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 RANDOM = tabulate(resolve("random", GAME), GAME, "random")
 BC = tabulate(resolve("bc", GAME), GAME, "bc")
 Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -48,7 +48,7 @@ def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPoli
     sampler.collect(1000, network(0))
     played = sampler.record(sampler.numbers[:300])
     columns = {name: getattr(played, name) for name in ("server", "winner", "reason", "length", "stroke")}
-    compare_with_rally_v0(5, played.rally, **columns)
+    compare_with_rally_v0(5, played.rally, **columns, game=GAME)
     if opponents:
         assert (played.opponent == played.rally % len(opponents)).all()
 

@@ -11,11 +11,11 @@ from torchrl.objectives.value import GAE
 
 from shuttle_marl import exact
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.game import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 BC = tabulate(resolve("bc", GAME), GAME, "bc")
 RANDOM = tabulate(resolve("random", GAME), GAME, "random")
 
@@ -74,7 +74,7 @@ def by_hand(data: Any, value: np.ndarray, gamma: float) -> np.ndarray:
 
 @pytest.mark.parametrize("opponent", [None, RANDOM])
 def test_advantages_are_the_exact_ones_under_the_exact_values(opponent: TabulatedPolicy | None) -> None:
-    env: Any = RallyEnv(2048) if opponent is None else VersusEnv(2048, opponents=opponent)
+    env: Any = RallyEnv(2048, game=GAME) if opponent is None else VersusEnv(2048, opponents=opponent, game=GAME)
     gamma = -1.0 if opponent is None else 1.0
     striking, others = exact.evaluate(BC, opponent or BC).striking
     data = rollout(env, BC, 40)
@@ -94,7 +94,7 @@ def test_advantages_are_the_exact_ones_under_the_exact_values(opponent: Tabulate
 
 
 def test_rallies_that_end_on_the_opponents_serve_count() -> None:
-    env = VersusEnv(4096, opponents=RANDOM)
+    env = VersusEnv(4096, opponents=RANDOM, game=GAME)
     data = rollout(env, BC, 200)
     reward = data["next", "reward"].numpy()
     won, lost = int((reward > 0).sum()), int((reward < 0).sum())

@@ -20,7 +20,6 @@ from shuttle_marl.commands import training as command
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.files import read_sealed, seal
-from shuttle_marl.game import default_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
@@ -28,9 +27,18 @@ from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, evaluation, train
 from shuttle_marl.training.learner import DivergedError, last_checkpoint
 from shuttle_marl.training.metrics import Metrics
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
-TINY: dict[str, Any] = {"batch": 64, "growth": 0.0, "width": 4, "evaluate_every": 1, "checkpoint_every": 1, "record": "none"}
+GAME = reduced_game()
+TINY: dict[str, Any] = {
+    "game": reduced_model(),
+    "batch": 64,
+    "growth": 0.0,
+    "width": 4,
+    "evaluate_every": 1,
+    "checkpoint_every": 1,
+    "record": "none",
+}
 CONFIG = PPOConfig(**TINY, strokes=64 * 2)
 FLIPS = 1000
 
@@ -277,7 +285,7 @@ def test_a_run_without_a_score_says_so(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(evaluation, "normalised_score", lambda *_, **__: None)
     sizes = ["--batch", "64", "--width", "4", "--strokes", "64"]
-    flags = [*sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
+    flags = ["--game", reduced_model(), *sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
     assert command.main(["ppo", *flags]) == 0
     printed = capsys.readouterr().out
     assert "no normalised score, exploitability 0." in printed

@@ -213,7 +213,7 @@ def test_a_damaged_agent_is_refused(damage: str, tmp_path: Path) -> None:
     elif damage == "list":
         (folder / CARD).write_text("[]")
     elif damage == "changed card":
-        (folder / CARD).write_text((folder / CARD).read_text().replace('"strokes": 4', '"strokes": 5'))
+        (folder / CARD).write_text((folder / CARD).read_text().replace('"strokes": ', '"strokes": 1'))
     elif damage == "network":
         (folder / NETWORK).write_bytes((folder / NETWORK).read_bytes()[:-1])
     elif damage == "game":

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game import default_game
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
@@ -17,9 +16,11 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.recording.file_writer import NoRoomError, Sink
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
 from tests.kernel.episodes import compare_with_rally_v0
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
+GAME = reduced_game()
 SMALL: dict[str, Any] = {
+    "game": reduced_model(),
     "batch": 256,
     "growth": 0.0,
     "width": 16,
@@ -60,7 +61,7 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
     # What one process plays between two checkpoints are the first rallies of a seed.
     part = found.select((found.pairing == 1) & (found.match < 300))
     columns = {name: getattr(part, name) for name in ("server", "winner", "reason", "length", "stroke")}
-    compare_with_rally_v0(pairings[1], part.match, **columns)
+    compare_with_rally_v0(pairings[1], part.match, **columns, game=GAME)
     # Every stroke of the learner is in the log.
     row = np.repeat(np.arange(len(found)), found.length)
     seat = (found.server[row] + np.arange(len(row)) - found.first_stroke[row]) & 1

@@ -18,7 +18,6 @@ import pytest
 from tensordict import TensorDictBase
 
 from shuttle_marl.files import read_sealed, seal
-from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
@@ -28,9 +27,18 @@ from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.learner import DivergedError, Learner
 from shuttle_marl.training.ppo import Way
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
-SMALL: dict[str, Any] = {"batch": 256, "growth": 0.0, "width": 16, "evaluate_every": 4, "checkpoint_every": 3, "record": "all"}
+GAME = reduced_game()
+SMALL: dict[str, Any] = {
+    "game": reduced_model(),
+    "batch": 256,
+    "growth": 0.0,
+    "width": 16,
+    "evaluate_every": 4,
+    "checkpoint_every": 3,
+    "record": "all",
+}
 WAYS: tuple[Way, ...] = ("best-response", "restarts", "pool", "magnet", "nash")
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=256 * 8, minibatches=3),
@@ -143,6 +151,8 @@ def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None:
     flags = [
+        "--game",
+        reduced_model(),
         "--batch",
         "256",
         "--growth",
