@@ -12,6 +12,7 @@ from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_
 from shuttle_marl.analysis.summary import ENDINGS, players_of
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 
@@ -151,6 +152,7 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.delenv("SHUTTLESET", raising=False)
+    monkeypatch.setattr(stroke_value, "refits_of", lambda game: refits_of(game)[:2])  # each takes a second
     assert stroke_value.main(["--out", str(tmp_path / "out"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["valued"] == found["strokes"] > 7000

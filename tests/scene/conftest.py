@@ -51,9 +51,9 @@ def read(content: bytes) -> list[tuple[int, str, Any]]:
 
 @pytest.fixture(scope="session")
 def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two scripted players over two matches; look, do not touch."""
+    """Two players over two matches; look, do not touch."""
     out = tmp_path_factory.mktemp("scene") / "run"
-    play_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=out))
+    play_league(LeagueConfig(pool=("bc", "random"), matches=2, out=out))
     return out / "rallies.mcap"
 
 

@@ -175,7 +175,7 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
 
 def test_probabilities_are_those_of_the_game_and_values_exact(reel: Any, log_path: Path) -> None:
     game = default_game()
-    tables = {name: tabulate(resolve(name, game), game) for name in ("attacking", "safe")}
+    tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random")}
     first = reel.of(topics.SCORE)[0][1]
     names = (first["name_0"], first["name_1"])
     value = evaluate(tables[names[0]], tables[names[1]])
