@@ -18,6 +18,7 @@ from shuttle_marl.league.tournament import Pairing, PairResult
 PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"
 REPORT: Final = "report.json"
+PAGE: Final = "report.html"
 _CHECKSUM: Final = "crc32"
 _PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
 """Packages whose versions can change a file of the run."""

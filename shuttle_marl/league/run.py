@@ -21,6 +21,9 @@ from shuttle_marl.game.shipped import refits_of, resolve_game
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
+from shuttle_marl.league.page.learning import METRICS, Curve, read_curve
+from shuttle_marl.league.page.tournament import Tournament as TournamentPage
+from shuttle_marl.league.page.tournament import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.style import styles
@@ -213,8 +216,24 @@ def _write_tables(
     write_parquet(folder / "results.parquet", table)
     replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
     runs.write_json(folder / run_folder.REPORT, as_json(assessment, standings))
+    shown = TournamentPage(
+        config=config, game=game.hash, standings=standings, results=results, assessment=assessment, curves=_curves(config.pool)
+    )
+    replace_file(folder / run_folder.PAGE, page(shown))
     replace_file(folder / "report.md", report(config, standings, results, game.hash, exact, assessment).encode())
     return standings
+
+
+def _curves(pool: Sequence[str]) -> list[Curve]:
+    """Evaluations of the entrants whose training runs are still there."""
+    found = []
+    for name in pool:
+        key, _, agent = name.partition(":")
+        folder = Path(agent.rpartition("@")[0] or agent).parent
+        if key == "agent" and agent and (folder / METRICS).is_file():
+            with contextlib.suppress(LeagueError):  # it says nothing about the tournament
+                found.append(read_curve(folder, name))
+    return found
 
 
 def _say(console: Console, text: str, label: str = "") -> None:

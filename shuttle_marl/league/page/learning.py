@@ -1,0 +1,87 @@
+"""Curves of training runs, read from their folders, as a section of a page."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, TypeGuard
+
+from shuttle_marl.files import open_file, problem
+from shuttle_marl.league.entrants import LeagueError
+from shuttle_marl.league.page import drawings
+from shuttle_marl.league.page.document import Html, element
+
+METRICS: Final = "metrics.jsonl"
+"""File in which a training run keeps its evaluations, one JSON object a line."""
+FIGURES: Final = {
+    "exploitability": "exploitability",
+    "normalised_score": "normalised score",
+    "rally_win": "rallies won",
+}
+"""Figures that are drawn, by their names in the file."""
+_LOGARITHMIC: Final = ("exploitability",)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Curve:
+    """Evaluations of a training run.
+
+    Attributes:
+        name: of the run.
+        rows: of the file, in its order.
+    """
+
+    name: str
+    rows: list[dict[str, Any]]
+
+    def points(self, figure: str, by: str) -> list[tuple[float, float]]:
+        """Points of a figure by ``seconds`` or ``strokes``; what has no number there is left out."""
+        spots = [(row.get(by), row.get(figure)) for row in self.rows]
+        return [(float(x), float(y)) for x, y in spots if _finite(x) and _finite(y)]
+
+    def last(self, figure: str) -> float:
+        """The figure at the end; NaN without."""
+        found = [row[figure] for row in self.rows if _finite(row.get(figure))]
+        return float(found[-1]) if found else math.nan
+
+
+def _finite(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def read_curve(folder: Path, name: str) -> Curve:
+    """The evaluations of a training run.
+
+    Raises:
+        LeagueError: the folder holds none, or they are damaged.
+    """
+    path = folder / METRICS
+    try:
+        with open_file(path) as file:
+            # A line that is being written is no line yet.
+            lines = file.read().decode("utf-8").split("\n")[:-1]
+        rows = [json.loads(line) for line in lines]
+    except OSError as error:
+        raise LeagueError(f"{path}: cannot be read ({problem(error)})") from error
+    except (ValueError, RecursionError) as error:
+        raise LeagueError(f"{path}: is damaged ({error or 'nested too deeply'})") from error
+    if not all(isinstance(row, dict) for row in rows):
+        raise LeagueError(f"{path}: is damaged (a line is no JSON object)")
+    return Curve(name=name, rows=rows)
+
+
+def learning(runs: Sequence[Curve]) -> Html:
+    """The curves of all figures that the runs have, by strokes where all have them, else by time."""
+    by = (
+        "strokes"
+        if all(run.points(figure, "strokes") for run in runs for figure in FIGURES if run.points(figure, "seconds"))
+        else "seconds"
+    )
+    parts = []
+    for figure, about in FIGURES.items():
+        lines = {run.name: points for run in runs if len(points := run.points(figure, by)) > 1}
+        drawn = drawings.curves(lines, by, about, logarithmic=figure in _LOGARITHMIC)
+        if drawn:
+            parts.append(element("figure", drawn, element("figcaption", about.capitalize())))
+    return Html("".join(parts))

@@ -1,0 +1,18 @@
+"use strict";
+// Sorts a table by the column whose heading is clicked; what has no figure stays at the end.
+for (const table of document.querySelectorAll("table.sortable")) {
+  const body = table.tBodies[0];
+  [...table.tHead.rows[0].cells].forEach((head, column) => {
+    head.firstChild.addEventListener("click", () => {
+      const now = head.getAttribute("aria-sort");
+      const rising = now ? now === "descending" : head.dataset.first === "rising";
+      for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+      head.setAttribute("aria-sort", rising ? "ascending" : "descending");
+      const keyed = [...body.rows].map((row) => [row.cells[column].dataset.key, row]);
+      const numeric = keyed.every(([key]) => key === "" || Number.isFinite(Number(key)));
+      const order = (a, b) => (numeric ? Number(a) - Number(b) : a < b ? -1 : a > b ? 1 : 0);
+      keyed.sort(([a], [b]) => (a === "" || b === "" ? (a === "") - (b === "") : rising ? order(a, b) : order(b, a)));
+      body.append(...keyed.map(([, row]) => row));
+    });
+  });
+}
