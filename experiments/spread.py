@@ -2,14 +2,11 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from scipy.stats import bootstrap, trim_mean
 
-RESAMPLES: Final = 10_000
-_TRIMMED: Final = 0.25
+from shuttle_marl.league.seeds import interquartile_mean
 
 
 def mean_and_deviation(values: Sequence[float]) -> dict[str, float]:
@@ -39,18 +36,7 @@ class IQM:
             tasks: scores of the runs, by task; two runs or more.
             seed: of the resampling.
         """
-
-        def middle(*columns: npt.NDArray[np.float64], axis: int = -1) -> npt.NDArray[np.float64]:
-            # Sorted by each other's company only: the runs of all tasks are one sample.
-            joined: npt.NDArray[np.float64] = trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis)
-            return joined
-
-        samples = [np.asarray(task, dtype=np.float64) for task in tasks]
-        value = float(middle(*samples))
-        if np.ptp(np.concatenate(samples)) == 0:
-            return cls(value=value, low=value, high=value)
-        found = bootstrap(samples, middle, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=seed)
-        return cls(value=value, low=float(found.confidence_interval.low), high=float(found.confidence_interval.high))
+        return cls(**interquartile_mean(tasks, seed)._asdict())
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON."""

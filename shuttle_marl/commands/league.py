@@ -1,15 +1,17 @@
-"""``python -m shuttle_marl.league``: a round robin between policies; ``… league train``: policies that learn from each other."""
+"""``python -m shuttle_marl.league``: a tournament; ``… train``: policies that learn; ``… report``: runs compared."""
 
 import json as json_format
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Final
 
 import tyro
 
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
+from shuttle_marl.files import replace_file
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.report import console_table
@@ -56,8 +58,22 @@ def train(
     cli.console().print(cli.facts(rows), soft_wrap=True)
 
 
+def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path = Path("report.html")) -> None:
+    """Compare finished tournaments and training runs on one page.
+
+    Args:
+        runs: their folders.
+        out: the HTML file.
+    """
+    from shuttle_marl.league.page.comparison import compare  # noqa: PLC0415  scipy
+
+    replace_file(out, compare(runs))
+    cli.console().print(f"report: {printable(str(out))}", soft_wrap=True)
+
+
 COMMANDS: Final = play
 TRAIN: Final = "train"
+REPORT: Final = "report"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,9 +85,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             "exploitability are solved exactly, and all is saved: --resume continues after the last round."
         )
         return cli.run(train, prog=f"python -m shuttle_marl.league {TRAIN}", description=description, argv=args[1:])
+    if args[:1] == [REPORT]:
+        description = (
+            "One HTML file that compares runs: ratings of tournaments, curves of training runs, figures over training seeds."
+        )
+        return cli.run(report, prog=f"python -m shuttle_marl.league {REPORT}", description=description, argv=args[1:])
     description = (
         "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
         "Writes a run folder with results, ratings, a report and every rally played. "
-        f"`python -m shuttle_marl.league {TRAIN} --help`: a league that learns."
+        f"`python -m shuttle_marl.league {TRAIN} --help`: a league that learns. "
+        f"`python -m shuttle_marl.league {REPORT} RUN…`: runs side by side."
     )
     return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=args)

@@ -24,7 +24,7 @@ AXES: Final[dict[str, tuple[str, ...]]] = {
     "block": ("block",),
     "net shot": ("net-shot", "cross-court-net-shot"),
     "net kill": ("net-kill",),
-    "drive and push": ("drive", "push"),
+    "drive, push": ("drive", "push"),
 }
 """Shot types of a style; serves are none."""
 _TOLERANCE: Final = 1e-7

@@ -29,7 +29,7 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
     """Round numbers within an interval, ``most`` or fewer."""
     span = max(high - low, 1e-12)
     step = 10.0 ** math.floor(math.log10(span / most))
-    step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= most)
+    step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= most + 1e-9)
     first = math.ceil(low / step - 1e-9)
     return [round(i * step, 10) + 0.0 for i in range(first, math.floor(high / step + 1e-9) + 1)]
 
@@ -45,7 +45,7 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
     low, high = min(known), max(known)
     pad = max(1.0, 0.04 * (high - low))
     low, high = low - pad, high + pad
-    left, width, line = 190.0, 780.0, 22.0
+    left, width, line = 190.0, 1100.0, 22.0
     height = line * len(rows) + 34
 
     def x(value: float) -> float:
@@ -105,7 +105,7 @@ def heat_map(names: Sequence[str], win: npt.NDArray[np.float64]) -> Html:
 class _Frame:
     """Axes of a drawing: where a point lies, and the lines and numbers around."""
 
-    width, height, left, bottom = 780.0, 400.0, 62.0, 44.0
+    width, height, left, bottom = 1100.0, 460.0, 62.0, 44.0
 
     def __init__(self, xs: Sequence[float], ys: Sequence[float], *, logarithmic: bool = False) -> None:
         self._logarithmic = logarithmic
@@ -125,14 +125,14 @@ class _Frame:
         """Pixels of a point."""
         (x_low, x_high), (y_low, y_high) = self._x, self._y
         right = self.left + (x - x_low) / (x_high - x_low) * (self.width - self.left - 14)
-        return right, 10 + (self.height - self.bottom - 10) * (1 - (self._up(y) - y_low) / (y_high - y_low))
+        return right, 18 + (self.height - self.bottom - 18) * (1 - (self._up(y) - y_low) / (y_high - y_low))
 
     def axes(self, across: str, up: str) -> list[Html]:
         """Lines, numbers and names."""
         parts = []
         for tick in ticks(*self._x, 8):
             x, _ = self.place(tick, 1.0)
-            parts.append(element("line", x1=x, x2=x, y1=10.0, y2=self.height - self.bottom, class_="grid"))
+            parts.append(element("line", x1=x, x2=x, y1=18.0, y2=self.height - self.bottom, class_="grid"))
             parts.append(element("text", f"{tick:,g}", x=x, y=self.height - self.bottom + 16, text_anchor="middle", class_="dim"))
         heights = [10.0**tick for tick in self._decades()] if self._logarithmic else ticks(*self._y)
         for tick in heights:
@@ -140,7 +140,7 @@ class _Frame:
             parts.append(element("line", x1=self.left, x2=self.width - 14, y1=y, y2=y, class_="grid"))
             parts.append(element("text", f"{tick:g}", x=self.left - 7, y=y + 4, text_anchor="end", class_="dim"))
         parts.append(element("text", f"{across} →", x=self.width - 14, y=self.height - 6, text_anchor="end", class_="dim"))
-        return [*parts, element("text", f"↑ {up}", x=self.left + 6, y=22.0, class_="dim")]
+        return [*parts, element("text", f"↑ {up}", x=self.left - 30, y=11.0, class_="dim")]
 
     def _decades(self) -> list[float]:
         low, high = self._y
@@ -152,22 +152,35 @@ def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> 
     """Named points; names keep out of each other's way."""
     frame = _Frame(*map(list, zip(*points.values(), strict=True)))
     parts = frame.axes(across, up)
-    taken: list[tuple[float, float, float]] = []
     placed = {name: frame.place(*point) for name, point in points.items()}
+    # Left, right, upper and lower edge of what no name may cover.
+    taken = [(x - 5, x + 5, y - 5, y + 5) for x, y in placed.values()]
     for name, (x, y) in sorted(placed.items(), key=lambda item: item[1][1]):
-        shown, wide = _label(name), 6.6 * len(_label(name))
-        begin = x - 9 - wide if x + 12 + wide > frame.width else x + 9
-        line = y + 4
-        while any(abs(line - other) < 13 and begin < stop and begin + wide > start for start, stop, other in taken):
-            line += 13.0
-        taken.append((begin, begin + wide, line))
+        wide = 6.7 * len(_label(name))
+        spots = [
+            (begin, y + 4 + down)
+            for down in sorted(range(-104, 105, 13), key=abs)
+            for begin in (x + 9 + abs(down) / 4, x - 9 - wide - abs(down) / 4)
+            if begin > frame.left and begin + wide < frame.width and 12 < y + 4 + down < frame.height - frame.bottom
+        ]
+        begin, line = next(
+            (
+                spot
+                for spot in spots
+                if not any(
+                    spot[0] < right and spot[0] + wide > left and spot[1] - 11 < lower and spot[1] + 3 > upper
+                    for left, right, upper, lower in taken
+                )
+            ),
+            (x + 9, y + 4),
+        )
+        taken.append((begin, begin + wide, line - 11, line + 3))
         about = element("title", f"{name}: {points[name][0]:.3f}, {points[name][1]:.3f}")
+        if abs(line - y - 4) > 1:
+            parts.append(element("line", x1=x, y1=y, x2=begin - 2 if begin > x else begin + wide + 1, y2=line - 4, class_="axis"))
         parts.append(element("circle", about, cx=x, cy=y, r=4.5, class_="dot"))
-        if line > y + 5:
-            parts.append(element("line", x1=x, y1=y, x2=begin - 2 if begin > x else begin + wide, y2=line - 4, class_="axis"))
-        parts.append(element("text", shown, x=begin, y=line))
-    height = max(frame.height, *(line + 6 for *_, line in taken))
-    return _svg(frame.width, height, *parts, about=f"{up} against {across}")
+        parts.append(element("text", _label(name), x=begin, y=line))
+    return _svg(frame.width, frame.height, *parts, about=f"{up} against {across}")
 
 
 def curves(lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False) -> Html:
@@ -196,21 +209,21 @@ def curves(lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: 
 
 def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[float]) -> Html:
     """Figures from 0 (the middle) to 1 (the rim), and those of a reference, dashed."""
-    size, radius = 240.0, 78.0
+    width, size, radius = 300.0, 210.0, 80.0
     angles = [2 * math.pi * i / len(axes) - math.pi / 2 for i in range(len(axes))]
 
     def ring(shares: Sequence[float]) -> str:
         spots = zip(shares, angles, strict=True)
-        return " ".join(f"{size / 2 + radius * r * math.cos(a):.1f},{size / 2 + radius * r * math.sin(a):.1f}" for r, a in spots)
+        return " ".join(f"{width / 2 + radius * r * math.cos(a):.1f},{size / 2 + radius * r * math.sin(a):.1f}" for r, a in spots)
 
     parts = [element("polygon", points=ring([r] * len(axes)), fill="none", class_="grid") for r in (0.5, 1.0)]
     for axis, angle in zip(axes, angles, strict=True):
         across, down = math.cos(angle), math.sin(angle)
         anchor = "middle" if abs(across) < 0.3 else "start" if across > 0 else "end"
-        spot = {"x": size / 2 + (radius + 8) * across, "y": size / 2 + (radius + 10) * down + 4}
-        ends = {"x1": size / 2, "y1": size / 2, "x2": size / 2 + radius * across, "y2": size / 2 + radius * down}
+        spot = {"x": width / 2 + (radius + 8) * across, "y": size / 2 + (radius + 10) * down + 4}
+        ends = {"x1": width / 2, "y1": size / 2, "x2": width / 2 + radius * across, "y2": size / 2 + radius * down}
         parts.append(element("line", class_="grid", **ends))
         parts.append(element("text", axis, text_anchor=anchor, class_="dim", **spot))
     parts.append(element("polygon", points=ring(reference), class_="reference"))
     parts.append(element("polygon", points=ring(values), class_="area"))
-    return _svg(size, size, *parts, about="Mix of strokes")
+    return _svg(width, size, *parts, about="Mix of strokes")

@@ -30,6 +30,9 @@ from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 
 _MOST_RADARS: Final = 40
+_MOST_MISFITS: Final = 40
+_SHOWN: Final = 0.0005
+"""Least share of a player that a table of equilibria shows."""
 _RANKING: Final = (
     Column(name="#", falling=False),
     Column(name="player", left=True),
@@ -191,7 +194,8 @@ def _games(found: Assessment) -> list[Html]:
     parts = [
         paragraph(
             "Each of two chooses a player to play for them. Nash averaging: the equilibrium of most entropy, by matches won. "
-            "Maximal lottery: the same if it only counts who wins more often than not. alpha-rank: shares of an evolving population."
+            "Maximal lottery: the same if it only counts who wins more often than not. "
+            "Alpha-rank: shares of an evolving population. Players that none of them plays are left out."
         )
     ]
     columns = [
@@ -203,6 +207,7 @@ def _games(found: Assessment) -> list[Html]:
         rows = [
             [name(player), *(share(float(p)) for p in figures)]
             for player, *figures in zip(game.names, game.nash_average, game.maximal_lottery, game.alpha_rank, strict=True)
+            if max(figures) >= _SHOWN
         ]
         rows.sort(key=lambda row: -max(float(cell.key or 0) for cell in row[1:]))
         tables.append(table(columns, rows, about.capitalize()))
@@ -262,7 +267,7 @@ def _firmness(found: Assessment) -> list[Html]:
         columns = [Column(name="player", left=True), Column(name="opponent", left=True), Column(name="matches won")]
         columns += [Column(name="by the ratings"), Column(name="standard errors")]
         about = f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}"
-        parts.append(table(columns, rows[:200], about))
+        parts.append(table(columns, rows[:_MOST_MISFITS], about))
     return parts
 
 

@@ -1,0 +1,226 @@
+"""Reports as pages: what they say, that text from outside stays text, and in a browser that they work without a network."""
+
+import html.parser
+import json
+import math
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import mannwhitneyu
+
+from shuttle_marl.commands.league import main
+from shuttle_marl.league import LeagueConfig, LeagueError
+from shuttle_marl.league.assessment import assess
+from shuttle_marl.league.page.comparison import compare
+from shuttle_marl.league.page.document import Html, element, text
+from shuttle_marl.league.page.drawings import ticks
+from shuttle_marl.league.page.learning import Curve
+from shuttle_marl.league.page.tournament import Tournament, page
+from shuttle_marl.league.ranking import ExactOdds, rank
+from shuttle_marl.league.seeds import interquartile_mean, probability_of_improvement
+from shuttle_marl.league.style import AXES, Style
+from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
+
+EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
+POOL = ("bc", "minimax", EVIL, "fails")
+
+
+def tournament() -> Tournament:
+    """A tournament of four, one of whom has a dangerous name and another forfeits."""
+    rng = np.random.default_rng(0)
+    results = []
+    for pairing in round_robin(POOL):
+        if "fails" in pairing.names:
+            results.append(forfeited(pairing, ["fails"], "it <b>broke</b>"))
+            continue
+        won = int(rng.integers(10, 40))
+        half = dict.fromkeys(COUNTS, 0) | {"matches": 50, "wins": won, "rallies": 4000, "points_won": 2000, "strokes": 36_000}
+        results.append(
+            PairResult(pairing=pairing.number, names=pairing.names, seats=(half, dict(half)), cells=(50 - won, 0, won))
+        )
+    match = np.full((4, 4), np.nan)
+    match[:2, :2] = [[0.5, 0.1], [0.9, 0.5]]
+    exact = ExactOdds(
+        names=POOL,
+        match=match,
+        exploitability=np.array([0.4, 0, math.nan, math.nan]),
+        normalised_score=np.array([0, 0.8, math.nan, math.nan]),
+        away_shares=np.array([[0.1, 0.9, math.nan, math.nan], [0.2, 0.8, math.nan, math.nan]]),
+    )
+    styles = {
+        name: Style(likeness=likeness, rally_length=9.0, shots={axis: (i + 1) / 36 for i, axis in enumerate(AXES)})
+        for name, likeness in (("bc", 1.0), ("minimax", 0.05))
+    }
+    standings = rank(POOL, results, 0, exact)
+    curve = Curve(name="agent:x", rows=[{"strokes": i, "seconds": i / 2, "exploitability": 0.5 / (i + 1)} for i in range(9)])
+    return Tournament(
+        config=LeagueConfig(pool=POOL),
+        game="0" * 64,
+        standings=standings,
+        results=results,
+        assessment=assess(standings, POOL, results, exact, styles),
+        curves=[curve],
+    )
+
+
+class _Tags(html.parser.HTMLParser):
+    """Tags with their attributes, and all text outside of scripts and styles."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def parsed(content: bytes) -> _Tags:
+    tags = _Tags()
+    tags.feed(content.decode())
+    return tags
+
+
+def test_text_from_outside_is_text() -> None:
+    found = parsed(page(tournament()))
+    names = [tag for tag, _ in found.tags]
+    assert names.count("script") == names.count("style") == 1
+    assert "img" not in names
+    assert "b" in names  # the page's own
+    assert "it <b>broke</b>" in found.words
+    assert any(EVIL.replace("\x1b", "\\x1b") in word for word in found.words)
+    for tag, attributes in found.tags:
+        assert not any(key.startswith("on") or key == "style" for key in attributes), (tag, attributes)
+        for key in ("href", "src"):
+            assert re.match(r"#|data:,|[a-z.]+$", attributes.get(key) or "#"), attributes
+    policy = next(a["content"] for t, a in found.tags if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+
+
+def test_all_sections_are_there_and_linked_to() -> None:
+    found = parsed(page(tournament()))
+    sections = [attributes["id"] for tag, attributes in found.tags if tag == "section"]
+    links = [attributes["href"] for tag, attributes in found.tags if tag == "a" and (attributes["href"] or "").startswith("#")]
+    assert links == [f"#{name}" for name in sections]
+    assert len(sections) == 8
+    words = " ".join(found.words)
+    for expected in ("+", "rallies.mcap", "Forfeits", "Learning", "Alpha-rank", "in refits", "standard errors"):
+        assert expected in words
+    assert page(tournament()) == page(tournament())
+
+
+def test_markup() -> None:
+    assert text("<&>") == "&lt;&amp;&gt;"
+    assert text(Html("<p>")) == "<p>"
+    assert element("a", "x<y", href='"><script>', data_key=1.50) == '<a href="&quot;&gt;&lt;script&gt;" data-key="1.5">x&lt;y</a>'
+    assert ticks(-0.3, 4.9) == [0, 1, 2, 3, 4]
+    assert ticks(0.0101, 0.0109, 4) == pytest.approx([0.0102, 0.0104, 0.0106, 0.0108])
+
+
+def test_the_middle_half_and_the_probability_of_improvement() -> None:
+    found = interquartile_mean([[1.0, 2.0, 3.0, 100.0], [2.0, 2.0, 3.0, -50.0]])
+    assert found.value == pytest.approx(2.25)
+    assert found.low <= found.value <= found.high
+    assert interquartile_mean([[2.0, 2.0]]) == (2, 2, 2)
+    assert math.isnan(interquartile_mean([[2.0]]).low)
+    rng = np.random.default_rng(0)
+    ours, theirs = rng.normal(0.5, 1, 9).round(1).tolist(), rng.normal(0, 1, 7).round(1).tolist()
+    better = probability_of_improvement(ours, theirs)
+    assert better.value == pytest.approx(mannwhitneyu(ours, theirs).statistic / 63)
+    assert better.low < better.value < better.high <= 1
+    assert probability_of_improvement([1.0, 1.0], [1.0, 1.0]).value == 0.5
+
+
+def training_run(folder: Path, seed: int, entropy: float, end: float) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(json.dumps({"algorithm": "ppo", "seed": seed, "entropy": entropy}))
+    rows = [{"strokes": 100 * i, "seconds": i, "exploitability": end + 0.5 / i, "rally_win": 0.5} for i in range(1, 6)]
+    (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows) + '{"strokes": 6')
+    return folder
+
+
+def test_runs_side_by_side(tmp_path: Path, small_model: str, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [training_run(tmp_path / f"e{e}-{s}", s, e, e + s / 100) for e in (0.1, 0.2) for s in range(3)]
+    for seed in ("1", "2"):
+        flags = ["--pool", "random", "safe", "--game", small_model, "--matches", "4", "--record", "none", "--seed", seed]
+        assert main([*flags, "--out", str(tmp_path / f"t{seed}")]) == 0
+        folders.append(tmp_path / f"t{seed}")
+    assert main(["report", *map(str, folders), "--out", str(tmp_path / "all.html")]) == 0
+    assert "all.html" in capsys.readouterr().out
+    words = parsed((tmp_path / "all.html").read_bytes()).words
+    for expected in ("t1: rank", "t2: rank", "safe", "entropy 0.1", "entropy 0.2", "e0.1-0", "0.2100", "100 %", "is better than"):
+        assert expected in words, expected
+    assert "0.2000 to 0.2200" in words
+
+
+def test_what_cannot_be_compared(tmp_path: Path) -> None:
+    run = training_run(tmp_path / "run", 0, 0.1, 0.1)
+    (tmp_path / "empty").mkdir()
+    for folders, says in (
+        ([], "name one run"),
+        ([run, run], "named twice"),
+        ([tmp_path / "empty"], "neither a finished tournament"),
+        ([tmp_path / "gone"], "neither a finished tournament"),
+    ):
+        with pytest.raises(LeagueError, match=says):
+            compare(folders)
+    for content, says in (
+        (b"{\n", "damaged"),
+        (b"[]\n", "no JSON object"),
+        (b"\xff\n", "damaged"),
+        (b"[" * 9999 + b"\n", "damaged"),
+    ):
+        (run / "metrics.jsonl").write_bytes(content)
+        with pytest.raises(LeagueError, match=says):
+            compare([run])
+    (tmp_path / "empty" / "report.json").write_text('{"ranking": [{"player": "a"}]}')
+    with pytest.raises(LeagueError, match="not the report of a tournament"):
+        compare([tmp_path / "empty"])
+
+
+def test_in_a_browser_it_asks_for_nothing_and_sorts(tmp_path: Path) -> None:
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("needs Chromium")
+    from playwright.sync_api import sync_playwright
+
+    path = tmp_path / "report.html"
+    path.write_bytes(page(tournament()))
+    problems: list[str] = []
+    asked: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        opened = browser.new_page()
+        opened.on("console", lambda message: problems.append(message.text))
+        opened.on("pageerror", lambda error: problems.append(str(error)))
+        opened.on("request", lambda request: asked.append(request.url))
+        opened.goto(path.as_uri())
+
+        def column(number: int) -> list[str]:
+            script = "(n) => [...document.querySelector('table').tBodies[0].rows].map((row) => row.cells[n].textContent)"
+            return opened.evaluate(script, number)
+
+        heads = opened.locator("table").first.locator("thead button")
+        names = heads.all_text_contents()
+        exact = names.index("exploitability")
+        heads.nth(exact).click()
+        assert column(exact) == ["0.0000", "0.4000", "", ""]
+        heads.nth(exact).click()
+        assert column(exact) == ["0.4000", "0.0000", "", ""]
+        heads.nth(1).click()
+        assert [name[:2] for name in column(1)] == ["</", "bc", "fa", "mi"]
+        heads.nth(names.index("rating")).click()
+        ratings = [float(shown) for shown in column(names.index("rating")) if shown]
+        assert ratings == sorted(ratings, reverse=True)
+        assert opened.locator("th[aria-sort]").count() == 1
+        browser.close()
+    assert problems == []
+    assert asked == [path.as_uri()]
