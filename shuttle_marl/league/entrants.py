@@ -61,6 +61,9 @@ class LeagueConfig:
     away: bool = False
     """Solve all pairs in the refits of the game too: how the ranking holds if other matches had been recorded. Changes no
     other figure; takes some minutes."""
+    holes: int = 0
+    """Show in the report the states in which each of the best so many entrants loses most to its best response; takes a few
+    seconds for each, and changes no figure."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT
@@ -70,6 +73,8 @@ class LeagueConfig:
         Sampling.parse(self.record)
         if not 2 <= self.matches <= MOST_MATCHES or self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number from 2 to {MOST_MATCHES:,}")
+        if self.holes < 0:
+            raise LeagueError(f"--holes {self.holes}: expected 0 or more")
         if self.batch < 1:
             raise LeagueError(f"--batch {self.batch}: expected 1 or more")
         if not 0 <= self.seed < 1 << 63:

@@ -5,9 +5,10 @@ import contextlib
 import dataclasses
 import datetime
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -18,6 +19,7 @@ from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of, resolve_game
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
@@ -33,6 +35,12 @@ from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
 from shuttle_marl.table_files import csv_bytes, write_parquet
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact.losses import Holes
+
+_HOLES: Final = 1e-6
+"""Error bound of the losses that the report shows."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -217,11 +225,32 @@ def _write_tables(
     replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
     runs.write_json(folder / run_folder.REPORT, as_json(assessment, standings))
     shown = TournamentPage(
-        config=config, game=game.hash, standings=standings, results=results, assessment=assessment, curves=_curves(config.pool)
+        config=config,
+        game=game.hash,
+        standings=standings,
+        results=results,
+        assessment=assessment,
+        curves=_curves(config.pool),
+        holes=_holes(game, {s.player: tables[s.player] for s in standings if s.player in tables}, config.holes),
     )
     replace_file(folder / run_folder.PAGE, page(shown))
     replace_file(folder / "report.md", report(config, standings, results, game.hash, exact, assessment).encode())
     return standings
+
+
+def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
+    """Where the best of some policies lose most to their best responses."""
+    if not best:
+        return {}
+    from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
+    from shuttle_marl.exact.losses import holes  # noqa: PLC0415  numba
+
+    found = {}
+    with contextlib.suppress(ExactError):  # play may never end; the exact figures said so
+        solution = solve(game, tolerance=_HOLES)
+        for name in list(tables)[:best]:
+            found[name] = holes(tables[name], solution=solution, tolerance=_HOLES)
+    return found
 
 
 def _curves(pool: Sequence[str]) -> list[Curve]:

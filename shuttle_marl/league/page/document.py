@@ -42,12 +42,14 @@ class Column:
         name: its heading.
         about: a line about it, shown when one points at the heading.
         left: whether it is aligned to the left, as text is.
+        words: whether lines in it may break.
         falling: whether the first click puts the largest on top.
     """
 
     name: str
     about: str = ""
     left: bool = False
+    words: bool = False
     falling: bool = True
 
 
@@ -107,7 +109,9 @@ def table(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], caption: st
         cells = []
         for column, cell in zip(columns, row, strict=True):
             key = "" if cell.key is None else cell.key if isinstance(cell.key, str) else repr(float(cell.key))
-            cells.append(element("td", cell.shown, class_="left" if column.left else "", data_key=key))
+            cells.append(
+                element("td", cell.shown, class_="words" if column.words else "left" if column.left else "", data_key=key)
+            )
         lines.append(element("tr", *cells))
     parts = [element("caption", caption)] if caption else []
     body = [element("thead", element("tr", *heads)), element("tbody", *lines)]

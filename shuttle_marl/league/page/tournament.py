@@ -2,8 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
 
 from shuttle_marl.league.assessment import Assessment
 from shuttle_marl.league.entrants import LeagueConfig
@@ -28,6 +28,9 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact.losses import Holes
 
 _MOST_RADARS: Final = 40
 _MOST_MISFITS: Final = 40
@@ -63,6 +66,7 @@ class Tournament:
         results: of every pairing, in the order in which they were played.
         assessment: of the tournament.
         curves: of the entrants that were trained in runs that are still there.
+        holes: of some of the entrants, by name.
     """
 
     config: LeagueConfig
@@ -71,6 +75,7 @@ class Tournament:
     results: Sequence[PairResult]
     assessment: Assessment
     curves: Sequence[Curve] = ()
+    holes: "Mapping[str, Holes]" = dataclasses.field(default_factory=dict)
 
 
 def page(shown: Tournament) -> bytes:
@@ -79,6 +84,7 @@ def page(shown: Tournament) -> bytes:
         "Ranking": _ranking(shown),
         "Who beats whom": _payoffs(shown),
         "Learning": [learning(shown.curves)] if shown.curves else [],
+        "Holes": _holes(shown.holes),
         "Style": _style(shown),
         "The game between the players": _games(shown.assessment),
         "How firm the ranks are": _firmness(shown.assessment),
@@ -188,6 +194,37 @@ def _style(shown: Tournament) -> list[Html]:
         for player in ordered
     ]
     return [*parts, paragraph(note), element("div", *radars, class_="figures"), table(columns, rows)]
+
+
+def _holes(found: "Mapping[str, Holes]") -> list[Html]:
+    columns = [
+        Column(name="state", left=True, words=True),
+        Column(name="in self-play", about="times in a rally against itself"),
+        Column(name="against its best", about="times in a rally against its best response"),
+        Column(name="loses a rally", about="what it loses there in a rally against its best response, as a value"),
+        Column(name="plays most", left=True, words=True),
+        Column(name="best stroke", left=True, words=True),
+    ]
+    parts = []
+    for player, each in found.items():
+        rows = [
+            [
+                name(hole.description),
+                number(hole.in_self_play, ".2g"),
+                number(hole.against_best_response, ".2g"),
+                number(hole.loss, ".5f"),
+                name(f"{hole.played} ({100 * hole.played_share:.0f} %)"),
+                name(f"{hole.best} ({100 * hole.best_share:.0f} %)"),
+            ]
+            for hole in each.holes
+        ]
+        if not rows:
+            parts.append(paragraph(f"{player} loses nowhere."))
+            continue
+        parts.append(
+            table(columns, rows, f"{player}: exploitability {each.exploitability:.4f}, {100 * each.share:.0f} % of its loss here")
+        )
+    return parts
 
 
 def _games(found: Assessment) -> list[Html]:
@@ -309,6 +346,7 @@ def _forfeits(results: Sequence[PairResult]) -> list[Html]:
         for result in results
         if result.forfeit
     ]
-    columns = [Column(name=heading, left=True) for heading in ("player", "opponent", "forfeited", "reason")]
+    columns = [Column(name=heading, left=True) for heading in ("player", "opponent", "forfeited")]
+    columns.append(Column(name="reason", left=True, words=True))
     note = "Forfeited pairings count for neither side; players that forfeited are ranked behind all others."
     return [paragraph(note), table(columns, rows)] if rows else []
