@@ -96,12 +96,16 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
         scorer = Scorer(game)
     except PolicyError:
         scorer = None  # a game without behaviour-cloned players
-    odds = crossplay(policies if scorer is None else [*policies, scorer.reference])
+    everyone = policies.copy()
+    if scorer is not None and all(table.hash != scorer.reference.hash for table in policies):
+        everyone.append(scorer.reference)
+    odds = crossplay(everyone)
     match, exploitability, normalised = blank.match.copy(), blank.exploitability.copy(), blank.normalised_score.copy()
     match[np.ix_(at, at)] = odds.match()[: len(at), : len(at)]
     exploitability[at] = [odds.value for odds in best_odds(policies)]
     if scorer is not None:
-        scores = [scorer.normalised(float(share)) for share in odds.rally[: len(at), -1]]
+        reference = [table.hash for table in everyone].index(scorer.reference.hash)
+        scores = [scorer.normalised(float(share)) for share in odds.rally[: len(at), reference]]
         normalised[at] = [np.nan if score is None else score for score in scores]
     # Adding 0 turns a rounded -0.0 into 0.0.
     match, exploitability, normalised = (np.round(x, _DECIMALS) + 0.0 for x in (match, exploitability, normalised))

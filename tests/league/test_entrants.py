@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 
-from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.kernel.uncompiled import play
@@ -17,8 +16,9 @@ from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import FunctionPolicy, time_limit
 from shuttle_marl.policy.registry import resolve
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 
 
 def uniform(states: States) -> np.ndarray:

@@ -38,6 +38,7 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.runs import LOCK, is_finished, locked
 from shuttle_marl.table_files import csv_bytes
+from tests.reduced import reduced_game, reduced_model
 
 POOL = ("random", "safe", "attacking")
 PAIRINGS = round_robin(POOL)
@@ -58,7 +59,7 @@ SAME = (
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run; look, do not touch."""
     out = tmp_path_factory.mktemp("league") / "run"
-    run_league(LeagueConfig(pool=POOL, matches=20, seed=5, out=out))
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=out))
     return out
 
 
@@ -70,7 +71,7 @@ def test_the_run_folder_is_complete(finished: Path) -> None:
     assert {path.name for path in finished.iterdir()} == {*SAME, "manifest.json", LOCK}
     manifest = json.loads((finished / "manifest.json").read_text())
     assert manifest["status"] == "finished"
-    assert manifest["game"]["hash"] == default_game().hash
+    assert manifest["game"]["hash"] == reduced_game().hash
     assert manifest["seed"] == 5
     assert set(manifest["policies"]) == set(POOL)
     assert {"numpy", "pyarrow", "mcap"} <= set(manifest["packages"])
@@ -131,7 +132,7 @@ def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
 
 
 def test_the_log_is_whole_and_plays_again_the_same(finished: Path) -> None:
-    checked = check(finished / "rallies.mcap", default_game())
+    checked = check(finished / "rallies.mcap", reduced_game())
     assert checked.problems == ()
     assert checked.rallies == sum(r["rallies"] for r in pyarrow.parquet.read_table(finished / "results.parquet").to_pylist())
 
@@ -140,7 +141,7 @@ def test_every_choice_follows_from_the_policies(finished: Path) -> None:
     from shuttle_marl.game.table import tabulate
     from shuttle_marl.policy.registry import resolve
 
-    game = default_game()
+    game = reduced_game()
     tables = {name: tabulate(resolve(name, game), game) for name in POOL}
     with RallyLog(finished / "rallies.mcap") as log:
         assert replay(log, game, tables).wrong == ()
@@ -149,15 +150,15 @@ def test_every_choice_follows_from_the_policies(finished: Path) -> None:
 
 
 def test_the_same_flags_give_the_same_bytes(finished: Path, tmp_path: Path) -> None:
-    again = LeagueConfig(pool=POOL, matches=20, seed=5, out=tmp_path / "again", batch=6)
+    again = LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=tmp_path / "again", batch=6)
     run_league(again)
     assert files(again.out) == files(finished)
-    run_league(LeagueConfig(pool=POOL, matches=20, seed=6, out=tmp_path / "other"))
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=6, out=tmp_path / "other"))
     assert files(tmp_path / "other")["results.csv"] != files(finished)["results.csv"]
 
 
 def test_without_a_log_the_results_are_the_same(finished: Path, tmp_path: Path) -> None:
-    run_league(LeagueConfig(pool=POOL, matches=20, seed=5, out=tmp_path / "run", record="none"))
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=tmp_path / "run", record="none"))
     assert not (tmp_path / "run" / "rallies.mcap").exists()
     for name in ("results.csv", "results.parquet", "ranking.csv"):
         assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
@@ -282,10 +283,10 @@ def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, sa
 
 def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) -> None:
     """Flip a bit of a file that is read when a run is resumed, and do what resuming does before it plays."""
-    game = default_game()
-    about = manifest(LeagueConfig(pool=POOL), game, [enter(name, game) for name in POOL])
+    game = reduced_game()
+    about = manifest(LeagueConfig(pool=POOL, game=reduced_model()), game, [enter(name, game) for name in POOL])
     folder = tmp_path / "run"
-    config = LeagueConfig(pool=POOL, matches=20, seed=5, out=folder, resume=True)
+    config = LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=folder, resume=True)
     folder.mkdir()
     expected = read_results(finished, PAIRINGS, finished=True)
     whole = {name: (finished / name).read_bytes() for name in ("pairings.jsonl", "config.json", "manifest.json")}
