@@ -149,9 +149,17 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def limited(policy: Policy) -> Policy:
-    """The policy under the time limit of the context that this is called in; itself without one, or if it is a table."""
+    """The policy under the time limit of the context that this is called in; itself without one, or if it is a table or has a
+    limit of its own."""
     seconds = _seconds.get()
-    return policy if not seconds or isinstance(policy, TabulatedPolicy) else TimedPolicy(policy, seconds)
+    if not seconds or isinstance(policy, TabulatedPolicy) or getattr(policy, "limits_itself", False):
+        return policy
+    return TimedPolicy(policy, seconds)
+
+
+def current_limit() -> float:
+    """Seconds of the time limit of the context; 0 without one."""
+    return _seconds.get()
 
 
 class TimedPolicy:

@@ -26,7 +26,7 @@ from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, bc, plain_network, solved
+from shuttle_marl.policy import agents, bc, plain_network, program, solved
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
 
@@ -364,5 +364,12 @@ register(
     lambda _: (),
     about="PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
     form="sb3:FILE",
+)
+register(
+    "program",
+    program.load,
+    lambda _: (),
+    about="program of your own in any language, asked for every stroke in lines of JSON",
+    form="program:COMMAND",
 )
 register("table", _load_table, lambda _: (), about="policy kept as a table", form="table:FILE")

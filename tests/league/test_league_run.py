@@ -50,6 +50,7 @@ SAME = (
     "ranking.csv",
     "report.md",
     "report.json",
+    "report.html",
     "rallies.mcap",
 )
 """Files that the flags alone decide; the manifest also says when."""

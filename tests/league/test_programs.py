@@ -1,0 +1,128 @@
+"""External programs as policies: one that plays, and those that hang, die or answer rubbish, beside whom all others play on."""
+
+import os
+import re
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.rally import ROOT
+from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.policy import resolve
+from shuttle_marl.policy.foreign import time_limit
+from shuttle_marl.policy.registry import resolve_recorded
+
+HEAD = """
+import json, os, sys, time
+game = json.loads(sys.stdin.readline())
+assert game["type"] == "game" and game["protocol"] == 1 and len(game["strokes"]) == 3
+def answer(**fields):
+    print(json.dumps(fields), flush=True)
+for count, line in enumerate(sys.stdin):
+    asked = json.loads(line)
+    legal, number = asked["legal"], asked["id"]
+"""
+PLAYS = {
+    "first": "answer(id=number, stroke=legal[0])",
+    "even": "answer(id=number, probabilities={name: 1 / len(legal) for name in legal})",
+}
+FAILS = {
+    "hangs": ("time.sleep(60) if count == 30 else answer(id=number, stroke=legal[0])", "no answer within 0.5 s"),
+    "dies": ("sys.exit('out of shuttles') if count == 30 else answer(id=number, stroke=legal[0])", "status 1: …out of shuttles"),
+    "killed": ("os.kill(os.getpid(), 9)", "status -9"),
+    "rubbish": ("print('smash!', flush=True)", "answered 'smash!'"),
+    "array": ("print('[1]', flush=True)", "answered '\\[1\\]'"),
+    "other": ("answer(id=number + 1, stroke=legal[0])", "where the answer to"),
+    "unknown": ("answer(id=number, stroke='tweener')", "tweener"),
+    "illegal": ("answer(id=number, stroke=next(s for s in game['strokes'] if s not in legal))", "illegal stroke"),
+    "unequal": ("answer(id=number, probabilities={legal[0]: 0.4})", "no distribution"),
+    "text": ("answer(id=number, probabilities={legal[0]: 'all'})", "expected an id"),
+    "nan": ("answer(id=number, probabilities={legal[0]: float('nan')})", "NaN"),
+    "long": ("sys.stdout.write('x' * 200000); sys.stdout.flush()", "more than 65,536 bytes"),
+    "deaf": ("os.close(1); time.sleep(60)", "closed its output"),
+}
+
+
+def program(folder: Path, name: str, body: str) -> str:
+    path = folder / f"{name}.py"
+    path.write_text(HEAD + f"    {body}\n")
+    return f"program:{sys.executable} -S -E {path}"
+
+
+def states(model: str) -> States:
+    """The serve, and two other states with legal strokes."""
+    game = load_game(model)
+    everywhere = np.arange(game.n_states, dtype=np.int32)
+    known = everywhere[game.mask(everywhere).any(axis=1)]
+    return States(game=game, state=np.r_[ROOT, known[known != ROOT][:2]], score=np.zeros((3, 4), dtype=np.int16))
+
+
+def test_programs_play(small_model: str, tmp_path: Path) -> None:
+    game = load_game(small_model)
+    asked = states(small_model)
+    first = resolve(program(tmp_path, "first", PLAYS["first"]), game).probabilities(asked)
+    assert (first[np.arange(3), asked.mask.argmax(axis=1)] == 1).all()
+    even = resolve(program(tmp_path, "even", PLAYS["even"]), game)
+    for _ in range(60):  # more than may be sent ahead
+        assert even.probabilities(asked) == pytest.approx(asked.mask / asked.mask.sum(axis=1, keepdims=True))
+
+
+def test_a_program_plays_a_tournament_as_the_same_policy_within(small_model: str, tmp_path: Path) -> None:
+    name = program(tmp_path, "even", PLAYS["even"])
+    found = {}
+    for seed, player in ((0, name), (0, "random")):
+        config = LeagueConfig(pool=("safe", player), matches=20, seed=seed, game=small_model, out=tmp_path / str(len(found)))
+        found[player] = run_league(config).results[0]
+    shares = {
+        player: result.seen_by("safe")["points_won"] / result.seen_by("safe")["rallies"] for player, result in found.items()
+    }
+    assert shares[name] == pytest.approx(shares["random"], abs=0.1)
+
+
+@pytest.mark.parametrize("failure", FAILS)
+def test_a_program_that_fails_forfeits_and_all_others_play(failure: str, small_model: str, tmp_path: Path) -> None:
+    body, says = FAILS[failure]
+    name = program(tmp_path, failure, body)
+    begun = time.monotonic()
+    config = LeagueConfig(
+        pool=("random", name, "safe"), matches=4, game=small_model, out=tmp_path / "run", policy_timeout=0.5, record="none"
+    )
+    results = run_league(config).results
+    assert time.monotonic() - begun < 40
+    assert [result.forfeit for result in results] == [(name,), (), (name,)]
+    assert [bool(result.reason) for result in results] == [True, False, True]
+    assert re.search(says, results[0].reason), results[0].reason
+    alone = LeagueConfig(pool=("random", "safe"), matches=4, game=small_model, out=tmp_path / "alone", record="none")
+    assert run_league(alone).results[0].seats == results[1].seats
+
+
+def test_commands_that_cannot_be_run(small_model: str, tmp_path: Path) -> None:
+    game = load_game(small_model)
+    for name, says in (
+        ("program", "expected a command"),
+        ("program:", "expected a command"),
+        ("program:'x", "No closing quotation"),
+    ):
+        with pytest.raises(PolicyError, match=says):
+            resolve(name, game)
+    with pytest.raises(PolicyError, match="cannot be started"):
+        resolve(f"program:{tmp_path / 'nothing'}", game).probabilities(states(small_model))
+    with pytest.raises(PolicyError, match="not resolved because a file named it"):
+        resolve_recorded("program:true", game)
+
+
+def test_a_program_ends_with_its_policy(small_model: str, tmp_path: Path) -> None:
+    body = f"open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); answer(id=number, stroke=legal[0])"
+    with time_limit(5):
+        policy = resolve(program(tmp_path, "told", body), load_game(small_model))
+    policy.probabilities(states(small_model))
+    pid = int((tmp_path / "pid").read_text())
+    os.kill(pid, 0)
+    del policy
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
