@@ -9,6 +9,7 @@ import os
 import random
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -191,7 +192,7 @@ def whole(model: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path_factory.mktemp("whole") / "run")).folder
 
 
-@pytest.mark.parametrize("when", [pytest.param(n, marks=() if n in (4, 17, 26) else pytest.mark.slow) for n in range(1, 61)])
+@pytest.mark.parametrize("when", [pytest.param(n, marks=() if n in (4, 17, 26) else pytest.mark.slow) for n in range(1, 53)])
 def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
     when: int, whole: Path, model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,28 +228,47 @@ def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Pat
     assert final(tmp_path / "run") == final(whole)
 
 
-@pytest.mark.slow
-def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run")
-    context = multiprocessing.get_context("forkserver")
-    process = context.Process(target=_run, args=(config,))
+def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
+    """A league in a process of its own, and one of its workers."""
+    process = multiprocessing.get_context("forkserver").Process(target=_run, args=(config,))
     process.start()
-    # The first child of the league that lives is a worker.
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    found: list[int] = []
-    while process.is_alive() and not found:
+    while process.is_alive():
         process.join(0.05)
         with contextlib.suppress(OSError):
             found = [pid for pid in map(int, children.read_text().split()) if _is_worker(pid)]
-    if found:
-        os.kill(found[-1], signal.SIGKILL)
+            if found:
+                return process, found[-1]
+    raise AssertionError("the league ended without a worker")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, model: str, tmp_path: Path) -> None:
+    process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
+    os.kill(worker, signal.SIGKILL)
     process.join()
     assert process.exitcode == 0
     assert final(tmp_path / "run") == final(whole)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
+    process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    deadline = time.monotonic() + 60
+    while _is_worker(worker):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
 def _is_worker(pid: int) -> bool:
-    return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    """Whether a process is one of a pool, and not what keeps count of its semaphores."""
+    with contextlib.suppress(OSError):
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False
 
 
 def test_learning_that_diverges_says_where(model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

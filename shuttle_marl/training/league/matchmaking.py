@@ -1,4 +1,4 @@
-"""Whom a learner meets: weights of the policies so far, and the order in which they come.
+"""Opponents of a learner: weights of the policies so far, and the order in which they come.
 
 Prioritised fictitious self-play (Vinyals et al., Nature 2019) draws an opponent by a function of the probability of beating it.
 Such weights may all vanish, for example when every opponent is beaten for certain: then those that are beaten least by a smaller
@@ -15,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 Priority = Literal["hard", "even"]
 
 FLOOR: Final = 0.02
-"""Share of the weight that is spread over all alike, so that nobody is forgotten for good."""
+"""Share of the weight that is spread over all alike, so that none is forgotten for good."""
 _HARD: Final = 2.0
 """Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
 
