@@ -26,7 +26,7 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.table import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.runs import RunError
 from shuttle_marl.training.league.config import WAYS, LeagueTrainingConfig, LeagueTrainingError, Meta, Way
-from shuttle_marl.training.league.mixtures import merged
+from shuttle_marl.training.league.mixtures import merged, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs, Tables
 from shuttle_marl.training.league.psro import meta_strategy
 from shuttle_marl.training.league.run import MAIN, train_league
@@ -147,6 +147,16 @@ def test_a_mixture_as_one_policy_wins_what_the_mixture_wins(model: str) -> None:
     # A table holds probabilities in units of 1/65535.
     assert exact.evaluate(merged(policies, shares, opponent), opponent).odds().value == pytest.approx(expected, abs=1e-4)
     assert merged(policies, np.array([0, 1.0, 0])) is policies[1]
+
+
+def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
+    game = load_game(model)
+    weight = np.random.default_rng(3).gamma(0.5, size=game.n_pairs) + 1e-3
+    policy = from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
+    power = policy.pair_probabilities() ** 4
+    expected = power / np.bincount(game.pair_state, power, game.n_states)[game.pair_state]
+    assert np.allclose(sharpened(policy, 0.25).pair_probabilities(), expected, atol=2e-5)
+    assert np.allclose(sharpened(policy, 1.0).pair_probabilities(), policy.pair_probabilities(), atol=2e-5)
 
 
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A mixture of policies as one policy, and the best response to it.
+"""Policies made from others: a mixture as one policy, and a policy made sharper.
 
 A player of a mixture draws one of its policies at the start of a rally. In a state of the rally each policy is then as likely as
 it was at the start, times how often it comes to this state. So the policy that plays every stroke with the mean of their
@@ -35,6 +35,20 @@ def merged(
     opponent = opponent or _mean(kept, [np.full(policy.game.n_states, share) for policy, share in kept])
     weights = [share * (exact.visits(policy, opponent, tolerance=TOLERANCE).states[0] + _LEAST) for policy, share in kept]
     return _mean(kept, weights)
+
+
+def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
+    """The policy that plays every stroke with its probability to the power of 1 / temperature, scaled to add up to 1.
+
+    A bonus for entropy lets a learner play all that is nearly as good as the best; below 1, a temperature takes that away.
+
+    Args:
+        policy: a policy.
+        temperature: above 0.
+    """
+    game = policy.game
+    blocks = [policy.block_probabilities(block) ** (1 / temperature) for block in range(game.n_blocks)]
+    return from_pair_probabilities(game, np.concatenate(blocks))
 
 
 def _mean(kept: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[npt.NDArray[np.floating]]) -> TabulatedPolicy:

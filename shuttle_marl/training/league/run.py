@@ -20,6 +20,7 @@ from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.training.league import matchmaking
 from shuttle_marl.training.league.config import POOL, LeagueTrainingConfig, LeagueTrainingError
+from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.league.picture import draw
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
 from shuttle_marl.training.league.psro import meta_strategy, respond
@@ -34,12 +35,14 @@ PICTURE: Final = "exploitability.png"
 MAIN: Final = "main.safetensors"
 """Table of the least exploitable main agent in the folder of a run."""
 AGENT: Final = "agent"
-"""Folder of the same as an agent, where it is one network."""
+"""Folder of its network, where it is one, before it is made sharper."""
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 _ENOUGH: Final = 0.5
 """An exploiter that gains so much of what the exact best response gains has done its work."""
 _BEATEN: Final = 0.7
 """The same of a league exploiter that wins so many of its matches on average (Vinyals et al., Nature 2019)."""
+_SHARPER: Final = 0.25
+"""Temperature at which a main agent is measured too: without what a bonus for entropy lets it play."""
 _LEAST_SECONDS: Final = 0.5
 """Of a turn."""
 _DRAW_OPPONENTS: Final = 1 << 16
@@ -146,7 +149,7 @@ class _League:
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
         number = self.state.round + 1
-        self._measure(f"mixture@{number}", mixture, answer)
+        self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
         found = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.keep(answer.policy))
         # A mean of all best responses counts one that comes again (fictitious play); in other strategies it changes nothing.
         joined = self._join(found, again=self.config.meta == "uniform")
@@ -302,7 +305,9 @@ class _League:
             answer = exact.best_response(policy, tolerance=TOLERANCE)
             name = f"{done.member}@{number}"
             self._join(Frozen(name=name, role="main", round=number, hash=done.hash))
-            self._measure(name, policy, answer)
+            sharper = sharpened(policy, _SHARPER)
+            forms = [(policy, answer, 1.0), (sharper, exact.best_response(sharper, tolerance=TOLERANCE), _SHARPER)]
+            self._measure(name, forms)
             if self.config.way != "plain":
                 response = self.tables.keep(answer.policy)
                 self._join(Frozen(name=f"best-response:{name}", role="best-response", round=number, hash=response))
@@ -332,7 +337,7 @@ class _League:
         support = np.flatnonzero(strategy)
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
-        self._measure(f"mixture@{number}", mixture, answer)
+        self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
 
     # What every round ends with
 
@@ -343,9 +348,17 @@ class _League:
         self.state.population.append(policy)
         return True
 
-    def _measure(self, name: str, policy: TabulatedPolicy, answer: exact.Response) -> None:
-        state, exploitability = self.state, max(0.0, answer.value.odds().value)
-        first = state.population[0]
+    def _measure(self, name: str, forms: list[tuple[TabulatedPolicy, exact.Response, float]]) -> None:
+        """Write down the figures of a main agent in its least exploitable form.
+
+        Args:
+            name: of the policy.
+            forms: the policy as it was trained and at other temperatures, each with its best response and its temperature.
+        """
+        state = self.state
+        gains = [max(0.0, answer.value.odds().value) for _, answer, _ in forms]
+        policy, _, temperature = forms[int(np.argmin(gains))]
+        exploitability, first = min(gains), state.population[0]
         kept = self.tables.keep(policy)
         (odds,) = self.payoffs.odds(kept, [first.hash])
         line = {
@@ -354,6 +367,8 @@ class _League:
             "seconds": round(self._elapsed(), 2),
             "strokes": sum(member.strokes for member in state.members.values()),
             "exploitability": exploitability,
+            "temperature": temperature,
+            "exploitability_as_trained": gains[0],
             "against": first.name,
             "rally_win": odds.rally,
             "match_win": odds.match(),
@@ -361,7 +376,7 @@ class _League:
         }
         self.metrics.append(line)
         if state.best is None or exploitability < state.best.exploitability:
-            state.best = Best(name=name, hash=kept, exploitability=exploitability)
+            state.best = Best(name=name, hash=kept, exploitability=exploitability, temperature=temperature)
         self.console.print(
             f"round {line['round']}, {line['seconds']:.0f} s: exploitability {exploitability:.4f} ({name}), "
             f"{odds.match():.1%} of matches won against {first.name}, {len(state.population)} policies",
@@ -396,6 +411,7 @@ class _League:
             "seed": self.config.seed,
             "main_agent": state.best.name,
             "exploitability": state.best.exploitability,
+            "temperature": state.best.temperature,
             "error_bound": TOLERANCE,
             "last_exploitability": curve[-1]["exploitability"],
             "rounds": state.round,
@@ -421,7 +437,8 @@ class _League:
 def _of(curve: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """The figures of a main agent in the curve."""
     line = next(line for line in curve if line["policy"] == name)
-    return {key: line[key] for key in ("exploitability", "rally_win", "match_win", "against")}
+    kept = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
+    return {key: line[key] for key in kept}
 
 
 def _number(name: str) -> int:

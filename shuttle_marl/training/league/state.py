@@ -35,11 +35,13 @@ class Best:
         name: of the policy, such as ``main-0@3``.
         hash: of its table.
         exploitability: what a best response to it gains.
+        temperature: at which its network is played; 1 for a mixture.
     """
 
     name: str
     hash: str
     exploitability: float
+    temperature: float
 
 
 @dataclasses.dataclass(kw_only=True)
