@@ -237,7 +237,7 @@ def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, m
 
 
 def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> None:
-    config = {"pool": POOL, "matches": 20, "seed": 5, "out": tmp_path / "run"}
+    config = {"pool": POOL, "game": reduced_model(), "matches": 20, "seed": 5, "out": tmp_path / "run"}
     run_league(LeagueConfig(**config, record="none"))
     path = tmp_path / "run" / "pairings.jsonl"
     text = path.read_bytes()
