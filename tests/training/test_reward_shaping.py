@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import visits
-from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError, train
 from shuttle_marl.training.shaping import added_rewards, fault_penalty
+from tests.reduced import reduced_game, reduced_model
 
-GAME = default_game()
+GAME = reduced_game()
 
 
 def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
@@ -66,7 +66,7 @@ def test_shaping_that_cannot_be_meant_is_refused(changes) -> None:
 
 @pytest.mark.slow
 def test_what_is_rewarded_is_played_more(tmp_path) -> None:
-    small = {"batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
+    small = {"game": reduced_model(), "batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
     opponent = tabulate(resolve("bc", GAME), GAME)
     lifts, faults = {}, {}
     for name, changes in {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}.items():
