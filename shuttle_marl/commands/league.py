@@ -23,7 +23,7 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
     run = run_league(config, cli.console(stderr=True))
     out = cli.console()
-    out.print(console_table(run.standings))
+    out.print(console_table(run.standings, config.format))
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
     log = run.folder / RALLIES
     if log.exists():

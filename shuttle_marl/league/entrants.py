@@ -4,10 +4,11 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+import tyro
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
@@ -23,6 +24,7 @@ from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000
 """Largest number of matches of a pairing: its rallies are kept in memory until it is finished."""
+_MOST_ELO: Final = 1000
 _OWN_PLAYERS: Final = 6
 """So many players' own models are in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
@@ -31,25 +33,38 @@ TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 """Trained agents of the default pool; see docs/training.md."""
 
 
+Format = Literal["round-robin", "swiss", "gauntlet"]
+
+
 class LeagueError(ShuttleError):
     """A tournament that cannot be played as asked, or a run folder that cannot be used."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueConfig:
-    """A round robin: every pair of entrants plays the same number of matches."""
+    """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another form."""
 
     pool: tuple[str, ...] = ()
     """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles, random, trained
     agents, and the solved anchors."""
     matches: int = 1000
     """Matches of every pair; an even number, because each is played twice with the seats swapped and the same draws."""
+    format: Format = "round-robin"
+    """Round robin: every pair. Gauntlet: the first entrant of the pool against each other. Swiss: rounds in which those play each
+    other who have won about as much."""
+    rounds: int = 0
+    """Rounds of a Swiss tournament; 0: as many as halving the pool takes."""
+    decide: float | None = None
+    """Stop a pairing with an entrant that has no table as soon as a sequential test has decided who is better, with errors of 5 %
+    where one is so many Elo points better; default: play all matches."""
     seed: int = 0
     """Names every random draw: the same seed gives the same rallies."""
     out: Path | None = None
     """Run folder; default runs/league-SEED, with a number behind it if that exists."""
     resume: bool = False
     """Continue the unfinished run in --out, or else the latest one of this seed."""
+    extend: bool = False
+    """Add entrants to the run in --out, with the same flags else: only the pairings that are missing are played."""
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "all"
@@ -68,6 +83,8 @@ class LeagueConfig:
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT
     """Seconds that a policy may take for one answer before it forfeits; 0 for no limit."""
+    grown: tyro.conf.Suppress[tuple[int, ...]] = ()
+    """Number of entrants each time before more were added; set by what continues a run."""
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)
@@ -82,14 +99,22 @@ class LeagueConfig:
         twice = sorted({name for name in self.pool if self.pool.count(name) > 1})
         if twice:
             raise LeagueError(f"--pool names {', '.join(twice)} twice; every entrant plays once against every other")
-        if len(self.pool) == 1:
-            raise LeagueError(f"--pool {self.pool[0]}: a round robin needs two entrants or more")
+        if self.rounds < 0 or (self.rounds and self.format != "swiss"):
+            raise LeagueError(f"--rounds {self.rounds}: expected 1 or more, with --format swiss; 0 for as many as are needed")
+        if self.decide is not None and not 0 < self.decide <= _MOST_ELO:
+            raise LeagueError(f"--decide {self.decide:g}: expected Elo points above 0, up to {_MOST_ELO}")
+        if self.extend and (self.out is None or not self.pool):
+            raise LeagueError("--extend adds the entrants of --pool to the run in --out; give both")
+        if self.extend and (self.overwrite or self.format == "swiss"):
+            raise LeagueError("--extend adds to a round robin or a gauntlet; it cannot be had with --overwrite or --format swiss")
+        if len(self.pool) == 1 and not self.extend:
+            raise LeagueError(f"--pool {self.pool[0]}: a tournament needs two entrants or more")
         if self.resume and self.overwrite:
             raise LeagueError("--resume continues a run and --overwrite replaces it; give one of them")
 
     def fixed(self) -> dict[str, Any]:
-        """Everything that decides the results, as JSON: pool, matches, seed, record, game, profile."""
-        kept = ("pool", "matches", "seed", "record", "game", "profile")
+        """Everything that decides the results, as JSON."""
+        kept = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "grown")
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in kept}))
         return fixed
 

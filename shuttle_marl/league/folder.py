@@ -5,7 +5,7 @@ import dataclasses
 import json
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +41,43 @@ def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
     )
 
 
+def continued(config: LeagueConfig) -> LeagueConfig:
+    """The configuration of the run that is continued: with the entrants that were added to it, now or before.
+
+    Raises:
+        LeagueError: there is no run to add entrants to, or it was started with other flags, or nothing would be added.
+        RunError: another process runs there, or its files cannot be read.
+    """
+    folder = config.out
+    if folder is None or not (config.resume or config.extend) or not (folder / runs.CONFIG).is_file():
+        if config.extend:
+            raise LeagueError(f"{folder}: holds no run to add entrants to")
+        return config
+    before = runs.read_json(folder / runs.CONFIG)
+    pool, grown = tuple(map(str, before.get("pool", ()))), tuple(map(int, before.get("grown", ())))
+    if not config.extend:
+        return dataclasses.replace(config, pool=pool, grown=grown) if grown and set(config.pool) <= set(pool) else config
+    added = tuple(name for name in config.pool if name not in pool)
+    if not added:
+        raise LeagueError(f"{folder}: all of the entrants of --pool are in this run already; --resume continues it")
+    found = dataclasses.replace(config, pool=(*pool, *added), grown=(*grown, len(pool)), resume=True, extend=False)
+    wanted = {**found.fixed(), "pool": before.get("pool"), "grown": before.get("grown")}
+    different = [f"{key}: {before.get(key)!r} then, {value!r} now" for key, value in wanted.items() if before.get(key) != value]
+    if different:
+        raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to add entrants")
+    with runs.locked(folder):
+        # After a kill between the two the run is the old one, to be finished again.
+        about = runs.read_json(folder / runs.MANIFEST) if (folder / runs.MANIFEST).exists() else {}
+        runs.write_json(folder / runs.MANIFEST, {**about, "status": "running"})
+        runs.write_json(folder / runs.CONFIG, found.fixed())
+    return found
+
+
+def log_name(stage: int) -> str:
+    """File of the rallies of a stage, from 0."""
+    return f"rallies-{stage + 1}.mcap" if stage else RALLIES
+
+
 def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
     """Everything one needs to know to get the same run again; the manifest of a run that starts now."""
     return {
@@ -64,16 +101,20 @@ def check_same(folder: Path, about: dict[str, Any]) -> None:
         return
     before = runs.read_json(path)
     for what in ("game", "policies"):
-        if before.get(what) != about[what]:
+        known = before.get(what, {})
+        # Entrants may have been added since.
+        if not isinstance(known, dict) or {key: about[what].get(key) for key in known} != known:
             raise LeagueError(f"{folder}: the {what} changed since the run was started; start a new one with another --out")
 
 
-def read_results(folder: Path, pairings: Sequence[Pairing], *, finished: bool = False) -> list[PairResult]:
+def read_results(
+    folder: Path, schedule: Callable[[Sequence[PairResult]], Sequence[Pairing]], *, finished: bool = False
+) -> list[PairResult]:
     """The finished pairings of a run; of an unfinished one, a last line that was cut off is removed.
 
     Args:
         folder: of the run.
-        pairings: all pairings of the tournament.
+        schedule: the pairings of the tournament as far as results decide them, from its first results.
         finished: whether the run is finished, so that every pairing must be there.
 
     Raises:
@@ -83,7 +124,7 @@ def read_results(folder: Path, pairings: Sequence[Pairing], *, finished: bool = 
     text = _content(path)
     whole = text[: text.rfind(b"\n") + 1]
     results = [_read_line(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
-    expected = [(pairing.number, pairing.names) for pairing in pairings]
+    expected = [(pairing.number, pairing.names) for pairing in schedule(results)]
     found = [(result.pairing, result.names) for result in results]
     if found != expected[: len(found)] or (finished and (found != expected or whole != text)):
         raise LeagueError(f"{path}: pairings are missing, out of order or not of this run; {_ADVICE}")

@@ -11,12 +11,13 @@ from rich.text import Text
 
 from shuttle_marl.errors import printable
 from shuttle_marl.league.assessment import Assessment
-from shuttle_marl.league.entrants import LeagueConfig
+from shuttle_marl.league.entrants import Format, LeagueConfig
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.ranking import ExactOdds, Standing
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 
+TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 HEADINGS = (
     "",
     "player",
@@ -83,9 +84,9 @@ def ranked_table(standings: Sequence[Standing], left_out: Sequence[int] = ()) ->
     return tuple(HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
 
 
-def console_table(standings: Sequence[Standing]) -> Table:
+def console_table(standings: Sequence[Standing], form: Format = "round-robin") -> Table:
     """The ranked table for the console, without the columns that only the report has."""
-    table = Table(title="Round robin", title_justify="left", header_style="bold")
+    table = Table(title=TITLES[form], title_justify="left", header_style="bold")
     headings, rows = ranked_table(standings, _REPORT_ONLY)
     for heading in headings:
         table.add_column(heading, justify="left" if heading == "player" else "right", no_wrap=True)
@@ -109,7 +110,7 @@ def report(
     matches = sum(counts["matches"] for result in played for counts in result.seats)
     length = f"{strokes / rallies:.2f}" if rallies else "no"
     lines = [
-        "# Round robin",
+        f"# {TITLES[config.format]}",
         "",
         f"{len(standings)} entrants, {matches:,} matches ({config.matches:,} a pair), {rallies:,} rallies, "
         f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}).",

@@ -4,6 +4,8 @@ import collections
 import contextlib
 import dataclasses
 import datetime
+import functools
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
@@ -28,8 +30,9 @@ from shuttle_marl.league.page.tournament import Tournament as TournamentPage
 from shuttle_marl.league.page.tournament import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
+from shuttle_marl.league.schedule import stages
 from shuttle_marl.league.style import styles
-from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, round_robin
+from shuttle_marl.league.tournament import Pairing, PairResult, Tournament
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
@@ -73,7 +76,10 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     """
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
-    config = dataclasses.replace(config, pool=config.pool or default_pool(game))
+    try:
+        config = run_folder.continued(dataclasses.replace(config, pool=config.pool or default_pool(game)))
+    except runs.RunError as error:
+        raise LeagueError(str(error)) from error
     with console.status("evaluating the entrants on every state"), time_limit(config.policy_timeout):
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:
@@ -89,18 +95,21 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
     with run_folder.open_run(config) as folder:
         about = run_folder.manifest(config, game, entrants)
         run_folder.check_same(folder, about)
-        pairings = round_robin(config.pool)
+        schedule = functools.partial(stages, config.pool, config.format, rounds=config.rounds, grown=config.grown)
         finished = runs.is_finished(folder)
-        results = run_folder.read_results(folder, pairings, finished=finished)
+        results = run_folder.read_results(folder, lambda found: [*itertools.chain(*schedule(found))], finished=finished)
         if finished:
             _say(console, f"{folder}: finished already")
             standings = rank(config.pool, results, config.seed, _exact(config, game, entrants, console))
             return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
         runs.write_json(folder / runs.MANIFEST, about)
-        strokes = _play(config, game, entrants, pairings, results, folder, console)
+        strokes, stage = 0, 0
+        while stage < len(known := schedule(results)):
+            strokes += _play(config, game, entrants, known[: stage + 1], results, folder, console)
+            stage += 1
         seconds = time.monotonic() - begun
-        standings = _write_tables(config, game, entrants, results, folder, _exact(config, game, entrants, console))
+        standings = _write_tables(config, game, entrants, known, results, folder, _exact(config, game, entrants, console))
         done = {
             "status": "finished",
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -117,19 +126,27 @@ def _play(
     config: LeagueConfig,
     game: Game,
     entrants: Sequence[Entrant],
-    pairings: Sequence[Pairing],
+    known: Sequence[Sequence[Pairing]],
     results: list[PairResult],
     folder: Path,
     console: Console,
 ) -> int:
-    """Play what remains, adding to ``results``; returns the number of strokes."""
+    """Play what remains of the last of some stages, adding to ``results``; returns the number of strokes."""
+    pairings = known[-1]
+    done = min(len(results) - pairings[0].number, len(pairings))
     with contextlib.ExitStack() as stack:
-        recorder = _open_recorder(config, game, entrants, pairings, results, folder)
+        recorder = _open_recorder(config, game, entrants, known, results, folder)
         if recorder is not None:
             stack.enter_context(recorder)
-        advance = stack.enter_context(_progress(console, len(pairings), len(results)))
+        advance = stack.enter_context(_progress(console, len(pairings), done))
         tournament = Tournament(
-            game, entrants, matches=config.matches, seed=config.seed, batch=config.batch, keep_strokes=recorder is not None
+            game,
+            entrants,
+            matches=config.matches,
+            seed=config.seed,
+            batch=config.batch,
+            keep_strokes=recorder is not None,
+            decide=config.decide,
         )
         strokes = 0
 
@@ -148,7 +165,7 @@ def _play(
 
         # The log is on the disk before the results are, so that no result is without its rallies; play continues meanwhile.
         unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
-        for blocks in tournament.play(pairings[len(results) :], count):
+        for blocks in tournament.play(pairings[done:], count):
             new = [result for result, _ in blocks]
             if recorder is None:
                 keep(new)
@@ -173,26 +190,31 @@ def _open_recorder(
     config: LeagueConfig,
     game: Game,
     entrants: Sequence[Entrant],
-    pairings: Sequence[Pairing],
+    known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
     folder: Path,
 ) -> RallyRecorder | None:
-    path = folder / run_folder.RALLIES
+    """The recorder of the last of some stages; None if nothing is to be recorded any more."""
+    stage = len(known) - 1
+    path = folder / run_folder.log_name(stage)
+    first, end = known[-1][0].number, known[-1][-1].number + 1
     every = Sampling.parse(config.record).every
-    if not every or (path.exists() and len(results) == len(pairings)):
+    if not every or (path.exists() and len(results) >= end):
         return None
+    # Entrants that were added later are not in the header of a log that was begun before.
+    present = entrants[: (*config.grown, len(entrants))[min(stage, len(config.grown))]]
     header = LogHeader(
         seed=config.seed,
         game=game.hash,
         strokes=game.catalogue.names,
-        policies=tuple(Player(name=entrant.name, hash=entrant.hash) for entrant in entrants),
-        pairings=tuple(pairing.key for pairing in pairings),
+        policies=tuple(Player(name=entrant.name, hash=entrant.hash) for entrant in present),
+        pairings=tuple(pairing.key for pairings in known for pairing in pairings),
         record=config.record,
     )
     if every == 1:
-        recorded = sum(counts["rallies"] for result in results for counts in result.seats)
+        recorded = sum(counts["rallies"] for result in results[first:end] for counts in result.seats)
     else:
-        recorded = rallies_of_pairings(path, len(results))
+        recorded = rallies_of_pairings(path, min(len(results), end))
     return RallyRecorder(resume_log(path, header, recorded))
 
 
@@ -212,6 +234,7 @@ def _write_tables(
     config: LeagueConfig,
     game: Game,
     entrants: Sequence[Entrant],
+    known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
     folder: Path,
     exact: ExactOdds,
@@ -231,6 +254,7 @@ def _write_tables(
         results=results,
         assessment=assessment,
         curves=_curves(config.pool),
+        logs={pairings[0].number: run_folder.log_name(stage) for stage, pairings in enumerate(known)},
         holes=_holes(game, {s.player: tables[s.player] for s in standings if s.player in tables}, config.holes),
     )
     replace_file(folder / run_folder.PAGE, page(shown))

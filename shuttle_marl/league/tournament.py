@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
+from shuttle_marl.league.sequential import decided
 from shuttle_marl.recording import Rallies
 from shuttle_marl.recording.kernel_rallies import rallies_of
 
@@ -206,6 +207,9 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
     )
 
 
+_TESTED: Final = 32
+"""So many matches are played between two looks at a sequential test, whatever the batch: it decides which are played at all."""
+
 Block = tuple[PairResult, list[Rallies]]
 """A finished pairing and all its rallies, in order."""
 
@@ -220,12 +224,22 @@ class Tournament:
         seed: names all draws.
         batch: matches that are played together.
         keep_strokes: whether the rallies come with their strokes.
+        decide: stop pairings with an entrant that has no table when it is decided who is better, see
+            :mod:`shuttle_marl.league.sequential`; None: play all matches.
     """
 
     def __init__(
-        self, game: Game, entrants: Sequence[Entrant], *, matches: int, seed: int, batch: int, keep_strokes: bool
+        self,
+        game: Game,
+        entrants: Sequence[Entrant],
+        *,
+        matches: int,
+        seed: int,
+        batch: int,
+        keep_strokes: bool,
+        decide: float | None = None,
     ) -> None:
-        self._game, self._entrants = game, entrants
+        self._game, self._entrants, self._decide = game, entrants, decide
         self._matches, self._seed, self._batch, self._keep_strokes = matches, seed, max(2, batch - batch % 2), keep_strokes
 
     def play(self, pairings: Sequence[Pairing], progress: Callable[[int], None] | None = None) -> Iterator[list[Block]]:
@@ -250,8 +264,10 @@ class Tournament:
     def _play_group(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
         found: dict[Pairing, Block] = {}
         # Several pairings fit into one batch together; a single one may take several batches.
-        for first in range(0, self._matches, self._batch):
-            last = min(first + self._batch, self._matches)
+        tested = self._decide is not None and any(self._entrants[i].table is None for i in group[0].entrants)
+        step = _TESTED if tested else self._batch
+        for first in range(0, self._matches, step):
+            last = min(first + step, self._matches)
             rallies = self._rallies(group, first, last, progress)
             bounds = np.searchsorted(rallies.pairing, [p.number for p in group] + [group[-1].number + 1])
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
@@ -259,6 +275,8 @@ class Tournament:
                 result = tally(pairing, part, pairing.entrants[0])
                 before = found.get(pairing)
                 found[pairing] = (before[0] + result, [*before[1], part]) if before else (result, [part])
+            if tested and self._decide is not None and decided(found[group[0]][0].cells, self._decide):
+                break
         return list(found.values())
 
     def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Callable[[int], None] | None) -> Rallies:

@@ -32,7 +32,7 @@ from shuttle_marl.league.folder import append_results, check_same, manifest, ope
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table, report
-from shuttle_marl.league.tournament import forfeited, round_robin
+from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.tables import outcomes
@@ -41,7 +41,6 @@ from shuttle_marl.table_files import csv_bytes
 from tests.reduced import reduced_game, reduced_model
 
 POOL = ("random", "safe", "attacking")
-PAIRINGS = round_robin(POOL)
 SAME = (
     "config.json",
     "pairings.jsonl",
@@ -54,6 +53,10 @@ SAME = (
     "rallies.mcap",
 )
 """Files that the flags alone decide; the manifest also says when."""
+
+
+def scheduled(_: object) -> list[Pairing]:
+    return round_robin(POOL)
 
 
 @pytest.fixture(scope="module")
@@ -243,18 +246,18 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     text = path.read_bytes()
     path.write_bytes(text[:-30])
     (tmp_path / "run" / "manifest.json").unlink()
-    assert len(read_results(tmp_path / "run", PAIRINGS)) == 2
+    assert len(read_results(tmp_path / "run", scheduled)) == 2
     run_league(LeagueConfig(**config, record="none", resume=True))
     assert path.read_bytes() == text
     lines = text.splitlines(keepends=True)
     for content in (lines[1], lines[0] + lines[0], lines[0] + lines[2], text + lines[2]):
         path.write_bytes(content)
         with pytest.raises(LeagueError, match="missing, out of order or not of this run"):
-            read_results(tmp_path / "run", PAIRINGS)
+            read_results(tmp_path / "run", scheduled)
     for content in (text[:-1], text[:-30], lines[0], b""):
         path.write_bytes(content)
         with pytest.raises(LeagueError, match="missing"):
-            read_results(tmp_path / "run", PAIRINGS, finished=True)
+            read_results(tmp_path / "run", scheduled, finished=True)
         assert path.read_bytes() == content
 
 
@@ -275,11 +278,11 @@ def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, sa
     path = tmp_path / "pairings.jsonl"
     path.write_bytes(first + line + b"\n" + b"".join(rest))
     with pytest.raises(LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a copy, or play the tournament again"):
-        read_results(tmp_path, PAIRINGS)
+        read_results(tmp_path, scheduled)
     path.unlink()
     path.mkdir()
     with pytest.raises(LeagueError, match="cannot be read"):
-        read_results(tmp_path, PAIRINGS)
+        read_results(tmp_path, scheduled)
 
 
 def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) -> None:
@@ -289,7 +292,7 @@ def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) ->
     folder = tmp_path / "run"
     config = LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=folder, resume=True)
     folder.mkdir()
-    expected = read_results(finished, PAIRINGS, finished=True)
+    expected = read_results(finished, scheduled, finished=True)
     whole = {name: (finished / name).read_bytes() for name in ("pairings.jsonl", "config.json", "manifest.json")}
     for name, content in whole.items():
         (folder / name).write_bytes(content)
@@ -304,7 +307,7 @@ def test_a_changed_bit_is_noticed_or_harmless(finished: Path, tmp_path: Path) ->
                 with open_run(config):
                     check_same(folder, about)
                     ended = is_finished(folder)
-                    results = read_results(folder, PAIRINGS, finished=ended)
+                    results = read_results(folder, scheduled, finished=ended)
                 # Pairings that an unfinished run has not are played again, from the same draws.
                 assert results == expected[: len(results)]
                 assert len(results) == len(expected) or not ended

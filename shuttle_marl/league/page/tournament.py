@@ -25,6 +25,7 @@ from shuttle_marl.league.page.document import (
 )
 from shuttle_marl.league.page.learning import Curve, learning
 from shuttle_marl.league.ranking import Standing
+from shuttle_marl.league.report import TITLES
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
@@ -66,6 +67,7 @@ class Tournament:
         results: of every pairing, in the order in which they were played.
         assessment: of the tournament.
         curves: of the entrants that were trained in runs that are still there.
+        logs: file of the rallies that begins with the pairing of a number, by that.
         holes: of some of the entrants, by name.
     """
 
@@ -75,6 +77,7 @@ class Tournament:
     results: Sequence[PairResult]
     assessment: Assessment
     curves: Sequence[Curve] = ()
+    logs: Mapping[int, str] = dataclasses.field(default_factory=lambda: {0: RALLIES})
     holes: "Mapping[str, Holes]" = dataclasses.field(default_factory=dict)
 
 
@@ -98,7 +101,7 @@ def page(shown: Tournament) -> bytes:
     facts = [element("div", element("b", f"{count:,}"), element("span", what), class_="tile") for what, count in tiles]
     subtitle = f"seed {shown.config.seed} · game {shown.config.game} ({shown.game[:12]})"
     content = [element("div", *facts, class_="tiles"), *(section(heading, *parts) for heading, parts in kept.items())]
-    return document("Tournament", subtitle, list(kept), content)
+    return document(TITLES[shown.config.format], subtitle, list(kept), content)
 
 
 def _ranking(shown: Tournament) -> list[Html]:
@@ -310,7 +313,7 @@ def _firmness(found: Assessment) -> list[Html]:
 
 def _pairings(shown: Tournament) -> list[Html]:
     every = Sampling.parse(shown.config.record).every
-    log = element("a", RALLIES, href=RALLIES)
+    log = Html(", ".join(element("a", file, href=file) for file in shown.logs.values()))
     if every:
         kept = "Every rally is" if every == 1 else f"One match in {every:,}, drawn at random, is"
         note = paragraph(
@@ -326,17 +329,20 @@ def _pairings(shown: Tournament) -> list[Html]:
     files = paragraph("As numbers: ", *(element("a", file, href=file) + Html(" ") for file in (REPORT, PAIRINGS, "results.csv")))
     columns = [Column(name="player", left=True), Column(name="opponent", left=True), Column(name="matches"), Column(name="won")]
     columns += [Column(name="rallies won"), Column(name="strokes a rally")]
-    rows, first = [], 0
+    rows, first, file = [], 0, RALLIES
     for result in shown.results:
+        if result.pairing in shown.logs:
+            first, file = 0, shown.logs[result.pairing]
         counts = result.seen_by(result.names[0])
         if counts["matches"]:
             row = [*map(name, result.names), Cell(shown=f"{counts['matches']:,}", key=counts["matches"])]
             row += [share(counts["wins"] / counts["matches"]), share(counts["points_won"] / counts["rallies"])]
             row.append(number(counts["strokes"] / counts["rallies"], ".2f"))
-            rows.append([*row, Cell(shown=str(first), key=first)][: 6 + (every == 1)])
+            where = Cell(shown=f"{first} in {file}" if len(shown.logs) > 1 else str(first), key=first)
+            rows.append([*row, where] if every == 1 else row)
         first += counts["rallies"]
     if every == 1:
-        columns.append(Column(name="first rally", about=f"its number in {RALLIES}", falling=False))
+        columns.append(Column(name="first rally", about="its number in the log", falling=False))
     return [note, files, table(columns, rows)]
 
 

@@ -1,0 +1,183 @@
+"""Forms of tournaments, and entrants that are added to a finished one."""
+
+import json
+import re
+from pathlib import Path
+
+import pyarrow.csv
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shuttle_marl.game import load_game
+from shuttle_marl.league import LeagueConfig, LeagueError, run_league
+from shuttle_marl.league.schedule import stages
+from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.check import check
+
+POOL = ("random", "safe", "attacking", "defensive")
+TABLES = ("results.csv", "ranking.csv", "pairings.jsonl")
+
+
+def result(pairing: object, won: int) -> PairResult:
+    half = dict.fromkeys(COUNTS, 0) | {"matches": 5, "wins": won}
+    return PairResult(pairing=pairing.number, names=pairing.names, seats=(half, dict(half)))
+
+
+@given(st.integers(2, 9), st.integers(0, 6), st.randoms(use_true_random=False))
+def test_swiss_rounds(n: int, rounds: int, luck: object) -> None:
+    """Everyone plays once a round or rests, no two meet twice, and no one rests twice."""
+    pool = [f"p{i}" for i in range(n)]
+    results: list[PairResult] = []
+    known = stages(pool, "swiss", results, rounds=rounds)
+    while len(results) < sum(map(len, known)):
+        pairing = next(p for stage in known for p in stage if p.number == len(results))
+        results.append(forfeited(pairing, pairing.names[:1], "") if luck.random() < 0.1 else result(pairing, luck.randrange(6)))
+        following = stages(pool, "swiss", results, rounds=rounds)
+        assert following[: len(known)] == known
+        known = following
+    met = [frozenset(pairing.names) for stage in known for pairing in stage]
+    assert len(set(met)) == len(met)
+    assert [pairing.number for stage in known for pairing in stage] == list(range(len(met)))
+    rests = []
+    for stage in known:
+        players = [name for pairing in stage for name in pairing.names]
+        assert len(set(players)) == len(players) == n - n % 2
+        rests += sorted(set(pool) - set(players))
+    assert len(set(rests)) == len(rests)
+    assert 1 <= len(known) <= n - 1
+
+
+def test_swiss_pairs_equals() -> None:
+    known = stages("abcd", "swiss", [])
+    results = [result(pairing, 5) for pairing in known[0]]
+    assert [pairing.names for pairing in known[0]] == [("a", "b"), ("c", "d")]
+    assert [pairing.names for pairing in stages("abcd", "swiss", results)[1]] == [("a", "c"), ("b", "d")]
+
+
+@given(st.integers(2, 5), st.lists(st.integers(1, 3), max_size=3), st.sampled_from(["round-robin", "gauntlet"]))
+def test_additions_play_what_is_missing(first: int, more: list[int], form: str) -> None:
+    sizes = [first]
+    for number in more:
+        sizes.append(sizes[-1] + number)
+    pool = [f"p{i}" for i in range(sizes[-1])]
+    known = stages(pool, form, [], grown=sizes[:-1])
+    for k in range(len(sizes)):
+        before = stages(pool[: sizes[k]], form, [], grown=sizes[:k])
+        assert before == known[: k + 1]
+    whole = stages(pool, form, [])[0]
+    assert {frozenset(p.names) for stage in known for p in stage} == {frozenset(p.names) for p in whole}
+    assert sum(map(len, known)) == len(whole)
+
+
+def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> None:
+    config = {"pool": POOL, "matches": 6, "game": small_model}
+    gauntlet = run_league(LeagueConfig(**config, format="gauntlet", out=tmp_path / "gauntlet"))
+    assert [found.names for found in gauntlet.results] == [("random", name) for name in POOL[1:]]
+    assert "# Gauntlet" in (tmp_path / "gauntlet" / "report.md").read_text()
+    swiss = run_league(LeagueConfig(**config, format="swiss", rounds=3, out=tmp_path / "swiss"))
+    # Three rounds of four are a round robin; every match is that of a round robin, whatever the order.
+    whole = {frozenset(found.names): found for found in run_league(LeagueConfig(**config, out=tmp_path / "whole")).results}
+    assert len(swiss.results) == 6
+    for found in (*gauntlet.results, *swiss.results):
+        other = whole[frozenset(found.names)]
+        assert [found.seen_by(name) for name in found.names] == [other.seen_by(name) for name in found.names]
+    logs = sorted(path.name for path in (tmp_path / "swiss").glob("*.mcap"))
+    assert logs == ["rallies-2.mcap", "rallies-3.mcap", "rallies.mcap"]
+    for log in logs:
+        assert check(tmp_path / "swiss" / log, load_game(small_model)).problems == ()
+    assert "in rallies-2.mcap" in (tmp_path / "swiss" / "report.html").read_text()
+
+
+class _KilledError(BaseException):
+    pass
+
+
+def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_bytes(
+    small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from shuttle_marl.league.folder import append_results
+
+    monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
+    config = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
+    run_league(LeagueConfig(**config, out=tmp_path / "whole"))
+    names = [*TABLES, "rallies.mcap", "rallies-2.mcap", "report.html"]
+    expected = {name: (tmp_path / "whole" / name).read_bytes() for name in names}
+    for stop in range(4):
+        out = tmp_path / str(stop)
+
+        def limited(folder: Path, new: list[PairResult], left: int = stop) -> None:
+            done = folder / "pairings.jsonl"
+            if not left or (done.exists() and len(done.read_bytes().splitlines()) >= left):
+                raise _KilledError
+            append_results(folder, new)
+
+        with monkeypatch.context() as patch:
+            patch.setattr("shuttle_marl.league.folder.append_results", limited)
+            with pytest.raises(_KilledError):
+                run_league(LeagueConfig(**config, out=out))
+        run_league(LeagueConfig(**config, out=out, resume=True))
+        assert {name: (out / name).read_bytes() for name in names} == expected, stop
+
+
+def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    config = {"matches": 6, "game": small_model, "out": out}
+    first = run_league(LeagueConfig(pool=POOL[:2], **config))
+    log = (out / "rallies.mcap").read_bytes()
+    grown = run_league(LeagueConfig(pool=POOL[2:3], extend=True, **config))
+    assert grown.results[:1] == first.results
+    assert (out / "rallies.mcap").read_bytes() == log
+    run_league(LeagueConfig(pool=(POOL[0], POOL[3]), extend=True, **config))
+    whole = run_league(LeagueConfig(pool=POOL, matches=6, game=small_model, out=tmp_path / "whole"))
+    rows = {
+        name: pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist() for name, folder in (("a", out), ("b", tmp_path / "whole"))
+    }
+    assert [row["player"] for row in rows["a"]] == [row["player"] for row in rows["b"]]
+    assert [row["wins"] for row in rows["a"]] == [row["wins"] for row in rows["b"]]
+    assert len({line["pairing"] for line in map(json.loads, (out / "pairings.jsonl").read_text().splitlines())}) == 6
+    assert len(whole.results) == 6
+    with RallyLog(out) as logs:
+        assert len(logs.header.policies) == 4
+        assert logs.n_rallies == sum(found.seen_by(found.names[0])["rallies"] for found in whole.results)
+    assert all(check(out / name, load_game(small_model)).problems == () for name in ("rallies-2.mcap", "rallies-3.mcap"))
+    again = run_league(LeagueConfig(pool=POOL, resume=True, **config))
+    assert len(again.standings) == 4
+
+
+def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = {"matches": 6, "game": small_model}
+    for name in ("run", "whole"):
+        run_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
+    run_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
+
+    def killed(*_: object) -> None:
+        raise _KilledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shuttle_marl.league.folder.append_results", killed)
+        with pytest.raises(_KilledError):
+            run_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
+    run_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
+    for name in (*TABLES, "rallies-2.mcap"):
+        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    run_league(LeagueConfig(pool=POOL[:2], matches=2, game=small_model, out=out))
+    for flags, says in (
+        ({"pool": POOL[:1], "matches": 2}, "are in this run already"),
+        ({"pool": POOL[2:], "matches": 4}, "other flags (matches: 2 then, 4 now)"),
+        ({"pool": POOL[2:], "matches": 2, "format": "gauntlet"}, "other flags (format"),
+        ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "holds no run"),
+        ({"pool": ()}, "give both"),
+        ({"pool": POOL, "format": "swiss"}, "cannot be had"),
+    ):
+        with pytest.raises(LeagueError, match=re.escape(says)):
+            run_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
+    for flags, says in (({"rounds": 3}, "with --format swiss"), ({"decide": 0.0}, "Elo points above 0")):
+        with pytest.raises(LeagueError, match=says):
+            LeagueConfig(**flags)
+    assert round_robin("ab")[0].names == ("a", "b")
