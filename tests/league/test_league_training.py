@@ -111,9 +111,11 @@ def test_exact_oracles_find_the_equilibrium(meta: Meta, model: str, tmp_path: Pa
 
 @pytest.mark.parametrize("algorithm", [pytest.param("a2c", marks=pytest.mark.slow), "sac"])
 def test_every_algorithm_plays_in_a_league(algorithm: Any, model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(**{**SMALL, "rounds": 2}, learner=algorithm, game=model, out=tmp_path / "run")
+    config = LeagueTrainingConfig(**{**SMALL, "rounds": 4}, learner=algorithm, game=model, out=tmp_path / "run")
     done = train_league(config)
-    assert len(done.figures["curve"]) == 2
+    assert len(done.figures["curve"]) == 4
+    # Exploiters began again with new weights on the way.
+    assert {"main-exploiter", "league-exploiter"} <= {each["role"] for each in done.figures["policies"]}
     assert done.figures["strokes"] >= 1500
 
 

@@ -269,6 +269,8 @@ class _League:
     def _without_itself(
         self, name: str, opponents: list[str], shares: np.ndarray[Any, np.dtype[np.float64]], rest: float
     ) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
+        if rest <= 0:
+            return opponents, shares
         if name in self.state.members:
             return [*opponents, self.state.members[name].hash], np.r_[shares, rest]
         return opponents, shares * (1 + rest / shares.sum())
