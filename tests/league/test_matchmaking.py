@@ -5,30 +5,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.training.league.matchmaking import FLOOR, Priority, chosen, order, prioritised, uniform
+from shuttle_marl.training.league.matchmaking import FLOOR, chosen, order, prioritised, uniform
 
 
-@pytest.mark.parametrize("priority", ["hard", "even"])
 @pytest.mark.parametrize("win", [[1.0, 1.0, 1.0], [0.0, 0.0], [np.nan, np.nan], [1.0], [1 - 1e-17, 1.0]])
-def test_alike_opponents_are_met_alike_however_one_sided(win: list[float], priority: Priority) -> None:
-    assert np.allclose(prioritised(win, priority), 1 / len(win))
+def test_alike_opponents_are_met_alike_however_one_sided(win: list[float]) -> None:
+    assert np.allclose(prioritised(win), 1 / len(win))
 
 
 def test_opponents_that_win_are_met_most() -> None:
     weight = prioritised([1.0, 0.5, 0.0])
     assert np.allclose(weight, (1 - FLOOR) * np.array([0, 0.2, 0.8]) + FLOOR / 3)
-    even = prioritised([1.0, 0.5, 0.0], "even")
-    assert np.allclose(even, (1 - FLOOR) * np.array([0, 1, 0]) + FLOOR / 3)
     assert len(prioritised([])) == 0
     assert len(uniform(0)) == 0
 
 
-@given(
-    st.lists(st.floats(0, 1) | st.sampled_from([0.0, 1.0, float("nan")]), min_size=1, max_size=50),
-    st.sampled_from(["hard", "even"]),
-)
-def test_weights_are_always_probabilities(win: list[float], priority: Priority) -> None:
-    weight = prioritised(win, priority)
+@given(st.lists(st.floats(0, 1) | st.sampled_from([0.0, 1.0, float("nan")]), min_size=1, max_size=50))
+def test_weights_are_always_probabilities(win: list[float]) -> None:
+    weight = prioritised(win)
     assert weight.sum() == pytest.approx(1)
     assert weight.min() >= FLOOR / len(win) / 2
 

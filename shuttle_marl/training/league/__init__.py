@@ -1,9 +1,10 @@
 """Training of a league: main agents and exploiters that learn from each other, from the past and from exact best responses.
 
-See ``docs/league_training.md``. The modules: settings (:mod:`~shuttle_marl.training.league.config`), whom a learner meets
+See ``docs/league_training.md``. The modules: settings (:mod:`~shuttle_marl.training.league.config`), opponents
 (:mod:`~shuttle_marl.training.league.matchmaking`), the policies so far and what they win against each other
-(:mod:`~shuttle_marl.training.league.population`), a turn of one learner (:mod:`~shuttle_marl.training.league.turns`), mixtures of
-policies (:mod:`~shuttle_marl.training.league.mixtures`), and the run (:mod:`~shuttle_marl.training.league.run`).
+(:mod:`~shuttle_marl.training.league.population`), policies made from others (:mod:`~shuttle_marl.training.league.mixtures`), the
+turns of a round (:mod:`~shuttle_marl.training.league.schedule`), a turn of one learner
+(:mod:`~shuttle_marl.training.league.turns`), and the run (:mod:`~shuttle_marl.training.league.run`).
 
 Names are imported when first used, because PyTorch takes longer to import than a command's help.
 """

@@ -1,18 +1,16 @@
 """Opponents of a learner: weights of the policies so far, and the order in which they come.
 
 Prioritised fictitious self-play (Vinyals et al., Nature 2019) draws an opponent by a function of the probability of beating it.
-Such weights may all vanish, for example when every opponent is beaten for certain: then those that are beaten least by a smaller
-measure, or all alike, are met instead. So weights are always positive in sum, and finite.
+Such weights vanish when every opponent is beaten for certain: then all are met alike. So weights are always positive and finite.
 """
 
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
-Priority = Literal["hard", "even"]
 
 FLOOR: Final = 0.02
 """Share of the weight that is spread over all alike, so that none is forgotten for good."""
@@ -25,12 +23,11 @@ def uniform(count: int) -> Floats:
     return np.full(count, 1 / count) if count else np.zeros(0)
 
 
-def prioritised(win: npt.ArrayLike, priority: Priority = "hard") -> Floats:
+def prioritised(win: npt.ArrayLike) -> Floats:
     """``[K]`` weights of opponents by the probability of beating each.
 
     Args:
         win: ``[K]`` probabilities that the learner beats the opponent; NaN where it is not known: that counts as one half.
-        priority: ``hard``, those that the learner loses to; ``even``, those about as strong as the learner.
 
     Returns:
         Probabilities, none of them 0.
@@ -39,9 +36,9 @@ def prioritised(win: npt.ArrayLike, priority: Priority = "hard") -> Floats:
     p = np.clip(np.where(np.isnan(p), 0.5, p), 0.0, 1.0)
     if not len(p):
         return p
-    weight = (1 - p) ** _HARD if priority == "hard" else p * (1 - p)
+    weight = (1 - p) ** _HARD
     total = float(weight.sum())
-    # Where all are won for certain (or, for `even`, all are decided), nothing tells them apart.
+    # Where all are beaten for certain, nothing tells them apart.
     shares = weight / total if total > 1e-12 else uniform(len(p))
     return (1 - FLOOR) * shares + FLOOR / len(p)
 

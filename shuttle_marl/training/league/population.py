@@ -85,7 +85,7 @@ class Frozen:
     """A policy that does not change any more.
 
     Attributes:
-        name: such as ``bc``, ``main-0@3`` (the first main agent after round 3) or ``best-response:main-0@3``.
+        name: such as ``bc``, ``main-agent-0@3`` (the first main agent after round 3) or ``best-response:main-agent-0@3``.
         role: ``given``, ``main``, ``main-exploiter``, ``league-exploiter``, ``best-response`` or ``oracle``.
         round: after which it joined; 0 for those given.
         hash: of its table.

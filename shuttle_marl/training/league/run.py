@@ -12,20 +12,19 @@ from rich.console import Console
 from shuttle_marl import exact, runs
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file
-from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
-from shuttle_marl.training.league import matchmaking
 from shuttle_marl.training.league.config import POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.league.picture import draw
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
-from shuttle_marl.training.league.psro import meta_strategy, respond
+from shuttle_marl.training.league.psro import respond
+from shuttle_marl.training.league.schedule import LEAST_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member
-from shuttle_marl.training.league.turns import Taken, Turn, forget, network_path
+from shuttle_marl.training.league.turns import Taken, forget, network_path
 from shuttle_marl.training.league.workers import Workers
 from shuttle_marl.training.metrics import Metrics
 
@@ -43,9 +42,6 @@ _BEATEN: Final = 0.7
 """The same of a league exploiter that wins so many of its matches on average (Vinyals et al., Nature 2019)."""
 _SHARPER: Final = 0.25
 """Temperature at which a main agent is measured too: without what a bonus for entropy lets it play."""
-_LEAST_SECONDS: Final = 0.5
-"""Of a turn."""
-_DRAW_OPPONENTS: Final = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,6 +101,7 @@ class _League:
         else:
             console.print(f"{folder}: continues after round {saved.round}", highlight=False, markup=False)
         self.payoffs = Payoffs(self.tables, self.state.cells)
+        self.schedule = Schedule(config, self.state, self.payoffs)
         self.begun = begun - self.state.seconds
         self.longest = 0.0
         """Seconds of the longest round of this process."""
@@ -139,12 +136,12 @@ class _League:
         if not state.round:
             return False
         # No round is begun that would end late; turns are cut to the time that is left.
-        return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + _LEAST_SECONDS) > config.seconds
+        return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + LEAST_SECONDS) > config.seconds
 
     # One round of psro with exact best responses
 
     def _oracle_round(self) -> None:
-        strategy = self._meta_strategy()
+        strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
@@ -155,15 +152,12 @@ class _League:
         joined = self._join(found, again=self.config.meta == "uniform")
         self._commit(converged=not joined)
 
-    def _meta_strategy(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        return meta_strategy(self.config.meta, self.payoffs.values([each.hash for each in self.state.population]))
-
     # One round of learners
 
     def _learning_round(self, workers: Workers) -> None:
         state, number = self.state, self.state.round + 1
         began = self._elapsed()
-        turns = self._turns(number)
+        turns = self.schedule.turns(number, began)
         taken = workers.take(self.folder, self.config, turns)
         for done in taken:
             member = state.members.setdefault(done.member, Member())
@@ -175,131 +169,9 @@ class _League:
         else:
             self._join_mains([done for done in taken if done.member.startswith("main-agent")], number)
             self._join_exploiters([done for done in taken if not done.member.startswith("main-agent")], number)
-        state.overhead = round(max(0.0, self._elapsed() - began - taken[0].seconds * self._load()), 2)
+        state.overhead = round(max(0.0, self._elapsed() - began - taken[0].seconds * self.schedule.load), 2)
         self._commit()
         forget(self.folder, before=number)
-
-    def _turns(self, number: int) -> list[Turn]:
-        config = self.config
-        seconds = self._turn_seconds(number)
-        if config.way == "psro":
-            strategy = self._meta_strategy()
-            return [self._turn("oracle", number, strategy, 0.0, 1.0, seconds, share=1.0)]
-        turns = []
-        for i in range(config.main_agents):
-            name = f"main-agent-{i}"
-            past = config.past if config.way != "plain" else 0.0
-            responses = config.responses if config.way != "plain" else 0.0
-            turns.append(self._turn(name, number, self._weights(name, number), responses, past, seconds, share=1.0))
-        if config.way != "plain":
-            exploiters = [f"main-exploiter-{i}" for i in range(config.main_exploiters)]
-            exploiters += [f"league-exploiter-{i}" for i in range(config.league_exploiters)]
-            for name in exploiters if config.exploiter_share else []:
-                weights = self._weights(name, number)
-                turns.append(self._turn(name, number, weights, 0.0, 1.0, seconds, share=config.exploiter_share))
-        return turns
-
-    def _turn_seconds(self, number: int) -> float | None:
-        """Time for the turn of a main agent, so that all rounds that are left end in time."""
-        config = self.config
-        if config.seconds is None:
-            return None
-        assert config.n_rounds is not None
-        left = config.seconds - self._elapsed()
-        # Rounds are longer than planned where most of one would not be learning; the last one takes what is left.
-        whole = max(left / max(1, config.n_rounds - number + 1), 2 * self.state.overhead)
-        if left < 1.5 * whole:
-            whole = left
-        return max(_LEAST_SECONDS, (whole - self.state.overhead) / self._load())
-
-    def _load(self) -> float:
-        """Time that the turns of a round take, as a multiple of that of a main agent."""
-        config, exploiters = self.config, 0
-        if config.way == "psro":
-            return 1.0
-        if config.way != "plain":
-            exploiters = config.main_exploiters + config.league_exploiters
-        return max(1.0, (config.main_agents + exploiters * config.exploiter_share) / config.workers)
-
-    def _turn(
-        self,
-        name: str,
-        number: int,
-        weights: np.ndarray[Any, np.dtype[np.float64]],
-        responses: float,
-        past: float,
-        seconds: float | None,
-        *,
-        share: float,
-    ) -> Turn:
-        config, member = self.config, self.state.members.get(name, Member())
-        rng = np.random.default_rng((config.seed, number, _number(name), _DRAW_OPPONENTS))
-        drawn, shares = matchmaking.chosen(weights, config.opponents, rng)
-        shares = shares * past
-        opponents = [self.state.population[i].hash for i in drawn]
-        if config.algorithm == "sac" and config.way != "plain":
-            # Its values look one stroke ahead with one sign, so its own last policy stands for itself.
-            opponents, shares = self._without_itself(name, opponents, shares, 1 - past - responses)
-        strokes = None
-        if config.strokes is not None:
-            assert config.n_rounds is not None
-            target = config.strokes * number // config.n_rounds - config.strokes * (number - 1) // config.n_rounds
-            strokes = max(1, round(target * share))
-        if share < 1:
-            remaining = 1 - member.turns / config.patience, 1 - (member.turns + 1) / config.patience
-        elif config.seconds is None or seconds is None:
-            remaining = 1 - (number - 1) / (config.n_rounds or 1), 1 - number / (config.n_rounds or 1)
-        else:
-            now = self._elapsed()
-            ends = now + seconds * self._load() + self.state.overhead
-            remaining = max(0.0, 1 - now / config.seconds), max(0.0, 1 - ends / config.seconds)
-        return Turn(
-            member=name,
-            round=number,
-            fresh=member.turns == 0,
-            opponents=tuple(opponents),
-            shares=tuple(float(each) for each in shares),
-            responses=responses,
-            strokes=strokes,
-            seconds=None if seconds is None else round(seconds * share, 3),
-            remaining=remaining,
-            seed=int(draws.stream(config.seed, number, _number(name))[0] >> np.uint64(33)),
-        )
-
-    def _without_itself(
-        self, name: str, opponents: list[str], shares: np.ndarray[Any, np.dtype[np.float64]], rest: float
-    ) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
-        if rest <= 0:
-            return opponents, shares
-        if name in self.state.members:
-            return [*opponents, self.state.members[name].hash], np.r_[shares, rest]
-        return opponents, shares * (1 + rest / shares.sum())
-
-    def _weights(self, name: str, number: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """``[N]`` weights of the policies so far as opponents of a learner."""
-        config, population = self.config, self.state.population
-        weights = np.zeros(len(population))
-        if config.way == "plain":
-            return weights
-        members = self.state.members
-        mains = {member.hash for key, member in members.items() if key.startswith("main-agent")}
-        if name.startswith("main-exploiter") and mains:
-            return np.array([float(each.hash in mains) for each in population])
-        mine = members[name].hash if name in members else ""
-        if config.way == "fictitious" or not mine:
-            return weights + 1
-        considered = self._considered(name, number)
-        wins = self.payoffs.match_wins(mine, [population[i].hash for i in considered])
-        weights[considered] = matchmaking.prioritised(wins)
-        return weights
-
-    def _considered(self, name: str, number: int) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """Policies so far whose odds are solved for prioritised matchmaking: the newest, and some of the others."""
-        count, most = len(self.state.population), self.config.opponents
-        newest = np.arange(max(0, count - most // 2 - 1), count)
-        rng = np.random.default_rng((self.config.seed, number, _number(name)))
-        others = rng.permutation(count - len(newest))[:most]
-        return np.sort(np.r_[others, newest]).astype(np.int64)
 
     def _join_mains(self, taken: list[Taken], number: int) -> None:
         for done in taken:
@@ -335,7 +207,7 @@ class _League:
     def _join_oracle(self, done: Taken, number: int) -> None:
         """Measure the meta-strategy with the new policy in it, as the main agent."""
         self._join(Frozen(name=f"oracle@{number}", role="oracle", round=number, hash=done.hash))
-        strategy = self._meta_strategy()
+        strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
@@ -441,9 +313,3 @@ def _of(curve: list[dict[str, Any]], name: str) -> dict[str, Any]:
     line = next(line for line in curve if line["policy"] == name)
     kept = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
     return {key: line[key] for key in kept}
-
-
-def _number(name: str) -> int:
-    """A number for the name of a learner, for its draws."""
-    kind, _, number = name.rpartition("-")
-    return {"": 0, "main-agent": 1, "main-exploiter": 2, "league-exploiter": 3}[kind] << 8 | (int(number) if kind else 0)

@@ -32,7 +32,7 @@ class Best:
     """The least exploitable main agent so far.
 
     Attributes:
-        name: of the policy, such as ``main-0@3``.
+        name: of the policy, such as ``main-agent-0@3``.
         hash: of its table.
         exploitability: what a best response to it gains.
         temperature: at which its network is played; 1 for a mixture.

@@ -48,7 +48,7 @@ class Turn:
     """Settings of one turn.
 
     Attributes:
-        member: name of the learner, such as ``main-0``.
+        member: name of the learner, such as ``main-agent-0``.
         round: counted from 1.
         fresh: whether it begins with new weights.
         opponents: hashes of tables.
