@@ -24,6 +24,7 @@ from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000
 """Largest number of matches of a pairing: its rallies are kept in memory until it is finished."""
+_MOST_WORKERS: Final = 256
 _MOST_ELO: Final = 1000
 _OWN_PLAYERS: Final = 6
 """So many players' own models are in the default pool; ``--pool`` takes any number."""
@@ -79,6 +80,8 @@ class LeagueConfig:
     holes: int = 0
     """Show in the report the states in which each of the best so many entrants loses most to its best response; takes a few
     seconds for each, and changes no figure."""
+    workers: int = 1
+    """Threads that play pairings of policies with tables side by side; changes speed, never a result."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT
@@ -90,6 +93,8 @@ class LeagueConfig:
         Sampling.parse(self.record)
         if not 2 <= self.matches <= MOST_MATCHES or self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number from 2 to {MOST_MATCHES:,}")
+        if not 1 <= self.workers <= _MOST_WORKERS:
+            raise LeagueError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
         if self.holes < 0:
             raise LeagueError(f"--holes {self.holes}: expected 0 or more")
         if self.batch < 1:

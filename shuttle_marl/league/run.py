@@ -6,6 +6,7 @@ import dataclasses
 import datetime
 import functools
 import itertools
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
@@ -147,13 +148,17 @@ def _play(
             batch=config.batch,
             keep_strokes=recorder is not None,
             decide=config.decide,
+            workers=config.workers,
         )
         strokes = 0
 
+        counting = threading.Lock()
+
         def count(more: int) -> None:
             nonlocal strokes
-            strokes += more
-            advance(more, 0)
+            with counting:
+                strokes += more
+                advance(more, 0)
 
         def keep(new: list[PairResult]) -> None:
             run_folder.append_results(folder, new)

@@ -6,10 +6,12 @@ its number alone, the two matches would become the same one as soon as one entra
 depends on the seed, the two names and its number, so other entrants, their order, and the size of a batch never change it.
 """
 
+import collections
 import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -226,6 +228,7 @@ class Tournament:
         keep_strokes: whether the rallies come with their strokes.
         decide: stop pairings with an entrant that has no table when it is decided who is better, see
             :mod:`shuttle_marl.league.sequential`; None: play all matches.
+        workers: threads that play pairings of tables side by side; compiled, they hold no lock of the interpreter.
     """
 
     def __init__(
@@ -238,7 +241,9 @@ class Tournament:
         batch: int,
         keep_strokes: bool,
         decide: float | None = None,
+        workers: int = 1,
     ) -> None:
+        self._workers = workers
         self._game, self._entrants, self._decide = game, entrants, decide
         self._matches, self._seed, self._batch, self._keep_strokes = matches, seed, max(2, batch - batch % 2), keep_strokes
 
@@ -251,15 +256,33 @@ class Tournament:
         """
         # A policy that fails while it plays takes down its batch, so no other matches are in it.
         alone = {p.number for p in pairings if any(self._entrants[i].table is None for i in p.entrants)}
-        for group in groups(pairings, self._matches, self._batch, alone):
-            failed = [self._entrants[i] for i in group[0].entrants if self._entrants[i].failure]
-            if failed:
-                yield [(forfeited(group[0], [e.name for e in failed], "; ".join(e.failure for e in failed)), [])]
-                continue
-            try:
-                yield self._play_group(group, progress)
-            except ForfeitError as error:
-                yield [(forfeited(group[0], [error.name], error.reason), [])]
+        waiting: collections.deque[Future[list[Block]]] = collections.deque()
+        with ThreadPoolExecutor(self._workers) as threads:
+            shared = -(-len(pairings) * self._matches // self._workers)  # something to do for every worker
+            for group in groups(pairings, self._matches, min(self._batch, shared), alone):
+                asked = group[0].number in alone
+                # Results come in the order of the schedule, and few are kept waiting.
+                while waiting and (asked or len(waiting) >= 2 * self._workers):
+                    yield waiting.popleft().result()
+                if asked:
+                    yield self._play_alone(group, progress)
+                elif self._workers == 1:
+                    yield self._play_group(group, progress)
+                else:
+                    _ = self._players  # packed once, before threads need it
+                    waiting.append(threads.submit(self._play_group, group, progress))
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _play_alone(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
+        """Play a pairing with an entrant that may fail."""
+        failed = [self._entrants[i] for i in group[0].entrants if self._entrants[i].failure]
+        if failed:
+            return [(forfeited(group[0], [e.name for e in failed], "; ".join(e.failure for e in failed)), [])]
+        try:
+            return self._play_group(group, progress)
+        except ForfeitError as error:
+            return [(forfeited(group[0], [error.name], error.reason), [])]
 
     def _play_group(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
         found: dict[Pairing, Block] = {}

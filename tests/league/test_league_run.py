@@ -199,6 +199,41 @@ def test_a_killed_run_continues_to_the_same_bytes(tmp_path: Path, small_model: s
     assert {path.name for path in killed.iterdir()} == {path.name for path in whole.iterdir()}
 
 
+@pytest.mark.slow
+def test_thirty_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str) -> None:
+    """Runs are killed and resumed until 30 kills have met them; no pairing is played twice, none is lost."""
+    pool = (*POOL, "defensive", "random@greedy", "safe@2", "safe@0.5", "attacking@2")
+    whole = tmp_path / "whole"
+    flags = ["--pool", *pool, "--matches", "400", "--seed", "2", "--game", small_model, "--batch", "40", "--workers", "2"]
+    begun = time.monotonic()
+    subprocess.run(command(*flags, "--out", str(whole)), check=True, capture_output=True)
+    takes = time.monotonic() - begun
+    rng = np.random.default_rng(0)
+    kills, run, met = 0, 0, set()
+    while kills < 30:
+        out = tmp_path / f"run-{run}"
+        more = ["--resume"] if (out / "config.json").exists() else []
+        process = subprocess.Popen(
+            command(*flags, *more, "--out", str(out)), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+        )
+        moment = float(rng.uniform(0, takes))
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            assert process.wait(moment) == 0
+            assert files(out) == files(whole)
+            run += 1
+            continue
+        process.kill()
+        process.wait()
+        kills += 1
+        met.add(lines(out))
+    out = tmp_path / f"run-{run}"
+    if out.exists():
+        more = ["--resume"] if (out / "config.json").exists() else []
+        subprocess.run(command(*flags, *more, "--out", str(out)), check=True, capture_output=True)
+        assert files(out) == files(whole)
+    assert len(met) > 2
+
+
 def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stop at the n-th write that is moved into place or synced, for every n, and resume."""
     # What takes time, and is not about files.

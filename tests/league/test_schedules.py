@@ -181,3 +181,13 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
         with pytest.raises(LeagueError, match=says):
             LeagueConfig(**flags)
     assert round_robin("ab")[0].names == ("a", "b")
+
+
+def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
+    config = {"pool": POOL, "matches": 6, "game": small_model, "batch": 6}
+    for workers in (1, 3):
+        run_league(LeagueConfig(**config, workers=workers, out=tmp_path / str(workers)))
+    for name in (*TABLES, "rallies.mcap", "report.html", "report.json"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "3" / name).read_bytes()
+    with pytest.raises(LeagueError, match="--workers 0: expected 1 to 256"):
+        LeagueConfig(workers=0)
