@@ -13,9 +13,10 @@ from shuttle_marl.league.ranking import ExactOdds, exact_odds
 
 
 def play_league(config: LeagueConfig) -> LeagueRun:
-    """A tournament as the league plays it, but for the exact figures, which take seconds and have tests of their own."""
+    """A tournament as the league plays it, but for exact figures and styles, which take seconds and have their own tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "exact_odds", _unsolved)
+        patch.setattr(module, "styles", lambda game, tables: {})
         return run_league(config)
 
 

@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -62,7 +61,7 @@ def ranking_short(folder: Path) -> str:
     """
     standings, config, _ = _finished(folder)
     shown = [standing for standing in standings if standing.player in SHORT]
-    against = _rallies_won([s.player for s in shown], config["game"])
+    against = _rallies_won(tuple(s.player for s in shown), config["game"])
     rows = [
         (
             f"`{s.player}`",
@@ -86,7 +85,8 @@ def ranking_short(folder: Path) -> str:
     return markdown(headings, rows, left=("player",))
 
 
-def _rallies_won(players: Sequence[str], model: str) -> dict[str, tuple[str, str]]:
+@functools.cache
+def _rallies_won(players: tuple[str, ...], model: str) -> dict[str, tuple[str, str]]:
     """Exact share of the rallies that each player wins against the average player, both serving equally often: in the game
     itself, and in its refits with the 95 % interval for one more refit."""
     game = load_game(model)
