@@ -65,9 +65,9 @@ def test_errors_are_as_rare_as_promised() -> None:
 @pytest.mark.parametrize("correlation", [-0.6, -0.3, 0.0, 0.4])
 def test_error_rates_by_simulation(correlation: float) -> None:
     """At the hypotheses 5 % at most, also where the matches of a cell are correlated; further away hardly any."""
-    assert simulate(ELO, correlation, 4000)[0] <= 0.05 + 0.007
+    assert simulate(ELO, correlation, 3000)[0] <= 0.05 + 0.008
     assert simulate(2 * ELO, correlation, 1000)[0] < 0.01
-    assert simulate(ELO, correlation, 4000, looks=1)[0] == pytest.approx(0.05, abs=0.02)
+    assert simulate(ELO, correlation, 1500, looks=1)[0] == pytest.approx(0.05, abs=0.02)
 
 
 def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
