@@ -30,8 +30,8 @@ for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", 
 hypothesis.settings.register_profile("no deadline", deadline=None)
 hypothesis.settings.load_profile("no deadline")
 
-SLOW_PAGES: Final = ("docs/tutorials", "docs/exact.md")
-"""Pages, or folders of pages, whose code trains agents or solves the shipped game again and again; marked ``slow``."""
+SLOW_PAGES: Final = ("docs/tutorials", "docs/analysis.md", "docs/exact.md", "docs/league.md", "docs/rally_log.md")
+"""Pages, or folders of pages, whose code trains agents, or plays and solves the shipped game again and again; marked ``slow``."""
 _FILE_NAME: Final = re.compile(r"#\s*(\w+\.py)\n")
 
 
