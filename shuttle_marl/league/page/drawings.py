@@ -133,7 +133,16 @@ class _Frame:
         for tick in ticks(*self._x, 8):
             x, _ = self.place(tick, 1.0)
             parts.append(element("line", x1=x, x2=x, y1=18.0, y2=self.height - self.bottom, class_="grid"))
-            parts.append(element("text", f"{tick:,g}", x=x, y=self.height - self.bottom + 16, text_anchor="middle", class_="dim"))
+            parts.append(
+                element(
+                    "text",
+                    f"{tick:,.0f}" if abs(tick) >= 1000 else f"{tick:g}",
+                    x=x,
+                    y=self.height - self.bottom + 16,
+                    text_anchor="middle",
+                    class_="dim",
+                )
+            )
         heights = [10.0**tick for tick in self._decades()] if self._logarithmic else ticks(*self._y)
         for tick in heights:
             _, y = self.place(self._x[0], tick)
@@ -187,7 +196,7 @@ def curves(lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: 
     """Curves by name, with a legend.
 
     Args:
-        lines: two points or more of each, from left to right.
+        lines: points of each, from left to right; one without any is left out, and keeps its colour for other figures.
         across, up: names of the axes.
         logarithmic: whether heights are; those that are not above 0 are left out.
     """
@@ -198,6 +207,8 @@ def curves(lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: 
     frame = _Frame([x for x, _ in spots], [y for _, y in spots], logarithmic=logarithmic)
     parts, legend = frame.axes(across, up), []
     for i, (name, points) in enumerate(kept.items()):
+        if not points:
+            continue
         colour = COLOURS[i % len(COLOURS)]
         line = " ".join(f"{x:.1f},{y:.1f}" for x, y in (frame.place(*point) for point in points))
         parts.append(element("polyline", element("title", name), points=line, class_="curve", stroke=colour))

@@ -80,7 +80,7 @@ def learning(runs: Sequence[Curve]) -> Html:
     )
     parts = []
     for figure, about in FIGURES.items():
-        lines = {run.name: points for run in runs if len(points := run.points(figure, by)) > 1}
+        lines = {run.name: run.points(figure, by) for run in runs}
         drawn = drawings.curves(lines, by, about, logarithmic=figure in _LOGARITHMIC)
         if drawn:
             parts.append(element("figure", drawn, element("figcaption", about.capitalize())))
