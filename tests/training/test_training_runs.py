@@ -128,7 +128,7 @@ def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, 
     from shuttle_marl.training import run
 
     figures = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.0, exploitability=0.5)
-    monkeypatch.setattr(run.Evaluator, "evaluate", lambda *_: figures)
+    monkeypatch.setattr(run.Evaluator, "evaluate", lambda *_, **__: figures)
     config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=16)
     whole = train(dataclasses.replace(config, out=tmp_path / "whole")).folder
     for when in itertools.count(1):
