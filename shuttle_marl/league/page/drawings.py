@@ -11,6 +11,8 @@ from shuttle_marl.league.page.document import Html, element
 
 COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
 _LONGEST: Final = 26
+_READABLE: Final = 30.0
+"""Width of a cell that holds a number."""
 _EVEN: Final = np.array([247, 246, 240])
 _WON: Final = np.array([11, 110, 79])
 _LOST: Final = np.array([186, 72, 48])
@@ -94,7 +96,7 @@ def heat_map(names: Sequence[str], win: npt.NDArray[np.float64]) -> Html:
         about = element("title", f"{names[i]} beats {names[j]} in {100 * p:.1f} % of matches")
         fill = f"#{red:02x}{green:02x}{blue:02x}"
         parts.append(element("rect", about, x=x, y=y, width=size - 1, height=size - 1, rx=2, fill=fill))
-        if size >= 30:
+        if size >= _READABLE:
             shown = f"{100 * p:.0f}"
             dark = "light" if strength > 0.55 else "dark"
             spot = {"x": x + size / 2 - 0.5, "y": y + size / 2 + 3.5}
