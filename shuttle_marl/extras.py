@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Final
 
 _PACKAGE: Final = "shuttle-marl"
+_APART: Final = ("ray",)
+"""Extras that `make install` leaves out."""
 
 
 def install_hint(extra: str) -> str:
@@ -16,7 +18,8 @@ def install_hint(extra: str) -> str:
     """
     clone = Path(__file__).resolve().parent.parent
     if (clone / "pyproject.toml").is_file():
-        return f"`make install` in {clone} installs it, or `pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
+        command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
+        return f"{command} installs it" if extra in _APART else f"`make install` in {clone} installs it, or {command}"
     # No index has the package, so that "pip install 'shuttle-marl[…]'" would fail: its libraries are named instead.
     libraries = _libraries(extra)
     if not libraries:

@@ -82,6 +82,9 @@ class LeagueConfig:
     seconds for each, and changes no figure."""
     workers: int = 1
     """Threads that play pairings of policies with tables side by side; changes speed, never a result."""
+    ray: str | None = None
+    """Play pairings of policies with tables on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine
+    belongs to), HOST:PORT of its head, or ray://HOST:PORT; changes speed, never a result. Then --workers does not count."""
     batch: int = 8192
     """Matches played in lock-step; changes speed and memory, never a result."""
     policy_timeout: float = POLICY_TIMEOUT

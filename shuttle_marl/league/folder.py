@@ -20,7 +20,7 @@ RALLIES: Final = "rallies.mcap"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
 _CHECKSUM: Final = "crc32"
-_PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
+PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
 """Packages whose versions can change a file of the run."""
 
 
@@ -83,7 +83,7 @@ def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> d
     return {
         "status": "running",
         "seed": config.seed,
-        **runs.describe(_PACKAGES),
+        **runs.describe(PACKAGES),
         "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
         "policies": {entrant.name: entrant.hash for entrant in entrants},
     }

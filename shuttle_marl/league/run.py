@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from shuttle_marl import runs
+from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
@@ -74,6 +75,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         GameError: the model cannot be found; nothing was written.
         LeagueError: the run folder cannot be used, or written any more.
         RecordingError: the rally log cannot be written any more.
+        ClusterError: the cluster cannot be used (nothing was written), or loses pairings again and again.
     """
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
@@ -86,13 +88,16 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     for entrant in entrants:
         if entrant.failure:
             _say_forfeit(console, entrant.failure)
-    try:
-        return _run(config, game, entrants, console)
-    except runs.RunError as error:
-        raise LeagueError(str(error)) from error
+    with contextlib.ExitStack() as stack:
+        packages = run_folder.PACKAGES
+        cluster = None if config.ray is None else stack.enter_context(open_cluster(config.ray, packages))
+        try:
+            return _run(config, game, entrants, console, cluster)
+        except runs.RunError as error:
+            raise LeagueError(str(error)) from error
 
 
-def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> LeagueRun:
+def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None) -> LeagueRun:
     with run_folder.open_run(config) as folder:
         about = run_folder.manifest(config, game, entrants)
         run_folder.check_same(folder, about)
@@ -107,7 +112,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         runs.write_json(folder / runs.MANIFEST, about)
         strokes, stage = 0, 0
         while stage < len(known := schedule(results)):
-            strokes += _play(config, game, entrants, known[: stage + 1], results, folder, console)
+            strokes += _play(config, game, entrants, known[: stage + 1], results, folder, console, cluster)
             stage += 1
         seconds = time.monotonic() - begun
         standings = _write_tables(config, game, entrants, known, results, folder, _exact(config, game, entrants, console))
@@ -131,6 +136,7 @@ def _play(
     results: list[PairResult],
     folder: Path,
     console: Console,
+    cluster: Cluster | None,
 ) -> int:
     """Play what remains of the last of some stages, adding to ``results``; returns the number of strokes."""
     pairings = known[-1]
@@ -147,8 +153,10 @@ def _play(
             seed=config.seed,
             batch=config.batch,
             keep_strokes=recorder is not None,
+            sample=None if recorder is None else recorder.sample,
             decide=config.decide,
             workers=config.workers,
+            cluster=cluster,
         )
         strokes = 0
 

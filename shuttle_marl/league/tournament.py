@@ -11,12 +11,13 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.cluster import Cluster, Shared, Task
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
@@ -213,7 +214,7 @@ _TESTED: Final = 32
 """So many matches are played between two looks at a sequential test, whatever the batch: it decides which are played at all."""
 
 Block = tuple[PairResult, list[Rallies]]
-"""A finished pairing and all its rallies, in order."""
+"""A finished pairing and the rallies of it that are to be recorded, in order."""
 
 
 class Tournament:
@@ -225,10 +226,12 @@ class Tournament:
         matches: matches of every pairing.
         seed: names all draws.
         batch: matches that are played together.
-        keep_strokes: whether the rallies come with their strokes.
+        keep_strokes: whether the rallies come too, with their strokes; else only the results do.
+        sample: picks the rallies that come; None: all.
         decide: stop pairings with an entrant that has no table when it is decided who is better, see
             :mod:`shuttle_marl.league.sequential`; None: play all matches.
         workers: threads that play pairings of tables side by side; compiled, they hold no lock of the interpreter.
+        cluster: plays them instead of threads; policies without a table play here.
     """
 
     def __init__(
@@ -240,10 +243,16 @@ class Tournament:
         seed: int,
         batch: int,
         keep_strokes: bool,
+        sample: Callable[[Rallies], Rallies] | None = None,
         decide: float | None = None,
         workers: int = 1,
+        cluster: Cluster | None = None,
     ) -> None:
-        self._workers = workers
+        self._workers, self._cluster, self._sample = workers if cluster is None else cluster.slots, cluster, sample
+        tabulated = np.array([entrant.table is not None for entrant in entrants])
+        self._place = np.where(tabulated, np.cumsum(tabulated) - 1, -1).astype(np.int32)
+        """``[N]`` place of each entrant among those that have a table; -1 without one."""
+        self._threads: int | None = None
         self._game, self._entrants, self._decide = game, entrants, decide
         self._matches, self._seed, self._batch, self._keep_strokes = matches, seed, max(2, batch - batch % 2), keep_strokes
 
@@ -255,24 +264,37 @@ class Tournament:
             progress: called now and then with the number of strokes since the last call.
         """
         # A policy that fails while it plays takes down its batch, so no other matches are in it.
-        alone = {p.number for p in pairings if any(self._entrants[i].table is None for i in p.entrants)}
-        waiting: collections.deque[Future[list[Block]]] = collections.deque()
+        alone = {p.number for p in pairings if self._is_asked(p)}
+        waiting: collections.deque[Callable[[], list[Block]]] = collections.deque()
         with ThreadPoolExecutor(self._workers) as threads:
             shared = -(-len(pairings) * self._matches // self._workers)  # something to do for every worker
             for group in groups(pairings, self._matches, min(self._batch, shared), alone):
                 asked = group[0].number in alone
                 # Results come in the order of the schedule, and few are kept waiting.
                 while waiting and (asked or len(waiting) >= 2 * self._workers):
-                    yield waiting.popleft().result()
+                    yield waiting.popleft()()
                 if asked:
                     yield self._play_alone(group, progress)
+                elif self._cluster is not None:
+                    waiting.append(functools.partial(_counted, self._cluster.submit(_played, self._shared, group), progress))
                 elif self._workers == 1:
                     yield self._play_group(group, progress)
                 else:
                     _ = self._players  # packed once, before threads need it
-                    waiting.append(threads.submit(self._play_group, group, progress))
+                    waiting.append(threads.submit(self._play_group, group, progress).result)
             while waiting:
-                yield waiting.popleft().result()
+                yield waiting.popleft()()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What travels to another process: tables, and no policy, which may be code."""
+        _ = self._players
+        alone = ("_cluster", "_shared", "_strikers")
+        state = {name: value for name, value in self.__dict__.items() if name not in alone}
+        return {**state, "_entrants": (), "_threads": 1}
+
+    def _is_asked(self, pairing: Pairing) -> bool:
+        """Whether an entrant of a pairing has no table."""
+        return bool((self._place[list(pairing.entrants)] < 0).any())
 
     def _play_alone(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
         """Play a pairing with an entrant that may fail."""
@@ -287,7 +309,7 @@ class Tournament:
     def _play_group(self, group: Sequence[Pairing], progress: Callable[[int], None] | None) -> list[Block]:
         found: dict[Pairing, Block] = {}
         # Several pairings fit into one batch together; a single one may take several batches.
-        tested = self._decide is not None and any(self._entrants[i].table is None for i in group[0].entrants)
+        tested = self._decide is not None and self._is_asked(group[0])
         step = _TESTED if tested else self._batch
         for first in range(0, self._matches, step):
             last = min(first + step, self._matches)
@@ -296,8 +318,9 @@ class Tournament:
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
                 part = rallies.part(int(begin), int(end))
                 result = tally(pairing, part, pairing.entrants[0])
+                kept = [] if not self._keep_strokes else [part if self._sample is None else self._sample(part)]
                 before = found.get(pairing)
-                found[pairing] = (before[0] + result, [*before[1], part]) if before else (result, [part])
+                found[pairing] = (before[0] + result, [*before[1], *kept]) if before else (result, kept)
             if tested and self._decide is not None and decided(found[group[0]][0].cells, self._decide):
                 break
         return list(found.values())
@@ -305,8 +328,8 @@ class Tournament:
     def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Callable[[int], None] | None) -> Rallies:
         """Matches ``first`` up to ``last`` of every pairing of a group."""
         matches = join([matches_of(pairing, self._seed, first, last) for pairing in group])
-        tabulated = all(self._entrants[i].table is not None for pairing in group for i in pairing.entrants)
-        played = (self._play_tables if tabulated else self._ask)(matches, progress)
+        asked = any(self._is_asked(pairing) for pairing in group)
+        played = (self._ask if asked else self._play_tables)(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
         return rallies_of(played, pairing=number[in_group], match=first + match, policy=matches.entrant)
@@ -315,13 +338,18 @@ class Tournament:
         """Play matches between entrants that all have a table."""
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
-        place = np.cumsum([entrant.table is not None for entrant in self._entrants], dtype=np.int32) - 1
-        seated = Matches(entrant=place[matches.entrant], first_server=matches.first_server, key=matches.key)
-        return play_matches(self._game, seated, self._players, keep_strokes=self._keep_strokes, progress=progress)
+        seated = Matches(entrant=self._place[matches.entrant], first_server=matches.first_server, key=matches.key)
+        keep, threads = self._keep_strokes, self._threads
+        return play_matches(self._game, seated, self._players, keep_strokes=keep, threads=threads, progress=progress)
 
     def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
         """Play matches in which an entrant has to be asked for every stroke."""
         return play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+
+    @functools.cached_property
+    def _shared(self) -> "Shared[Tournament]":
+        assert self._cluster is not None
+        return self._cluster.share(self)
 
     @functools.cached_property
     def _players(self) -> "Players":
@@ -333,3 +361,16 @@ class Tournament:
     @functools.cached_property
     def _strikers(self) -> Strikers:
         return Strikers(self._game, self._entrants)
+
+
+def _played(tournament: Tournament, group: Sequence[Pairing]) -> list[Block]:
+    """Play pairings of tables in a process of a cluster."""
+    return tournament._play_group(group, None)
+
+
+def _counted(task: Task[list[Block]], progress: Callable[[int], None] | None) -> list[Block]:
+    """What came from a cluster; its strokes are counted now."""
+    blocks = task.result()
+    if progress is not None:
+        progress(sum(counts["strokes"] for result, _ in blocks for counts in result.seats))
+    return blocks

@@ -1,6 +1,7 @@
 """Recording while a program continues to play: a thread encodes, compresses and writes."""
 
 import dataclasses
+import functools
 import queue
 import threading
 from collections.abc import Callable
@@ -43,6 +44,7 @@ class RallyRecorder:
     Attributes:
         path: where the log will stand when it is closed.
         sampling: which rallies are recorded.
+        sample: those of some rallies that are recorded; can be pickled.
     """
 
     def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = WAITING_STROKES) -> None:
@@ -54,6 +56,7 @@ class RallyRecorder:
         """
         self.path = log.path
         self.sampling = Sampling.parse(log.header.record)
+        self.sample: Callable[[Rallies], Rallies] = functools.partial(self.sampling.of, log.header)
         self._log, self._limit = log, waiting_strokes
         self._queue: queue.SimpleQueue[_Work | _Flush | None] = queue.SimpleQueue()
         self._waiting = 0
@@ -88,7 +91,7 @@ class RallyRecorder:
         Raises:
             RecordingError: the log cannot be written any further; every batch before is there.
         """
-        chosen = self.sampling.of(self._log.header, rallies)
+        chosen = self.sample(rallies)
         if len(chosen):
             self._enqueue(_Work(strokes=len(chosen.stroke), make=lambda: chosen))
 
@@ -103,8 +106,7 @@ class RallyRecorder:
             RecordingError: the log cannot be written any further; every batch before is there. An error of ``make`` is raised
                 by a later call.
         """
-        header = self._log.header
-        self._enqueue(_Work(strokes=strokes, make=lambda: self.sampling.of(header, make())))
+        self._enqueue(_Work(strokes=strokes, make=lambda: self.sample(make())))
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Have everything added so far written, the last batch shorter than others if need be, and return at once.

@@ -27,7 +27,8 @@ Meta = Literal["nash", "uniform", "alpha-rank"]
 WAYS: Final[tuple[Way, ...]] = get_args(Way)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
 """Policies that are there from the beginning, where the game has them."""
-_NOT_DECISIVE: Final = ("out", "resume", "overwrite", "workers")
+MOST_WORKERS: Final = 1024
+_NOT_DECISIVE: Final = ("out", "resume", "overwrite", "workers", "ray")
 _SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
 
 
@@ -86,8 +87,11 @@ class LeagueTrainingConfig:
     """Numbers in a layer of the networks."""
     batch: CountOrZero = 0
     """Strokes in the first iteration; 0: that of the algorithm."""
-    workers: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = min(2, os.cpu_count() or 1)
+    workers: Annotated[int, Within(low=1, high=MOST_WORKERS, text="a whole number from 1 to 1,024")] = min(2, os.cpu_count() or 1)
     """Processes that train side by side; with --strokes they change no result."""
+    ray: str | None = None
+    """Train side by side on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine belongs to),
+    HOST:PORT of its head, or ray://HOST:PORT; with --strokes it changes no result. Then --workers does not count."""
     game: str = "default"
     """Model whose game is played: a shipped one or a folder."""
     profile: Profile | None = None

@@ -41,12 +41,12 @@ class Tables:
     """
 
     def __init__(self, folder: Path, game: Game) -> None:
-        self._folder, self._game = folder / TABLES, game
+        self._folder, self._game = folder, game
 
     def keep(self, policy: TabulatedPolicy) -> str:
         """Store a policy, unless it is there; returns its hash."""
         name = policy.hash
-        path = self._path(name)
+        path = self.path(self._folder, name)
         if not path.exists():
             replace_file(path, zstandard.ZstdCompressor(level=1).compress(policy.cumulative.tobytes()))
         return name
@@ -57,7 +57,7 @@ class Tables:
         Raises:
             LeagueTrainingError: it is missing or damaged.
         """
-        path = self._path(name)
+        path = self.path(self._folder, name)
         size = 2 * self._game.n_pairs
         try:
             with open_file(path) as file:
@@ -72,12 +72,14 @@ class Tables:
 
     def forget(self, kept: Collection[str]) -> None:
         """Delete the tables of all policies but some, by hash."""
-        for path in self._folder.glob("*.zst"):
+        for path in (self._folder / TABLES).glob("*.zst"):
             if path.stem not in kept:
                 path.unlink(missing_ok=True)
 
-    def _path(self, name: str) -> Path:
-        return self._folder / f"{name}.zst"
+    @staticmethod
+    def path(folder: Path, name: str) -> Path:
+        """File of the table of a hash in the folder of a run."""
+        return folder / TABLES / f"{name}.zst"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

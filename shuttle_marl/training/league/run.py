@@ -1,5 +1,6 @@
 """A league from its settings to its run folder: rounds of turns, each frozen, measured exactly and saved before the next."""
 
+import contextlib
 import dataclasses
 import json
 import time
@@ -10,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from shuttle_marl import exact, runs
+from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.rally import Game
@@ -17,7 +19,7 @@ from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
-from shuttle_marl.training.league.config import POOL, LeagueTrainingConfig, LeagueTrainingError
+from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.league.picture import draw
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
@@ -71,13 +73,20 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
         GameError: the model cannot be found; nothing was written.
         RunError: the run folder cannot be used.
         TrainingError: learning diverged, or a file of the run is damaged; the last round is whole.
+        ClusterError: the cluster cannot be used (nothing was written), or loses turns again and again.
     """
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
     given = {name: tabulate(registry.resolve(name, game), game, name) for name in names}
-    with runs.open_run(config.out, "league-training", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
-        return _League(config, game, given, folder, console or Console(quiet=True), begun).go()
+    with contextlib.ExitStack() as stack:
+        cluster = None
+        if config.ray is not None:
+            cluster = stack.enter_context(open_cluster(config.ray, _PACKAGES))
+            config = dataclasses.replace(config, workers=min(cluster.slots, MOST_WORKERS))
+        opened = runs.open_run(config.out, "league-training", config.fixed(), resume=config.resume, overwrite=config.overwrite)
+        folder = stack.enter_context(opened)
+        return _League(config, game, given, folder, console or Console(quiet=True), begun).go(cluster)
 
 
 class _League:
@@ -106,7 +115,7 @@ class _League:
         self.longest = 0.0
         """Seconds of the longest round of this process."""
 
-    def go(self) -> LeagueTraining:
+    def go(self, cluster: Cluster | None) -> LeagueTraining:
         about = {
             "status": "running",
             "seed": self.config.seed,
@@ -114,7 +123,7 @@ class _League:
             "game": {"model": self.config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
         }
         runs.write_json(self.folder / runs.MANIFEST, about)
-        with Workers(self.config.workers) as workers:
+        with Workers(self.config.workers, self.game, cluster) as workers:
             while not self._over():
                 started = time.monotonic()
                 before = self.state.round

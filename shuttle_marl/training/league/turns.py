@@ -96,20 +96,35 @@ class Taken:
     iterations: int
 
 
-def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn) -> Taken:
+def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game | None = None) -> Taken:
     """Take a turn, or read its results where it was taken already.
 
     Args:
         folder: of the run.
         config: of the league.
         turn: the turn.
+        game: of the league; None: found by its name.
 
     Raises:
         DivergedError: a weight or a loss became no finite number.
         LeagueTrainingError: a file that the turn needs is missing or damaged.
     """
-    done = _results(folder, turn)
-    return done if done is not None else _Turn(folder, config, turn).take()
+    done = results(folder, turn)
+    if done is not None:
+        return done
+    return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
+
+
+def needed(turn: Turn) -> list[Path]:
+    """Files in the folder of a run that a turn reads."""
+    before = [] if turn.fresh else _paths(Path(), turn.member, turn.round - 1)
+    return [*(Tables.path(Path(), name) for name in turn.opponents), *before]
+
+
+def made(turn: Turn, taken: Taken) -> list[Path]:
+    """Files in the folder of a run that a turn leaves, the one that says that all are there last."""
+    about, state = _paths(Path(), turn.member, turn.round)
+    return [Tables.path(Path(), taken.hash), network_path(Path(), turn.member, turn.round), state, about]
 
 
 def network_path(folder: Path, member: str, number: int) -> Path:
@@ -124,7 +139,8 @@ def forget(folder: Path, before: int) -> None:
             path.unlink(missing_ok=True)
 
 
-def _results(folder: Path, turn: Turn) -> Taken | None:
+def results(folder: Path, turn: Turn) -> Taken | None:
+    """The results of a turn that was taken; None if they are not there, or not whole."""
     about_path, state_path = _paths(folder, turn.member, turn.round)
     try:
         about = read_sealed(about_path)
@@ -158,11 +174,10 @@ def learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Training
 
 
 class _Turn:
-    def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn) -> None:
+    def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game) -> None:
         torch.set_num_threads(1)
-        self.folder, self.config, self.turn = folder, config, turn
-        self.game = resolve_game(config.game, config.profile)
-        self.tables = Tables(folder, self.game)
+        self.folder, self.config, self.turn, self.game = folder, config, turn, game
+        self.tables = Tables(folder, game)
         opponents = [self.tables.read(name) for name in turn.opponents]
         # The best response has the last place; before it is solved, any policy keeps the place.
         response = [_first_stroke(self.game)] if turn.responses else []
