@@ -292,6 +292,11 @@ class Tournament:
         state = {name: value for name, value in self.__dict__.items() if name not in alone}
         return {**state, "_entrants": (), "_threads": 1}
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # What Ray's store holds cannot be written to, and compiled code takes no such arrays.
+        players = state["_players"]
+        self.__dict__.update(state, _players=type(players)(*(np.array(part) for part in players)))
+
     def _is_asked(self, pairing: Pairing) -> bool:
         """Whether an entrant of a pairing has no table."""
         return bool((self._place[list(pairing.entrants)] < 0).any())
