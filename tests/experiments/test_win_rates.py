@@ -9,6 +9,7 @@ from scipy.stats import trim_mean
 
 from experiments import win_rates
 from experiments.spread import IQM, mean_and_deviation
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.training import PPOConfig
 
 SMALL = {"batch": 256, "growth": 0.0, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
@@ -34,6 +35,9 @@ def test_a_run_ends_in_a_table_and_continues(
 ) -> None:
     agents = {"ppo": PPOConfig(**SMALL), "ppo, self-play": PPOConfig(**SMALL, opponent=("self",))}
     monkeypatch.setattr(win_rates, "AGENTS", agents)
+    monkeypatch.setattr(win_rates, "OPPONENTS", ("bc", "minimax"))
+    # Two refits say as much of this program as eight.
+    monkeypatch.setattr(win_rates, "refits_of", lambda game: refits_of(game)[:2])
     out, saved = tmp_path / "run", tmp_path / "results.json"
     flags = ["--agents", *agents, "--seeds", "2", "--matches", "4", "--jobs", "1", "--out", str(out), "--json", str(saved)]
     assert win_rates.main(flags) == 0
@@ -44,7 +48,8 @@ def test_a_run_ends_in_a_table_and_continues(
     assert rows["bc"]["matches_won"]["mean"] == 0.5
     assert rows["best response"]["normalised_score"]["mean"] == pytest.approx(1, abs=1e-3)
     assert rows["minimax"]["exploitability"]["mean"] == pytest.approx(0, abs=1e-4)
-    assert rows["ppo"]["strokes"] == 1024
+    # Rallies are played to their end.
+    assert 1024 <= rows["ppo"]["strokes"] < 2048
     for row in rows.values():
         assert len(row["seeds"]) == 2
     assert [len(curve) for curve in result["curves"]["ppo"]] == [2, 2]
