@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.machine import this_machine
+from benchmarks.machine import machine, this_machine
 from benchmarks.peers import OPPONENT, PEERS, Watch
 from shuttle_marl.game import default_game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
@@ -176,7 +176,7 @@ def main(
             jobs += [functools.partial(theirs, peer, seed, limit, tuned=tuned) for tuned in (False, True)]
     console = Console(stderr=True)
     found = [each for job in track(jobs, "learning", console=console, transient=True) for each in job()]
-    rows = summary(found)
+    rows = [{**row, "limit": limit, "machine": machine(this_machine())} for row in summary(found)]
     if as_json:
         print(json.dumps(rows, indent=2))
         return

@@ -53,6 +53,40 @@ def exact_values() -> str:
     return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{machine(result)}"
 
 
+def time_to_win() -> str:
+    """Seconds until learners reach their targets, from ``benchmarks/results/time_to_win.json``."""
+    rows = saved("benchmarks", "time_to_win")
+    targets = list(dict.fromkeys(row["target"] for row in rows))
+    lines = []
+    for learner in dict.fromkeys(row["learner"] for row in rows):
+        mine = {row["target"]: row for row in rows if row["learner"] == learner}
+        lines.append((learner, *(_seconds(mine[target]) if target in mine else "" for target in targets)))
+    told = f"Median (and slowest) of {rows[0]['seeds']} seeds, one thread; `>`: not every seed got there before it was stopped."
+    return f"{markdown(('learner', *targets), lines, left=('learner',))}\n\n{told} {rows[0]['machine']}"
+
+
+def _seconds(row: dict[str, Any]) -> str:
+    sign = "" if row["reached"] == row["seeds"] else "> "
+    return f"{sign}{row['seconds_median']:.1f} s ({sign}{row['seconds_worst']:.1f})"
+
+
+def training_speed() -> str:
+    """Strokes trained a second, from ``benchmarks/results/training.json``."""
+    result = saved("benchmarks", "training")
+    rows = [
+        (
+            name,
+            _millions(row["strokes_trained_per_s"]),
+            f"{row['strokes_an_iteration']:,}",
+            f"{row['distinct_states']:,}",
+            f"{100 * row['recording_overhead']:.0f} %",
+        )
+        for name, row in (("against `bc`", result), ("self-play", result["self_play"]))
+    ]
+    headings = ("PPO", "million strokes/s", "strokes an iteration", "distinct states in it", "recording all adds")
+    return f"{markdown(headings, rows, left=('PPO',))}\n\n{machine(result)}"
+
+
 def throughput() -> str:
     """Million strokes a second by batch, from ``benchmarks/results/throughput.json``."""
     rows = [row for row in saved("benchmarks", "throughput") if "states" not in row]
