@@ -43,13 +43,20 @@ TARGETS: Final[dict[str, tuple[str, float]]] = {
 _QUIET: Final[dict[str, Any]] = {"record": "none", "exploitability": False, "opponent": (OPPONENT,), "threads": THREADS}
 OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     "shuttle_marl PPO": {
-        "98 % of matches": PPOConfig(strokes=1_000_000, clip=0.4, evaluate_every=8, target=0.98, **_QUIET),
+        "98 % of matches": PPOConfig(
+            strokes=1_000_000, learning_rate=6e-3, entropy=0.015, evaluate_every=8, target=0.98, **_QUIET
+        ),
         ".95 of the optimum": PPOConfig(
-            strokes=5_000_000, batch=24_576, learning_rate=1e-2, evaluate_every=15, target_score=0.95, **_QUIET
+            strokes=5_000_000,
+            batch=24_576,
+            learning_rate=1e-2,
+            entropy=0.015,
+            clip=0.3,
+            evaluate_every=15,
+            target_score=0.95,
+            **_QUIET,
         ),
-        ".99 of the optimum": PPOConfig(
-            strokes=100_000_000, entropy=0.02, clip=0.4, learning_rate=4e-3, evaluate_every=50, target_score=0.99, **_QUIET
-        ),
+        ".99 of the optimum": PPOConfig(evaluate_every=50, target_score=0.99, **_QUIET),
     },
     "shuttle_marl A2C": {".95 of the optimum": A2CConfig(target_score=0.95, **_QUIET)},
     "shuttle_marl SAC": {".95 of the optimum": SACConfig(target_score=0.95, **_QUIET)},

@@ -23,7 +23,7 @@ class PPOConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
-    strokes: Count = 60_000_000
+    strokes: Count = 100_000_000
     """Strokes of the learner to train on."""
     batch: Count = 8192
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
@@ -35,11 +35,11 @@ class PPOConfig(TrainingConfig):
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 50
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 6e-3
+    learning_rate: Positive = 4e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
-    clip: Fraction = 0.3
+    clip: Fraction = 0.4
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    entropy: Weight = 0.015
+    entropy: Weight = 0.02
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: Positive = 1.0
     """Weight of the value loss."""
