@@ -24,10 +24,10 @@ TOURNAMENT = "d8d38d52e03a5f19"
 WINS = {"minimax": 20, "ppo": 14, "safe@greedy": 13, "attacking": 7, "bc": 5, "random": 1}
 SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 1, "record": "all"}
 TRAINING: dict[str, tuple[TrainingConfig, str]] = {
-    "ppo": (PPOConfig(**SMALL), "7fc001c4994eeaad"),
+    "ppo": (PPOConfig(**SMALL), "90247621fee5d632"),
     "a2c": (A2CConfig(**SMALL), "2733784054f9828d"),
     "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "b845fabb5dcd5207"),
-    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "b405f434ad376787"),
+    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "c4f6907d9ad89c87"),
 }
 """Settings of a run, and the digest of its strokes."""
 
