@@ -27,7 +27,7 @@ from shuttle_marl.errors import ShuttleError
 _TRAIN: Final = ("--seed", "4", "--strokes", "300000", "--out")
 COMMANDS: Final[dict[str, tuple[str, ...]]] = {
     "league": ("league", "--matches", "100", "--seed", "3", "--out", "{out}"),
-    "solve": ("exact", "solve", "--json"),
+    "solve": ("exact", "solve", "--no-away", "--json"),
     "evaluate": ("exact", "evaluate", "bc", "minimax", "attacking", "ppo", "sac", "random", "bc:viktor-axelsen", "--json"),
     "crossplay": ("exact", "crossplay", "bc", "minimax", "ppo", "random", "safe", "--json"),
     "ppo": ("training", "ppo", *_TRAIN, "{out}"),

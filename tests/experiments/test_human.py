@@ -10,11 +10,11 @@ from experiments import human
 from experiments.truth.matches import Strokes, states_of, strokes_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import PairPolicy, solve_soft
-from shuttle_marl.game import default_game
 from shuttle_marl.policy import bc
 from shuttle_marl.recording.simulate import simulate
+from tests.reduced import reduced_game
 
-GAME = default_game()
+GAME = reduced_game()
 PRIOR = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
 TRUE_TAU = 0.1
 
@@ -42,7 +42,7 @@ def test_the_target_of_a_fault_is_not_known(strokes: Strokes) -> None:
     choices = np.bincount(real.row)
     fault = real.strokes.rows.outcome == Outcome.FAULT
     assert (choices[~fault] == 1).all()
-    assert choices[fault].mean() > 2
+    assert choices[fault].mean() > 1.1
     known = np.flatnonzero(~fault)[:50]
     pair = real.pair[np.searchsorted(real.row, known)]
     assert real.losses(PRIOR.probability)[known] == pytest.approx(-np.log(PRIOR.pair_probabilities()[pair]))

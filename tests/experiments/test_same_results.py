@@ -8,7 +8,7 @@ import pytest
 
 from experiments import same_results
 from shuttle_marl.league.entrants import LeagueConfig
-from shuttle_marl.league.run import run_league
+from tests.tournaments import play_league
 
 ROOT = Path(__file__).parents[2]
 CHECKOUTS = (ROOT, ROOT)
@@ -59,7 +59,7 @@ def test_a_missing_file_is_found(folders: tuple[Path, Path]) -> None:
 def test_a_log_may_have_other_bytes_but_no_other_strokes(tmp_path: Path) -> None:
     folders = tmp_path / "before", tmp_path / "after"
     for folder, pool in zip(folders, (("safe", "random"), ("random", "safe")), strict=True):
-        run = run_league(LeagueConfig(pool=pool, matches=2, seed=1, out=folder / "run")).folder
+        run = play_league(LeagueConfig(pool=pool, matches=2, seed=1, out=folder / "run")).folder
         for path in list(run.iterdir()):
             if path.suffix != ".mcap":
                 path.unlink()

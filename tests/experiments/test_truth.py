@@ -22,6 +22,7 @@ from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording.simulate import simulate
+from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 ATTACKS = (SHOTS.index("smash"), SHOTS.index("half-smash"))
@@ -29,7 +30,7 @@ ATTACKS = (SHOTS.index("smash"), SHOTS.index("half-smash"))
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    return shipped_world("default")
+    return shipped_world(reduced_model())
 
 
 def played(world: World, matches: int, seed: int) -> pa.Table:
