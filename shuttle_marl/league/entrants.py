@@ -74,6 +74,8 @@ class LeagueConfig:
     """Model whose game is played: a shipped one or a folder."""
     profile: Profile | None = None
     """The game of one discipline alone; default: the average of both."""
+    exact: bool = True
+    """Solve every pair, the best response to every entrant, and its style, beside what is sampled: seconds for each entrant."""
     away: bool = False
     """Solve all pairs in the refits of the game too: how the ranking holds if other matches had been recorded. Changes no
     other figure; takes some minutes."""
@@ -98,6 +100,8 @@ class LeagueConfig:
             raise LeagueError(f"--matches {self.matches}: expected an even number from 2 to {MOST_MATCHES:,}")
         if not 1 <= self.workers <= _MOST_WORKERS:
             raise LeagueError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
+        if not self.exact and (self.away or self.holes):
+            raise LeagueError("--away and --holes: not with --no-exact, which leaves out what is solved")
         if self.holes < 0:
             raise LeagueError(f"--holes {self.holes}: expected 0 or more")
         if self.batch < 1:

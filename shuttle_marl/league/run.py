@@ -232,6 +232,8 @@ def _open_recorder(
 
 
 def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+    if not config.exact:
+        return exact_odds(game, [dataclasses.replace(entrant, table=None) for entrant in entrants])
     refits = refits_of(game) if config.away else ()
     if config.away and len(refits) < 2:
         refits = ()
@@ -254,7 +256,7 @@ def _write_tables(
 ) -> list[Standing]:
     standings = rank(config.pool, results, config.seed, exact)
     tables = {entrant.name: entrant.table for entrant in entrants if entrant.table is not None}
-    assessment = assess(standings, config.pool, results, exact, styles(game, tables))
+    assessment = assess(standings, config.pool, results, exact, styles(game, tables) if config.exact else {})
     table = results_table(results, exact)
     replace_file(folder / "results.csv", csv_bytes(table))
     write_parquet(folder / "results.parquet", table)

@@ -562,3 +562,12 @@ def test_the_command_prints_the_table_and_a_forfeit(
     assert [row["forfeit"] for row in rows] == ["my_broken:policy"] * 2 + [""] * 2 + ["my_broken:policy"] * 2
     assert main(flags) == 1
     assert "holds a finished run" in capsys.readouterr().err
+
+
+def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:
+    settings = {"pool": ("bc", "random"), "matches": 4, "game": reduced_model()}
+    runs = [run_league(LeagueConfig(**settings, exact=exact, out=tmp_path / str(exact))) for exact in (True, False)]
+    assert runs[0].results == runs[1].results
+    assert [np.isnan(run.standings[0].exploitability) for run in runs] == [False, True]
+    with pytest.raises(LeagueError, match="not with --no-exact"):
+        LeagueConfig(exact=False, away=True)
