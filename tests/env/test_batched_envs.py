@@ -273,5 +273,5 @@ def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seat", [0, 1])
-def test_thirty_thousand_rallies_of_each_seat_are_those_of_the_environment(seat: int) -> None:
-    assert sum(differ_versus(10_000, 2048, seed, seat) for seed in range(3)) > 100_000
+def test_ten_thousand_rallies_of_each_seat_are_those_of_the_environment(seat: int) -> None:
+    assert sum(differ_versus(5000, 1024, seed, seat) for seed in range(2)) > 30_000
