@@ -179,6 +179,8 @@ def choose(viewer: Any, stroke: dict[str, Any]) -> None:
 def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     folder = tmp_path / "diary"
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
+        # Few pixels, because every key waits for a picture that is drawn without a graphics card.
+        viewer.page.set_viewport_size({"width": 1180, "height": 400})
         viewer.open(f"{server.address}#seed=2&a=bc&b=bc&rally=1").press("w", "t")
         last, deadline = -1, time.monotonic() + 420
         while time.monotonic() < deadline:
