@@ -293,9 +293,9 @@ class Tournament:
         return {**state, "_entrants": (), "_threads": 1}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # What Ray's store holds cannot be written to, and compiled code takes no such arrays.
+        # Arrays that travelled are read-only, and their types equal numpy's own without being them: the kernel takes neither.
         players = state["_players"]
-        self.__dict__.update(state, _players=type(players)(*(np.array(part) for part in players)))
+        self.__dict__.update(state, _players=type(players)(*(part.astype(part.dtype.type) for part in players)))
 
     def _is_asked(self, pairing: Pairing) -> bool:
         """Whether an entrant of a pairing has no table."""

@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import pickle
 import sys
 import threading
 import time
@@ -47,7 +48,8 @@ class Fake:
         return self._slots
 
     def put(self, value: Any) -> Any:
-        self.put_values.append(value)
+        # A worker has no more than what travels.
+        self.put_values.append(pickle.loads(pickle.dumps(value)))
         return f"reference {len(self.put_values) - 1}"
 
     def start(self, function: Callable[..., Any], arguments: Sequence[Any]) -> int:
