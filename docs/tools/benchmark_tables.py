@@ -53,6 +53,23 @@ def exact_values() -> str:
     return f"{markdown(('solver', 'seconds', 'CPU seconds'), rows, left=('solver',))}\n\n{machine(result)}"
 
 
+def time_to_win() -> str:
+    """Seconds until learners reach their targets, from ``benchmarks/results/time_to_win.json``."""
+    rows = saved("benchmarks", "time_to_win")
+    targets = list(dict.fromkeys(row["target"] for row in rows))
+    lines = []
+    for learner in dict.fromkeys(row["learner"] for row in rows):
+        mine = {row["target"]: row for row in rows if row["learner"] == learner}
+        lines.append((learner, *(_seconds(mine[target]) if target in mine else "" for target in targets)))
+    told = f"Median (and slowest) of {rows[0]['seeds']} seeds, one thread; `>`: not every seed got there before it was stopped."
+    return f"{markdown(('learner', *targets), lines, left=('learner',))}\n\n{told} {rows[0]['machine']}"
+
+
+def _seconds(row: dict[str, Any]) -> str:
+    sign = "" if row["reached"] == row["seeds"] else "> "
+    return f"{sign}{row['seconds_median']:.1f} s ({sign}{row['seconds_worst']:.1f})"
+
+
 def training_speed() -> str:
     """Strokes trained a second, from ``benchmarks/results/training.json``."""
     result = saved("benchmarks", "training")

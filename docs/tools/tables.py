@@ -51,6 +51,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "throughput": benchmark_tables.throughput,
     "throughput_bound": benchmark_tables.throughput_bound,
     "throughput_sizes": benchmark_tables.throughput_sizes,
+    "time_to_win": benchmark_tables.time_to_win,
     "training_speed": benchmark_tables.training_speed,
     "truth_figures": experiment_tables.truth_figures,
     "truth_shots": experiment_tables.truth_shots,
