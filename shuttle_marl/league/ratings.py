@@ -265,7 +265,7 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
     won = wins_of(cells, pairs, n)
     wins, left = won + prior_wins(won), np.rint(won).astype(np.int64)
     theta, removed = bradley_terry(wins), 0
-    if theta[above] <= theta[below]:
+    if theta[above] <= theta[below] + _TIE:
         return 0
     while True:
         gap = max(0.0, theta[above] - theta[below])
