@@ -259,7 +259,7 @@ def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
 def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(worker, signal.SIGKILL)
-    process.join()
+    process.join(240)
     assert process.exitcode == 0
     assert final(tmp_path / "run") == final(whole)
 

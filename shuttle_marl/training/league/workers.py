@@ -36,6 +36,8 @@ class Workers:
         self._count, self._cluster = count, cluster
         self._game = None if cluster is None else cluster.share(game)
         self._pool: ProcessPoolExecutor | None = None
+        self._others: set[int | None] = set()
+        """Processes that were there before the pool."""
 
     def __enter__(self) -> "Workers":
         return self
@@ -60,8 +62,12 @@ class Workers:
                 waiting: list[Future[Taken]] = [self._started().submit(take_turn, folder, config, turn) for turn in turns]
                 return [future.result() for future in waiting]
             except BrokenProcessPool:
-                # Turns that are over have left their results in the folder.
+                # Turns that are over have left their results in the folder. A worker that was about to start when another one
+                # died can outlive the pool, which would wait for it for ever.
                 self._pool = None
+                for child in multiprocessing.active_children():
+                    if child.pid not in self._others:
+                        child.kill()
         raise LeagueTrainingError(
             f"{folder}: workers died {_ATTEMPTS} times in one round, perhaps for lack of memory; continue with --resume and "
             "fewer --workers"
@@ -82,6 +88,7 @@ class Workers:
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
+            self._others = {child.pid for child in multiprocessing.active_children()}
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=_end_with_parent)
         return self._pool
