@@ -191,7 +191,7 @@ def rank_intervals(theta: Floats, drawn: Floats) -> npt.NDArray[np.intp]:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Misfit:
-    """How far the results of P pairings are from what the ratings say.
+    """Distance of the results of P pairings from what the ratings say.
 
     Attributes:
         share: ``[P]`` share of the matches that the first entrant won.
@@ -256,7 +256,7 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
         below: the other one.
 
     Returns:
-        0 if they are not in that order; None if no removal does it.
+        0 if they are in the other order, which equal ones are not; None if no removal does it.
     """
 
     def behind(theta: Floats) -> bool:
@@ -265,7 +265,7 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
     won = wins_of(cells, pairs, n)
     wins, left = won + prior_wins(won), np.rint(won).astype(np.int64)
     theta, removed = bradley_terry(wins), 0
-    if theta[above] <= theta[below] + _TIE:
+    if behind(theta):
         return 0
     while True:
         gap = max(0.0, theta[above] - theta[below])
