@@ -39,7 +39,7 @@ class LostError(Exception):
 
 
 class Backend(Protocol):
-    """What runs the tasks of a :class:`Cluster`."""
+    """Machinery that runs the tasks of a :class:`Cluster`."""
 
     def slots(self) -> int:
         """Tasks that run side by side; 0 where no worker is left."""
@@ -54,7 +54,7 @@ class Backend(Protocol):
         """Those of some handles whose tasks are over or lost; waits for the first one, but no longer than this."""
 
     def get(self, started: Any) -> Any:
-        """What a task returned, or its error.
+        """Result of a task, or its error.
 
         Raises:
             LostError: there is no result, because a worker or a machine died.
@@ -78,7 +78,7 @@ class Task(Generic[T]):
         self._outcome: Callable[[], T] | None = None
 
     def result(self) -> T:
-        """What the function returned; waits for it.
+        """Result of the function; waits for it.
 
         Raises:
             ClusterError: the task was lost again and again.

@@ -33,7 +33,8 @@ Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 _KEPT: Final = 200_000
 """Results in the cache, about 20 MB; the oldest make room for others."""
 _WAIT_S: Final = 20.0
-"""How long to wait while another process writes."""
+"""Longest wait while another process writes."""
+_NUMBERS: Final = struct.Struct("<3d")
 _LOG: Final = logging.getLogger(__name__)
 
 
@@ -52,29 +53,24 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
     keys = [_key("pair", a.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
     missing = dict(zip(keys, ordered, strict=True))
 
-    def solve(wanted: Sequence[bytes]) -> list[tuple[float, ...]]:
+    def solve(wanted: Sequence[bytes]) -> list[Odds]:
         used = {id(policy): policy for key in wanted for policy in missing[key]}
         with ThreadPoolExecutor(os.cpu_count()) as threads:
             chains = dict(zip(used, threads.map(induced, used.values()), strict=True))
 
-            def solve_one(key: bytes) -> tuple[float, ...]:
+            def solve_one(key: bytes) -> Odds:
                 a, b = missing[key]
-                odds = evaluate_chains(chains[id(a)], chains[id(b)], tolerance=tolerance).odds()
-                return odds.serving, odds.receiving, odds.error_bound
+                return evaluate_chains(chains[id(a)], chains[id(b)], tolerance=tolerance).odds()
 
             return list(threads.map(solve_one, wanted))
 
-    found = []
-    for (first, _), (a, _), (serving, receiving, bound) in zip(pairs, ordered, _known(keys, solve), strict=True):
-        swapped = first is not a
-        found.append(
-            Odds(
-                serving=1 - receiving if swapped else serving,
-                receiving=1 - serving if swapped else receiving,
-                error_bound=bound,
-            )
-        )
-    return found
+    found = zip(pairs, ordered, _known(keys, solve), strict=True)
+    return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]
+
+
+def _swapped(odds: Odds) -> Odds:
+    """The odds of the other player."""
+    return Odds(serving=1 - odds.receiving, receiving=1 - odds.serving, error_bound=odds.error_bound)
 
 
 def crossplay(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> Crossplay:
@@ -103,24 +99,19 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
     keys = [_key("best response", policy.game.hash, policy.hash, repr(tolerance)) for policy in policies]
     by_key = dict(zip(keys, policies, strict=True))
 
-    def solve_one(key: bytes) -> tuple[float, ...]:
-        odds = best_response(by_key[key], tolerance=tolerance).value.odds()
-        return odds.serving, odds.receiving, odds.error_bound
-
-    def solve(wanted: Sequence[bytes]) -> list[tuple[float, ...]]:
+    def solve(wanted: Sequence[bytes]) -> list[Odds]:
         with ThreadPoolExecutor(os.cpu_count()) as threads:
-            return list(threads.map(solve_one, wanted))
+            return list(threads.map(lambda key: best_response(by_key[key], tolerance=tolerance).value.odds(), wanted))
 
-    found = _known(keys, solve)
-    return [Odds(serving=serving, receiving=receiving, error_bound=bound) for serving, receiving, bound in found]
+    return _known(keys, solve)
 
 
 def _key(*parts: str) -> bytes:
     return hashlib.sha256(" ".join([*parts, solvers_hash()]).encode()).digest()
 
 
-def _known(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[tuple[float, ...]]]) -> list[tuple[float, ...]]:
-    """Results by their keys: from the cache, or solved and kept there."""
+def _known(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[Odds]]) -> list[Odds]:
+    """Odds by their keys: from the cache, or solved and kept there."""
     found = dict(_read(list(dict.fromkeys(keys))))
     missing = [key for key in dict.fromkeys(keys) if key not in found]
     if missing:
@@ -141,7 +132,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
-def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, tuple[float, ...]]]:
+def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, Odds]]:
     path = _path()
     if not path.is_file():
         return
@@ -149,8 +140,8 @@ def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, tuple[float, ...]]]:
         with _opened(path) as database:
             for key in keys:
                 row = database.execute("SELECT numbers FROM result WHERE key = ?", (key,)).fetchone()
-                if row and (numbers := _unpacked(key, row[0])) is not None:
-                    yield key, numbers
+                if row and (odds := _unpacked(key, row[0])) is not None:
+                    yield key, odds
     except sqlite3.OperationalError as error:
         _say_once(f"{path}: {error}. Exact odds are solved again")
     except sqlite3.DatabaseError:  # damaged: made again
@@ -158,29 +149,32 @@ def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, tuple[float, ...]]]:
             path.unlink()
 
 
-def _keep(solved: dict[bytes, tuple[float, ...]]) -> None:
+def _keep(solved: dict[bytes, Odds]) -> None:
     path = _path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _opened(path) as database, database:
-            rows = [(key, _packed(key, numbers)) for key, numbers in solved.items()]
+            rows = [(key, _packed(key, odds)) for key, odds in solved.items()]
             database.executemany("INSERT OR REPLACE INTO result VALUES (?, ?)", rows)
             database.execute("DELETE FROM result WHERE rowid <= (SELECT MAX(rowid) FROM result) - ?", (_KEPT,))
     except (sqlite3.Error, OSError) as error:
         _say_once(f"{path}: {error}. Exact odds are solved again by every command")
 
 
-def _packed(key: bytes, numbers: tuple[float, ...]) -> bytes:
-    body = struct.pack(f"<{len(numbers)}d", *numbers)
+def _packed(key: bytes, odds: Odds) -> bytes:
+    body = _NUMBERS.pack(odds.serving, odds.receiving, odds.error_bound)
     return struct.pack("<I", zlib.crc32(key + body)) + body
 
 
-def _unpacked(key: bytes, packed: object) -> tuple[float, ...] | None:
-    """The numbers; None if they are damaged."""
-    if not isinstance(packed, bytes) or len(packed) % 8 != 4:
+def _unpacked(key: bytes, packed: object) -> Odds | None:
+    """The odds; None if they are damaged."""
+    if not isinstance(packed, bytes) or len(packed) != 4 + _NUMBERS.size:
         return None
     (crc,), body = struct.unpack("<I", packed[:4]), packed[4:]
-    return struct.unpack(f"<{len(body) // 8}d", body) if crc == zlib.crc32(key + body) else None
+    if crc != zlib.crc32(key + body):
+        return None
+    serving, receiving, bound = _NUMBERS.unpack(body)
+    return Odds(serving=serving, receiving=receiving, error_bound=bound)
 
 
 @functools.cache

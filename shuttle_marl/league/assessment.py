@@ -230,7 +230,7 @@ def cycles(names: Sequence[str], win: Floats) -> list[Cycle]:
 
 
 def stability(exact: ExactOdds) -> Stability | None:
-    """How the exact ranks hold in refits of the game; None without shares there."""
+    """Stability of the exact ranks in refits of the game; None without shares there."""
     if not exact.away_shares.size:
         return None
     known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))

@@ -278,7 +278,7 @@ def _write_tables(
 
 
 def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
-    """Where the best of some policies lose most to their best responses."""
+    """States in which the best of some policies lose most to their best responses."""
     if not best:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba

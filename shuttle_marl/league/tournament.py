@@ -286,7 +286,7 @@ class Tournament:
                 yield waiting.popleft()()
 
     def __getstate__(self) -> dict[str, Any]:
-        """What travels to another process: tables, and no policy, which may be code."""
+        """The state that travels to another process: tables, and no policy, which may be code."""
         _ = self._players
         alone = ("_cluster", "_shared", "_strikers")
         state = {name: value for name, value in self.__dict__.items() if name not in alone}
@@ -374,7 +374,7 @@ def _played(tournament: Tournament, group: Sequence[Pairing]) -> list[Block]:
 
 
 def _counted(task: Task[list[Block]], progress: Callable[[int], None] | None) -> list[Block]:
-    """What came from a cluster; its strokes are counted now."""
+    """Results that came from a cluster; their strokes are counted now."""
     blocks = task.result()
     if progress is not None:
         progress(sum(counts["strokes"] for result, _ in blocks for counts in result.seats))
