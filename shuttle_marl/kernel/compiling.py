@@ -71,9 +71,9 @@ def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
 
 
 @functools.cache
-def _sources() -> str:
-    """Digest of all that may be inlined into a compiled function: the kernel, and the rule of a match."""
-    files = [Path(str(scoring.__file__)), *sorted(Path(__file__).parent.glob("*.py"))]
+def _sources(folder: Path) -> str:
+    """Digest of all that may be inlined into a compiled function: its own folder, the kernel, and the rule of a match."""
+    files = [Path(str(scoring.__file__)), *sorted(Path(__file__).parent.glob("*.py")), *sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
@@ -114,7 +114,7 @@ class _Cache(caching.FunctionCache):
         self._cache_file = _SealedFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
-            source_stamp=(self._impl.locator.get_source_stamp(), _sources()),
+            source_stamp=(self._impl.locator.get_source_stamp(), _sources(Path(function.__code__.co_filename).parent)),
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

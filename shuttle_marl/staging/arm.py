@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.staging.rotation import Hinge, cross, exponential, frame, skewed, unit
+from shuttle_marl.staging.rotation import cross, frame, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 
 Floats = npt.NDArray[np.float64]
@@ -95,57 +95,21 @@ class Arm:
         self.across = unit(np.cross(lower, self.palm))
         # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
         self.to_middle = frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, self.hinge).T
-        axes = {
-            RAISE: np.array([0.0, -1.0, 0.0]),
-            FORWARD: np.array([0.0, 0.0, 1.0]),
-            TWIST: MIDDLE,
-            ELBOW: self.hinge,
-            PRONATION: -lower,
-            BEND: self.across,
-            DEVIATION: self.palm,
-            ROLL: self.axis,
-        }
-        self.axes = axes
-        self.turn = {angle: Hinge(axis) for angle, axis in axes.items()}
         self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
-        fixed = [axes[RAISE], axes[FORWARD], *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
+        up, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+        fixed = [up, forward, *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
         self.constants = (np.array(fixed), self.offset, self.to_middle.copy(), self.rest_bend, self.normal.copy())
 
     def pose(self, angles: Floats) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
+        from shuttle_marl.staging.compiled.arms import pose_arms  # noqa: PLC0415  numba is slow to import
+
         n = len(angles)
-        turn = {angle: self.turn[angle](angles[:, angle] - (self.rest_bend if angle == ELBOW else 0.0)) for angle in self.turn}
-        half = self.turn[PRONATION](angles[:, PRONATION] / 2)
-        collar = turn[FORWARD] @ turn[RAISE]
-        swing = angles[:, SWING_1 : SWING_2 + 1] @ self.swing
-        swung = collar @ exponential(swing)
-        upper = swung @ turn[TWIST] @ self.to_middle
-        bent = upper @ turn[ELBOW]
-        fore = bent @ half
-        turned = fore @ half
-        flexed = turned @ turn[BEND]
-        hand = flexed @ turn[DEVIATION]
-        racket = hand @ turn[ROLL]
-        shoulder = collar @ self.offset[0]
-        elbow = shoulder + upper @ self.offset[1]
-        wrist = elbow + fore @ self.offset[2]
-        grip = wrist + hand @ self.offset[3]
-        zero = np.zeros((n, 3))
-        axes = np.empty((n, 10, 3))
-        axes[:, FORWARD], axes[:, RAISE] = self.axes[FORWARD], turn[FORWARD] @ self.axes[RAISE]
-        jacobian = collar @ _left_jacobian(swing)
-        axes[:, SWING_1], axes[:, SWING_2] = jacobian @ self.swing[0], jacobian @ self.swing[1]
-        axes[:, TWIST] = swung @ MIDDLE
-        axes[:, ELBOW], axes[:, PRONATION] = upper @ self.hinge, bent @ self.axes[PRONATION]
-        axes[:, BEND], axes[:, DEVIATION] = turned @ self.across, flexed @ self.palm
-        axes[:, ROLL] = hand @ self.axis
-        pivot = np.stack([zero, zero, *([shoulder] * 3), *([elbow] * 2), *([wrist] * 2), grip], axis=1)
-        return ArmPose(
-            rotation=np.stack([collar, upper, fore, hand, racket]),
-            position=np.stack([zero, shoulder, elbow, wrist, grip]),
-            axes=axes,
-            pivot=pivot,
+        pose = ArmPose(
+            rotation=np.empty((5, n, 3, 3)), position=np.empty((5, n, 3)), axes=np.empty((n, 10, 3)), pivot=np.empty((n, 10, 3))
         )
+        pose_arms(np.ascontiguousarray(angles), self.constants, pose.rotation, pose.position, pose.axes, pose.pivot)
+        return pose
 
     def clipped(self, angles: Floats) -> Floats:
         """Angles moved into the limits."""
@@ -153,14 +117,6 @@ class Arm:
         swing = np.linalg.norm(out[..., SWING_1 : SWING_2 + 1], axis=-1, keepdims=True)
         out[..., SWING_1 : SWING_2 + 1] *= np.minimum(1, SWING_LIMIT / np.maximum(swing, 1e-9))
         return out
-
-
-def _left_jacobian(v: Floats) -> Floats:
-    """``[N, 3, 3]`` how a change of a rotation vector turns the rotated body."""
-    angle = np.linalg.norm(v, axis=-1)[:, None, None]
-    safe = np.maximum(angle, 1e-6)
-    k = skewed(v)
-    return np.eye(3) + (1 - np.cos(safe)) / safe**2 * k + (safe - np.sin(safe)) / safe**3 * (k @ k)
 
 
 @functools.cache
@@ -200,7 +156,7 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
         rounds: steps.
         hold: weight of the wish to stay near :data:`RELAXED`.
     """
-    from shuttle_marl.staging.compiled import solve_arms  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.staging.compiled.arms import solve_arms  # noqa: PLC0415  numba is slow to import
 
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
     wanted = np.ascontiguousarray(np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1), dtype=np.float64)

@@ -231,7 +231,7 @@ def _assembled(
 ) -> Motion:
     """Bones and shuttle in all frames; those up to the branch are taken from the motion that is continued."""
     rally, frames, done = trajectory.rally, len(added[0].place), branch.frame + 1 if branch else 0
-    shuttle, velocity = shuttle_path(trajectory, frames, fps)
+    shuttle, velocity = shuttle_path(trajectory, frames, fps, max(branch.strokes - 1, 0) if branch else 0)
     rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
     planted = np.empty((frames, 2, 2), dtype=bool)
     contacts = np.rint(trajectory.time * fps).astype(np.int64)
@@ -297,10 +297,9 @@ def _onto_court(rotation: Floats, position: Floats, feet: Feet, sign: Floats) ->
     the left and the right change places.
     """
     position, planted = position * sign, feet.planted.T
-    mirror = sign[0] * sign[1] < 0
-    flip = np.diag([-1.0, 1.0, 1.0])
-    if mirror:
-        rotation, position, planted = flip @ rotation[:, MIRROR] @ flip, position[:, MIRROR], planted[:, ::-1]
-    # What is left of the signs after the mirror is a turn of the whole player.
-    turn = np.diag([sign[1], sign[1], 1.0])
-    return quaternion(turn @ rotation), position, planted
+    # What is left of the signs after a mirror is a turn of the whole player.
+    signs = np.array([[sign[1]], [sign[1]], [1.0]])
+    if sign[0] * sign[1] < 0:
+        rotation, position, planted = rotation[:, MIRROR], position[:, MIRROR], planted[:, ::-1]
+        signs = signs * np.outer(FLIP, FLIP)
+    return quaternion(signs * rotation), position, planted

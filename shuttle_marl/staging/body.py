@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline
 
 from shuttle_marl.staging.arm import arm_of
+from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, move, standing, steps
 from shuttle_marl.staging.habits import Habits
-from shuttle_marl.staging.legs import legs, reach_of, settle, smooth
+from shuttle_marl.staging.legs import legs, reach_of, settle
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
 from shuttle_marl.staging.rotation import apply, unit, yaw_pitch_roll
@@ -106,8 +106,7 @@ class Player:
         keys = self.keys
         n = int(np.searchsorted(keys.frame, frame))
         if 0 < n < len(keys.frame):
-            spline = CubicHermiteSpline(keys.frame[n - 1 : n + 1], keys.pose[n - 1 : n + 1], keys.slope[n - 1 : n + 1], axis=0)
-            pose, slope = spline(frame), spline(frame, 1)
+            pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]
             slope = np.zeros_like(pose)
@@ -140,7 +139,7 @@ def prepare(
         known: plants that stay as they are.
         before: ``[B]`` frames that stay as they are.
     """
-    body = _between(timeline.frame, timeline.pose[:, TRUNK], slopes_of(timeline, timeline.pose)[:, TRUNK], len(hips))
+    body = curve(timeline.frame, timeline.pose[:, TRUNK], slopes_of(timeline, timeline.pose)[:, TRUNK], len(hips))
     place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
@@ -172,7 +171,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Float
         before: ``[B]`` frames that stay as they are.
     """
     keys, done = prepared.keys, len(before.hips) if before else 0
-    pose = _between(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + added.pose
+    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + added.pose
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])
@@ -243,15 +242,6 @@ def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
     return rotation, position
 
 
-def _between(frame: npt.NDArray[np.int64], poses: Floats, slopes: Floats, frames: int) -> Floats:
-    """``[F, ...]`` key poses joined by cubics with the given slopes; held before the first and after the last."""
-    if len(frame) < 2:
-        return np.repeat(poses, frames, axis=0)
-    when = np.clip(np.arange(frames, dtype=np.float64), frame[0], frame[-1])
-    out: Floats = CubicHermiteSpline(frame, poses, slopes, axis=0)(when)
-    return out
-
-
 def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Floats, place: Floats) -> None:
     rows = [BONE[name] for name in names]
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
@@ -268,5 +258,4 @@ def _gaze(skeleton: Skeleton, chest: Floats, middle: Floats, shuttle: Floats) ->
     # Eyes lead, the head follows: a moving mean over a fifth of a second, which stays within the limits.
     kernel = np.hanning(13)[1:-1]
     kernel /= kernel.sum()
-    padded = np.pad(aim, ((5, 5), (0, 0)), mode="edge")
-    return np.stack([np.convolve(padded[:, k], kernel, mode="valid") for k in range(2)], axis=1)
+    return np.stack([np.convolve(held_ends(aim[:, k], 5), kernel, mode="valid") for k in range(2)], axis=1)

@@ -224,15 +224,21 @@ class _TrajectoryBuilder:
 
     def _choose(self, i: int, end: int, contact: Floats, base: Floats) -> _Choice:
         """The first try that clears the net and can be reached, else the one that comes closest."""
-        tries = [self._try(i, end, contact, base, k) for k in range(_TRIES)]
         best: _Choice | None = None
-        # Those that can be reached first, in the order of their draws.
-        for tried in sorted(tries, key=lambda t: t.late):
-            choice = self._flown(contact, tried, end)
-            if best is None or choice.cost < best.cost:
-                best = choice
-            if best.cost <= tried.late:
+        late: list[_Try] = []
+        for k in range(_TRIES):
+            tried = self._try(i, end, contact, base, k)
+            if tried.late > 0:
+                late.append(tried)
+                continue
+            best = _cheaper(best, self._flown(contact, tried, end))
+            if best.cost <= 0:
+                return best
+        # Those that are almost reached first.
+        for tried in sorted(late, key=lambda t: t.late):
+            if best is not None and best.cost <= tried.late:
                 break
+            best = _cheaper(best, self._flown(contact, tried, end))
         assert best is not None
         return best
 
@@ -326,6 +332,11 @@ class _TrajectoryBuilder:
             return 0.0
         run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
         return max(0.0, float(np.hypot(*(stance.root - base))) - run - 0.15)
+
+
+def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:
+    """The choice that costs less, the first one if both cost the same."""
+    return other if best is None or other.cost < best.cost else best
 
 
 def _over_net(flights: Flights) -> Floats:

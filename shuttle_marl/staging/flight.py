@@ -61,6 +61,11 @@ class Flights:
         position = self.start[flight] + np.stack([heading[0] * along, heading[1] * along, rise], axis=-1)
         return position, np.stack([heading[0] * v_along, heading[1] * v_along, v_up], axis=-1)
 
+    def velocity(self, flight: int, instant: int) -> Floats:
+        """``[3]`` velocity of one flight in one of the instants, 0 for its launch and -1 for its end [m/s]."""
+        along, up = self.speed_along[flight, instant], self.speed_up[flight, instant]
+        return np.array([*(self.heading[flight] * along), up])
+
     @property
     def launch_speed(self) -> Floats:
         """``[N]`` speed off the racket [m/s]."""
@@ -165,7 +170,7 @@ def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, F
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
-    from shuttle_marl.staging.compiled import integrate  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.staging.compiled.flights import integrate  # noqa: PLC0415  numba is slow to import
 
     state = np.empty((4, len(t), steps + 1))
     integrate(np.ascontiguousarray(vx), np.ascontiguousarray(vy), nodes, state)

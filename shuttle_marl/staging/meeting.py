@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
+from shuttle_marl.staging.curves import slopes_through
 from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
@@ -46,10 +46,8 @@ shot from a lunge would be played with the head of the racket hanging from a han
 
 
 def slopes_of(timeline: Timeline, poses: Floats) -> Floats:
-    """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot (Fritsch & Carlson 1980)."""
-    if len(poses) < 2:
-        return np.zeros_like(poses)
-    out: Floats = PchipInterpolator(timeline.frame, poses, axis=0)(timeline.frame, 1)
+    """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot."""
+    out = slopes_through(timeline.frame, poses)
     out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 

@@ -96,7 +96,11 @@ def frame(first: Floats, second: Floats) -> Floats:
 
 def quaternion(rotation: Floats) -> Floats:
     """``[..., 4]`` quaternions (x, y, z, w) of matrices, w not negative."""
-    return _shaped(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True), rotation.shape[:-2])
+    from shuttle_marl.staging.compiled.bodies import quaternions_of  # noqa: PLC0415  numba is slow to import
+
+    out = np.empty((*rotation.shape[:-2], 4))
+    quaternions_of(np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3), out.reshape(-1, 4))
+    return out
 
 
 def matrix(q: npt.NDArray[np.floating]) -> Floats:

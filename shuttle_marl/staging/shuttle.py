@@ -15,8 +15,15 @@ _REST: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 
 
-def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats, Floats]:
-    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck."""
+def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[Floats, Floats]:
+    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck.
+
+    Args:
+        trajectory: the rally.
+        frames: F.
+        fps: frames a second.
+        first: number of the first stroke whose flight is wanted.
+    """
     time = np.arange(frames) / fps
     position, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
     if not len(trajectory.time):
@@ -24,15 +31,15 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats,
         position[:] = (*(trajectory.before[trajectory.rally.server] * facing(trajectory.rally.server)), 1.0)
         return position, velocity
     position[:] = trajectory.contact[0]
-    for i in range(len(trajectory.time)):
-        rows = np.flatnonzero((time >= trajectory.time[i] - 1e-6) & (time <= trajectory.end_time[i] + 1e-6))
+    for i in range(first, len(trajectory.time)):
+        rows = slice(round(trajectory.time[i] * fps), round(trajectory.end_time[i] * fps) + 1)
         position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
     rows = np.flatnonzero(time > trajectory.end_time[-1] + 1e-6)
-    _, hit = trajectory.flight.at(len(trajectory.time) - 1, trajectory.flight.time[-1, -1:])
+    hit = trajectory.flight.velocity(-1, -1)
     since = time[rows] - trajectory.end_time[-1]
     if trajectory.end[-1] == NET:
         start = trajectory.end_point[-1]
-        back = np.array([-0.04 * hit[0, 0], -0.05 * hit[0, 1], min(0.0, 0.3 * hit[0, 2])])
+        back = np.array([-0.04 * hit[0], -0.05 * hit[1], min(0.0, 0.3 * hit[2])])
         drop = fall(start[None], back[None], np.array([2.5]), steps=32)
         position[rows], velocity[rows] = drop.at(0, since)
         landed = np.flatnonzero(position[rows, 2] <= _REST)
@@ -40,7 +47,7 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int) -> tuple[Floats,
             first = rows[landed[0]]
             _roll(position, velocity, first, position[first], velocity[first], time)
     elif len(rows):
-        _roll(position, velocity, int(rows[0]), trajectory.end_point[-1], hit[0], time)
+        _roll(position, velocity, int(rows[0]), trajectory.end_point[-1], hit, time)
     return position, velocity
 
 

@@ -7,7 +7,6 @@ aligned with these axes at rest, so the rotation of a bone is how far it has tur
 
 import dataclasses
 import functools
-import itertools
 import json
 from pathlib import Path
 from typing import Final
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.rally import StagingError
-from shuttle_marl.staging.rotation import apply, unit, yaw_pitch_roll
+from shuttle_marl.staging.rotation import apply, unit
 
 Floats = npt.NDArray[np.float64]
 
@@ -108,6 +107,11 @@ class Skeleton:
         return self.grip_axis * side, self.grip_normal * side
 
     @functools.cached_property
+    def spine(self) -> Floats:
+        """``[3, 3]`` from each bone of the trunk to the next at rest [m]."""
+        return np.diff([self.at(bone) for bone in ("Hips", "Spine", "Spine1", "Spine2")], axis=0)
+
+    @functools.cached_property
     def leg(self) -> tuple[float, float]:
         """Lengths of thigh and shank [m]."""
         hip, knee, ankle = self.at("RightUpLeg"), self.at("RightLeg"), self.at("RightFoot")
@@ -192,14 +196,12 @@ def trunk(skeleton: Skeleton, hips: Floats, angles: Floats) -> tuple[Floats, Flo
     Returns:
         ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
     """
-    root = yaw_pitch_roll(angles[:, HIPS_YAW], angles[:, HIPS_PITCH], angles[:, HIPS_ROLL])
-    third = yaw_pitch_roll(*(angles[:, k] / 3 for k in (SPINE_YAW, SPINE_PITCH, SPINE_ROLL)))
-    rotation, position = [root], [hips]
-    names = ("Hips", "Spine", "Spine1", "Spine2")
-    for below, above in itertools.pairwise(names):
-        position.append(position[-1] + apply(rotation[-1], skeleton.at(above) - skeleton.at(below)))
-        rotation.append(rotation[-1] @ third)
-    return np.stack(rotation), np.stack(position)
+    from shuttle_marl.staging.compiled.bodies import bend_trunks  # noqa: PLC0415  numba is slow to import
+
+    n = len(angles)
+    rotation, position = np.empty((4, n, 3, 3)), np.empty((4, n, 3))
+    bend_trunks(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine, rotation, position)
+    return rotation, position
 
 
 def collar_of(skeleton: Skeleton, rotation: Floats, position: Floats, side: str = "Right") -> Floats:

@@ -24,7 +24,7 @@ from shuttle_marl.staging.motions import (
     LUNGE_BACKHAND,
     Stance,
 )
-from shuttle_marl.staging.rotation import turned
+from shuttle_marl.staging.rotation import turned, unit
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.trajectory import RETURN, Trajectory, facing
 
@@ -416,18 +416,16 @@ class TimelineBuilder:
 
     def _normal(self, i: int) -> Floats:
         """Direction that the strings face: between where the shuttle comes from and where it goes."""
-        _, out = self.trajectory.flight.at(i, np.array([0.0]))
-        n = out[0] / np.linalg.norm(out[0])
+        n = unit(self.trajectory.flight.velocity(i, 0))
         if i:
-            _, into = self.trajectory.flight.at(i - 1, self.trajectory.flight.time[i - 1, -1:])
-            n = n - 0.4 * into[0] / np.linalg.norm(into[0])
-        return n / np.linalg.norm(n) * self.sign
+            n = n - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
+        return unit(n) * self.sign
 
     def _swing(self, i: int) -> Floats:
         """Velocity that the strings shall have: a share of the shuttle's launch, by shot type."""
         rally = self.trajectory.rally
-        _, out = self.trajectory.flight.at(i, np.array([0.0]))
-        return float(RATIOS[rally.catalogue.shot[rally.stroke[i]]]) * out[0] * self.sign
+        ratio = float(RATIOS[rally.catalogue.shot[rally.stroke[i]]])
+        return ratio * self.trajectory.flight.velocity(i, 0) * self.sign
 
     def _finish(self, over: int) -> None:
         """After the rally one is glad and the other is not, then both let the racket sink."""

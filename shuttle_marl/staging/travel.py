@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
 
@@ -27,6 +26,9 @@ _ROUNDS, _MOST_ROUNDS = 240, 4000
 _STIFFER: Final = (400, 1200)
 """Rounds from which on the limits are pressed harder."""
 _PINNED: Final = 1e11
+_BENDING: Final = 2e-3
+_PENALTIES: Final = (2e-2, 3e-3)
+"""Of speed and acceleration beyond the limits."""
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
 
@@ -93,79 +95,11 @@ def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: 
 
 
 def _solve(weight: Floats, target: Floats, still: Floats, fps: int) -> Floats:
-    speed, bend = fps * 1.0, fps * fps * 1.0
-    wa = 2e-3
-    rho_v, rho_a = 2e-2, 3e-3
-    # Bands of weight + D1' (still) D1 + D2' wa D2 and of the two penalties, in units of m/s and m/s².
-    factor = (cholesky_banded(_bands(weight, still + rho_v, wa + rho_a, speed, bend)), False)
-    p = cho_solve_banded(factor, target)
-    limit_v, limit_a = _MARGIN * TOP_SPEED, _MARGIN * TOP_ACCELERATION
-    v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
-    zv, za = _disc(v, limit_v), _disc(a, limit_a)
-    uv, ua = v - zv, a - za
-    for step in range(_MOST_ROUNDS):
-        if step in _STIFFER:
-            # Where the start is given, the limits may be far from what is wished: they are pressed harder.
-            rho_v, rho_a, uv, ua = 12 * rho_v, 12 * rho_a, uv / 12, ua / 12
-            factor = (cholesky_banded(_bands(weight, still + rho_v, wa + rho_a, speed, bend)), False)
-        right = target + _first_t((rho_v * speed) * (zv - uv)) + _second_t((rho_a * bend) * (za - ua))
-        p = cho_solve_banded(factor, right)
-        v, a = np.diff(p, axis=0) * speed, np.diff(p, 2, axis=0) * bend
-        vr, ar = 1.6 * v - 0.6 * zv, 1.6 * a - 0.6 * za
-        zv, za = _disc(vr + uv, limit_v), _disc(ar + ua, limit_a)
-        uv, ua = uv + vr - zv, ua + ar - za
-        # Paths that want to break the limits converge slowly: the margin is given up for them, the limits never.
-        slack = 1.02 if step < _ROUNDS else 0.995 / _MARGIN
-        if step % 10 == 9 and _longest(v) < slack * limit_v and _longest(a) < slack * limit_a:
-            break
-    return p
+    from shuttle_marl.staging.compiled.paths import smooth_path  # noqa: PLC0415  numba is slow to import
 
-
-def _bands(weight: Floats, along: Floats, across: float, speed: float, bend: float) -> Floats:
-    """Upper bands of the matrix for weights of places, of speeds and of accelerations."""
-    q = np.zeros((3, len(weight)))
-    q[2] += weight
-    _add_first(q, along * speed**2)
-    _add_second(q, np.full(len(weight) - 2, across * bend**2))
-    return q
-
-
-def _add_first(bands: Floats, w: Floats) -> None:
-    """Add D1' diag(w) D1 to upper bands."""
-    bands[2, :-1] += w
-    bands[2, 1:] += w
-    bands[1, 1:] -= w
-
-
-def _add_second(bands: Floats, w: Floats) -> None:
-    """Add D2' diag(w) D2 to upper bands."""
-    bands[2, :-2] += w
-    bands[2, 1:-1] += 4 * w
-    bands[2, 2:] += w
-    bands[1, 1:-1] -= 2 * w
-    bands[1, 2:] -= 2 * w
-    bands[0, 2:] += w
-
-
-def _first_t(x: Floats) -> Floats:
-    out = np.zeros((len(x) + 1, 2))
-    out[:-1] -= x
-    out[1:] += x
-    return out
-
-
-def _second_t(x: Floats) -> Floats:
-    out = np.zeros((len(x) + 2, 2))
-    out[:-2] += x
-    out[1:-1] -= 2 * x
-    out[2:] += x
-    return out
-
-
-def _longest(x: Floats) -> float:
-    return float(np.hypot(x[:, 0], x[:, 1]).max())
-
-
-def _disc(x: Floats, radius: float) -> Floats:
-    """The nearest points within a disc."""
-    return x * np.minimum(1, radius / np.maximum(np.hypot(x[:, 0], x[:, 1]), 1e-9))[:, None]
+    path = np.empty_like(target)
+    # Paths that want to break the limits converge slowly: the margin is given up for them, the limits never.
+    slack = (1.02, 0.995 / _MARGIN)
+    limits = (_MARGIN * TOP_SPEED, _MARGIN * TOP_ACCELERATION)
+    smooth_path(weight, target, still, fps, _BENDING, _PENALTIES, limits, (_ROUNDS, _MOST_ROUNDS), _STIFFER, slack, path)
+    return path

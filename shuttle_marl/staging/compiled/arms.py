@@ -1,52 +1,18 @@
-"""Inner loops of the staging, compiled: inverse kinematics of the arm, and the integration of flights.
-
-One arm or one flight at a time, in plain loops over numbers: on the few arms and flights of a stroke, arrays would spend
-their time in calls. What the numbers mean stands in :mod:`shuttle_marl.staging.arm` and :mod:`shuttle_marl.staging.flight`.
-"""
+"""The arm: from angles to bones, and inverse kinematics. What the numbers mean stands in :mod:`shuttle_marl.staging.arm`."""
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.staging.compiled.linear import add, cross, on, place, put, times, turn
 
 Floats = npt.NDArray[np.float64]
 
-_N = 10
-_ROWS = 22
-
-
-@compiled
-def _turn(axis: Floats, angle: float, out: Floats) -> None:
-    """Rotation about a unit axis (Rodrigues)."""
-    x, y, z = axis[0], axis[1], axis[2]
-    s, c = math.sin(angle), math.cos(angle)
-    d = 1.0 - c
-    out[0, 0], out[0, 1], out[0, 2] = c + d * x * x, d * x * y - s * z, d * x * z + s * y
-    out[1, 0], out[1, 1], out[1, 2] = d * x * y + s * z, c + d * y * y, d * y * z - s * x
-    out[2, 0], out[2, 1], out[2, 2] = d * x * z - s * y, d * y * z + s * x, c + d * z * z
-
-
-@compiled
-def _times(a: Floats, b: Floats, out: Floats) -> None:
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-
-
-@compiled
-def _on(a: Floats, v: Floats, out: Floats) -> None:
-    for i in range(3):
-        out[i] = a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2]
-
-
-@compiled
-def _cross(a: Floats, b: Floats, out: Floats) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+_N: Final = 10
+_ROWS: Final = 22
 
 
 @compiled
@@ -56,59 +22,70 @@ def _pose(q: Floats, fixed: Floats, offset: Floats, middle: Floats, rest_bend: f
     ``fixed``: 0 raise, 1 forward, 2 and 3 swing, 4 middle, 5 elbow, 6 pronation, 7 bend, 8 deviation, 9 the shaft.
     """
     a, b = m[5], m[6]
-    _turn(fixed[1], q[1], a)
-    _on(a, fixed[0], v[0])
-    v[1] = fixed[1]
-    _turn(fixed[0], q[0], b)
-    _times(a, b, m[0])
-    _on(m[0], offset[0], v[20])
+    turn(fixed[1], q[1], a)
+    on(a, fixed[0], v[0])
+    put(fixed[1], v[1])
+    turn(fixed[0], q[0], b)
+    times(a, b, m[0])
+    on(m[0], offset[0], v[20])
     # The swing is a rotation vector across the middle direction; its two axes turn with it.
-    x = q[2] * fixed[2] + q[3] * fixed[3]
+    x = v[24]
+    for i in range(3):
+        x[i] = q[2] * fixed[2, i] + q[3] * fixed[3, i]
     angle = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     safe = max(angle, 1e-6)
-    _turn(x / safe, safe if angle > 1e-6 else 0.0, a)
-    _times(m[0], a, m[7])
+    for i in range(3):
+        v[23, i] = x[i] / safe
+    turn(v[23], safe if angle > 1e-6 else 0.0, a)
+    times(m[0], a, m[7])
     first, second = (1.0 - math.cos(safe)) / safe**2, (safe - math.sin(safe)) / safe**3
     for k in (2, 3):
-        _cross(x, fixed[k], v[23])
-        _cross(x, v[23], v[24])
-        v[25] = fixed[k] + first * v[23] + second * v[24]
-        _on(m[0], v[25], v[k])
-    _on(m[7], fixed[4], v[4])
-    _turn(fixed[4], q[4], a)
-    _times(m[7], a, b)
-    _times(b, middle, m[1])
-    _on(m[1], fixed[5], v[5])
-    _turn(fixed[5], q[5] - rest_bend, a)
-    _times(m[1], a, m[2])
-    _on(m[2], fixed[6], v[6])
-    _turn(fixed[6], q[6] / 2, a)
-    _times(m[2], a, m[3])
-    _times(m[3], a, m[7])
-    _on(m[7], fixed[7], v[7])
-    _turn(fixed[7], q[7], a)
-    _times(m[7], a, b)
-    _on(b, fixed[8], v[8])
-    _turn(fixed[8], q[8], a)
-    _times(b, a, m[7])
-    _on(m[7], fixed[9], v[9])
-    _turn(fixed[9], q[9], a)
-    _times(m[7], a, m[4])
-    _on(m[1], offset[1], v[23])
-    v[21] = v[20] + v[23]
-    _on(m[3], offset[2], v[23])
-    v[22] = v[21] + v[23]
-    _on(m[7], offset[3], v[23])
-    v[10], v[11] = 0.0, 0.0
-    v[12], v[13], v[14] = v[20], v[20], v[20]
-    v[15], v[16] = v[21], v[21]
-    v[17], v[18] = v[22], v[22]
-    v[19] = v[22] + v[23]
+        cross(x, fixed[k], v[23])
+        cross(x, v[23], v[25])
+        for i in range(3):
+            v[25, i] = fixed[k, i] + first * v[23, i] + second * v[25, i]
+        on(m[0], v[25], v[k])
+    on(m[7], fixed[4], v[4])
+    turn(fixed[4], q[4], a)
+    times(m[7], a, b)
+    times(b, middle, m[1])
+    on(m[1], fixed[5], v[5])
+    turn(fixed[5], q[5] - rest_bend, a)
+    times(m[1], a, m[2])
+    on(m[2], fixed[6], v[6])
+    turn(fixed[6], q[6] / 2, a)
+    times(m[2], a, m[3])
+    times(m[3], a, m[7])
+    on(m[7], fixed[7], v[7])
+    turn(fixed[7], q[7], a)
+    times(m[7], a, b)
+    on(b, fixed[8], v[8])
+    turn(fixed[8], q[8], a)
+    times(b, a, m[7])
+    on(m[7], fixed[9], v[9])
+    turn(fixed[9], q[9], a)
+    times(m[7], a, m[4])
+    on(m[1], offset[1], v[23])
+    add(v[20], v[23], v[21])
+    on(m[3], offset[2], v[23])
+    add(v[21], v[23], v[22])
+    on(m[7], offset[3], v[23])
+    for i in range(3):
+        v[10, i], v[11, i] = 0.0, 0.0
+        for k in range(12, 15):
+            v[k, i] = v[20, i]
+        v[15, i], v[16, i] = v[21, i], v[21, i]
+        v[17, i], v[18, i] = v[22, i], v[22, i]
+    add(v[22], v[23], v[19])
 
 
 @compiled
-def _eliminate(a: Floats, b: Floats, x: Floats) -> None:
+def _eliminate(square: Floats, slope: Floats, a: Floats, b: Floats, x: Floats) -> None:
     """Solve a symmetric positive definite system (Cholesky); ``a`` and ``b`` are overwritten."""
+    for i in range(_N):
+        b[i] = slope[i]
+        for j in range(_N):
+            a[i, j] = square[i, j]
     for j in range(_N):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
@@ -175,8 +152,8 @@ def solve_arms(
         q = x[n]
         for step in range(rounds):
             _pose(q, fixed, offset, middle, rest_bend, m, v)
-            _on(m[4], fixed[9], at[1])
-            _on(m[4], normal, at[2])
+            on(m[4], fixed[9], at[1])
+            on(m[4], normal, at[2])
             for i in range(3):
                 at[0, i] = v[19, i] + reach[n] * at[1, i]
                 at[3, i] = v[21, i] - v[20, i]
@@ -194,7 +171,7 @@ def solve_arms(
                     else:
                         for i in range(3):
                             moment[i] = at[k, i]
-                    _cross(v[j], moment, v[25])
+                    cross(v[j], moment, v[25])
                     for i in range(3):
                         jacobian[3 * k + i, j] = weight[n, k] * v[25, i] if k < 3 or j < 5 else 0.0
             damping = 1e-2 if step < rounds // 2 else 1e-4
@@ -210,19 +187,16 @@ def solve_arms(
                 for k in range(12):
                     total += jacobian[k, i] * residual[k]
                 slope[i] = total
-            a[:], b[:] = square, slope
-            _eliminate(a, b, move)
+            _eliminate(square, slope, a, b, move)
             # Angles that are pushed against their limits stay there, and the others do their work.
             for i in range(_N):
                 held[i] = (q[i] <= limits[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= limits[i, 1] - 1e-9 and move[i] > 0)
-            a[:], b[:] = square, slope
             for i in range(_N):
                 if held[i]:
-                    a[i, :] = 0.0
-                    a[:, i] = 0.0
-                    a[i, i] = 1.0
-                    b[i] = 0.0
-            _eliminate(a, b, move)
+                    for j in range(_N):
+                        square[i, j], square[j, i] = 0.0, 0.0
+                    square[i, i], slope[i] = 1.0, 0.0
+            _eliminate(square, slope, a, b, move)
             change = 0.0
             for i in range(_N):
                 b[i] = q[i]
@@ -235,20 +209,25 @@ def solve_arms(
 
 
 @compiled
-def integrate(vx: Floats, vy: Floats, nodes: Floats, out: Floats) -> None:
-    """Classical Runge-Kutta of flights in scaled units: ``[4, N, K + 1]`` places and velocities at instants ``[N, K + 1]``."""
-    k = np.empty((4, 4))
-    for n in range(len(vx)):
-        out[0, n, 0], out[1, n, 0], out[2, n, 0], out[3, n, 0] = 0.0, 0.0, vx[n], vy[n]
-        for i in range(nodes.shape[1] - 1):
-            h = nodes[n, i + 1] - nodes[n, i]
-            for stage in range(4):
-                share = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                u, w = out[2, n, i], out[3, n, i]
-                if stage:
-                    u += share * k[stage - 1, 2]
-                    w += share * k[stage - 1, 3]
-                drag = -math.sqrt(u * u + w * w)
-                k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = u, w, drag * u, drag * w - 1.0
-            for c in range(4):
-                out[c, n, i + 1] = out[c, n, i] + h / 6 * (k[0, c] + 2 * k[1, c] + 2 * k[2, c] + k[3, c])
+def pose_arms(angles: Floats, arm: tuple[Any, ...], rotation: Floats, position: Floats, axes: Floats, pivot: Floats) -> None:
+    """Bones of :meth:`shuttle_marl.staging.arm.Arm.pose` for each row of ``angles``.
+
+    Args:
+        angles: ``[N, 10]``.
+        arm: constants of the arm.
+        rotation: ``[5, N, 3, 3]``, written: collar bone, upper arm, forearm, hand, racket.
+        position: ``[5, N, 3]``, written: where they begin.
+        axes: ``[N, 10, 3]``, written: axis about which each angle turns.
+        pivot: ``[N, 10, 3]``, written: a point on it.
+    """
+    fixed, offset, middle, rest_bend, _ = arm
+    m, v = np.empty((8, 3, 3)), np.empty((26, 3))
+    for n in range(len(angles)):
+        _pose(angles[n], fixed, offset, middle, rest_bend, m, v)
+        for k, of in enumerate((0, 1, 3, 7, 4)):
+            place(m[of], rotation[k, n])
+        for k, of in enumerate((10, 20, 21, 22, 19)):
+            put(v[of], position[k, n])
+        for k in range(_N):
+            put(v[k], axes[n, k])
+            put(v[_N + k], pivot[n, k])

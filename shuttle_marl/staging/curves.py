@@ -1,0 +1,64 @@
+"""Curves through key poses, frame by frame, and means over frames."""
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+def slopes_through(frame: Ints, pose: Floats) -> Floats:
+    """``[K, C]`` slopes for each frame at key poses such that cubics never overshoot (Fritsch & Butland 1984).
+
+    Args:
+        frame: ``[K]`` when each pose is taken, ascending.
+        pose: ``[K, C]`` the poses.
+    """
+    from shuttle_marl.staging.compiled.curves import monotone_slopes  # noqa: PLC0415  numba is slow to import
+
+    out = np.zeros_like(pose)
+    if len(pose) > 1:
+        monotone_slopes(frame, pose, out)
+    return out
+
+
+def curve(frame: Ints, pose: Floats, slope: Floats, frames: int) -> Floats:
+    """``[F, C]`` key poses joined by cubics with the given slopes; held before the first and after the last.
+
+    Args:
+        frame: ``[K]`` when each pose is taken, ascending.
+        pose: ``[K, C]`` the poses.
+        slope: ``[K, C]`` for each frame.
+        frames: F.
+    """
+    from shuttle_marl.staging.compiled.curves import run_between  # noqa: PLC0415  numba is slow to import
+
+    out = np.empty((frames, pose.shape[1]))
+    run_between(frame, np.ascontiguousarray(pose), np.ascontiguousarray(slope), out)
+    return out
+
+
+def curve_at(frame: Ints, pose: Floats, slope: Floats, now: int) -> tuple[Floats, Floats]:
+    """Pose ``[C]`` and slope ``[C]`` of that curve in one frame between the first and the last key pose."""
+    k = int(np.searchsorted(frame, now, side="right")) - 1
+    h = float(frame[k + 1] - frame[k])
+    u, chord = (now - frame[k]) / h, pose[k + 1] - pose[k]
+    a, b = h * slope[k] - chord, chord - h * slope[k + 1]
+    bend = (1 - u) * a + u * b
+    return pose[k] + u * chord + u * (1 - u) * bend, (chord + (1 - 2 * u) * bend + u * (1 - u) * (b - a)) / h
+
+
+def held_ends(x: Floats, by: int) -> Floats:
+    """``[F + 2 by]`` numbers whose first and last are held for ``by`` frames more."""
+    return np.concatenate([np.full(by, x[0]), x, np.full(by, x[-1])])
+
+
+def widen(x: Floats, by: int) -> Floats:
+    """The greatest of ``[F]`` numbers within ``by`` frames."""
+    return np.lib.stride_tricks.sliding_window_view(held_ends(x, by), 2 * by + 1).max(axis=1)
+
+
+def smooth(x: Floats, by: int) -> Floats:
+    """The mean of ``[F]`` numbers within ``by`` frames, near ones weighing more (a Hann window)."""
+    kernel = np.hanning(2 * by + 3)[1:-1]
+    return np.convolve(held_ends(x, by), kernel / kernel.sum(), mode="valid")
