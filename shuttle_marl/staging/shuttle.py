@@ -32,8 +32,8 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
         return position, velocity
     position[:] = trajectory.contact[0]
     for i in range(first, len(trajectory.time)):
-        rows = slice(round(trajectory.time[i] * fps), round(trajectory.end_time[i] * fps) + 1)
-        position[rows], velocity[rows] = trajectory.flight.at(i, time[rows] - trajectory.time[i])
+        flown = slice(round(trajectory.time[i] * fps), round(trajectory.end_time[i] * fps) + 1)
+        position[flown], velocity[flown] = trajectory.flight.at(i, time[flown] - trajectory.time[i])
     rows = np.flatnonzero(time > trajectory.end_time[-1] + 1e-6)
     hit = trajectory.flight.velocity(-1, -1)
     since = time[rows] - trajectory.end_time[-1]
