@@ -1,12 +1,13 @@
 """Speed of training: strokes that PPO is trained on in a second, and what recording all of them costs.
 
-    python -m benchmarks.training [--strokes N] [--repeats N] [--json]
+    python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--sampler kernel|torch] [--json]
 
-Measured on one thread of PyTorch over iterations late in a run, as the default schedule has them, without evaluations:
-collecting, learning, and for the overhead writing every rally. `strokes_trained_per_s` is by the clock on the wall;
+Measured on one thread of PyTorch, or on its `--device`, over iterations late in a run, as the default schedule has them, without
+evaluations: collecting, learning, and for the overhead writing every rally. `strokes_trained_per_s` is by the clock on the wall;
 `strokes_trained_per_cpu_s` is by the CPU time of all threads, which other programs on the machine change less.
 """
 
+import dataclasses
 import json
 import sys
 import tempfile
@@ -25,9 +26,11 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training import PPOConfig
+from shuttle_marl.training import PPOConfig, TrainingError
 from shuttle_marl.training.collecting import RallyCollector
+from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.run import check_device
 from shuttle_marl.training.run_log import open_log
 
 MEASURED: Final = 6
@@ -37,9 +40,9 @@ MEASURED: Final = 6
 class _Run:
     """PPO with a schedule that stands where a run of some strokes is nearly over."""
 
-    def __init__(self, opponent: str, strokes: int, game: Game, opponents: list[TabulatedPolicy]) -> None:
+    def __init__(self, config: PPOConfig, game: Game, opponents: list[TabulatedPolicy]) -> None:
         torch.manual_seed(0)
-        self.config = PPOConfig(opponent=(opponent,), strokes=strokes, record="all")
+        self.config = config
         self.game, self.opponents = game, opponents
         self.learner = make_ppo(self.config, game)
         self.collector = RallyCollector(self.config, game, opponents, self.learner.assess, distinct=True)
@@ -69,13 +72,13 @@ class _Run:
             return time.perf_counter() - begun, time.process_time() - cpu, strokes
 
 
-def rows(strokes: int, repeats: int) -> list[dict[str, Any]]:
+def rows(base: PPOConfig, repeats: int) -> list[dict[str, Any]]:
     """A row for training against ``bc``, and one for self-play."""
     game = default_game()
     found = []
     for opponent in ("bc", "self"):
         opponents = [] if opponent == "self" else [tabulate(resolve(opponent, game), game, opponent)]
-        run = _Run(opponent, strokes, game, opponents)
+        run = _Run(dataclasses.replace(base, opponent=(opponent,)), game, opponents)
         times = {record: [run.measure(record=record) for _ in range(repeats)] for record in (False, True)}
         plain, logged = (np.array(times[record]) for record in (False, True))
         wall, cpu = (float(np.median(plain[:, 2] / plain[:, part])) for part in (0, 1))
@@ -92,19 +95,38 @@ def rows(strokes: int, repeats: int) -> list[dict[str, Any]]:
     return found
 
 
-def main(*, strokes: int = 20_000_000, repeats: int = 3, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def _name(device: str) -> str:
+    """The model of a GPU; else the device as it was given."""
+    return torch.cuda.get_device_name(device) if torch.device(device).type == "cuda" else device
+
+
+def main(
+    *,
+    strokes: int = 20_000_000,
+    repeats: int = 3,
+    device: str = "cpu",
+    sampler: Sampler = "auto",
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
     """Measure and print.
 
     Args:
         strokes: of the run, at whose end is measured.
         repeats: times each is measured; the median counts.
+        device: of PyTorch, such as cuda.
+        sampler: player of the rallies, as in training.
         as_json: print JSON instead of a table.
     """
+    try:
+        check_device(device)
+    except TrainingError as error:
+        sys.exit(f"error: {error}")
     torch.set_num_threads(1)
-    found = rows(strokes, repeats)
+    config = PPOConfig(strokes=strokes, record="all", device=device, sampler=sampler)
+    found = rows(config, repeats)
     if as_json:
         against = found[0]
-        result = {**this_machine(), "strokes": strokes, **against, "self_play": found[1]}
+        result = {**this_machine(), "device": _name(device), "strokes": strokes, **against, "self_play": found[1]}
         print(json.dumps(result, indent=2))
         return
     table = Table("opponent", "strokes a second", "a CPU second", "recording all costs", "distinct states")

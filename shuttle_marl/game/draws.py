@@ -17,15 +17,15 @@ UInt64s = npt.NDArray[np.uint64]
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
 
-_GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
-_MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
-_MIX_2: Final = np.uint64(0x94D049BB133111EB)
+GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
+MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
+MIX_2: Final = np.uint64(0x94D049BB133111EB)
 
 
 def mix(x: UInt64s) -> UInt64s:
     """A bijection of 64-bit integers that scrambles all bits; any shape."""
-    x = (x ^ (x >> np.uint64(30))) * _MIX_1
-    x = (x ^ (x >> np.uint64(27))) * _MIX_2
+    x = (x ^ (x >> np.uint64(30))) * MIX_1
+    x = (x ^ (x >> np.uint64(27))) * MIX_2
     return x ^ (x >> np.uint64(31))
 
 
@@ -37,7 +37,7 @@ def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
     """
     seed = whole_number("seed", seed)
     with np.errstate(over="ignore"):
-        key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + _GOLDEN)
+        key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + GOLDEN)
     for number in numbers:
         key = extend(key, number)
     return key
@@ -46,7 +46,7 @@ def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
 def extend(key: UInt64s, number: int | npt.NDArray[np.integer]) -> UInt64s:
     """Key of the stream named by the numbers of ``key`` and one more: ``stream(s, a, b) == extend(stream(s, a), b)``."""
     with np.errstate(over="ignore"):
-        return mix((key ^ np.asarray(number).astype(np.uint64)) + _GOLDEN)
+        return mix((key ^ np.asarray(number).astype(np.uint64)) + GOLDEN)
 
 
 def pairing_key(*names: str) -> int:
@@ -58,7 +58,7 @@ def pairing_key(*names: str) -> int:
 def draw(key: UInt64s, counter: npt.NDArray[np.integer] | int) -> UInt64s:
     """64 random bits for each key and counter."""
     with np.errstate(over="ignore"):
-        return mix(mix(key + np.asarray(counter).astype(np.uint64) * _GOLDEN) + _GOLDEN)
+        return mix(mix(key + np.asarray(counter).astype(np.uint64) * GOLDEN) + GOLDEN)
 
 
 def outcome_draw(bits: UInt64s) -> npt.NDArray[np.int32]:

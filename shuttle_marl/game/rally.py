@@ -412,8 +412,12 @@ class Game:
 
     def limits_of(self, pairs: slice | Indices = _ALL) -> UInts:
         """``[..., 3]`` thresholds of legal pairs, all by default."""
+        return self.limits.reshape(-1, 3)[self.limit_row(pairs)]
+
+    def limit_row(self, pairs: slice | Indices = _ALL) -> npt.NDArray[np.integer]:
+        """``[...]`` row of legal pairs in tables by own effort and base pair, such as ``limits`` as ``[L * base pairs, 3]``."""
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
-        return self.limits.reshape(-1, 3)[block // self.levels * self.n_base_pairs + base]
+        return np.asarray(block // self.levels * self.n_base_pairs + base)
 
     # Numbers over legal pairs.
 

@@ -19,7 +19,7 @@ from typing import Any, Final, TypeVar, cast
 import numba
 from numba.core import caching
 
-from shuttle_marl.game import scoring
+from shuttle_marl.game import draws, scoring
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -72,8 +72,9 @@ def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
 
 @functools.cache
 def _sources(folder: Path) -> str:
-    """Digest of all that may be inlined into a compiled function: its own folder, the kernel, and the rule of a match."""
-    files = [Path(str(scoring.__file__)), *sorted(Path(__file__).parent.glob("*.py")), *sorted(folder.glob("*.py"))]
+    """Digest of all that may be inlined into a compiled function: its own folder, the kernel, the draws, the rule of a match."""
+    rules = [Path(str(module.__file__)) for module in (draws, scoring)]
+    files = [*rules, *sorted(Path(__file__).parent.glob("*.py")), *sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 

@@ -15,15 +15,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
-_GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
-_MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
-_MIX_2: Final = np.uint64(0x94D049BB133111EB)
 _LOW_16: Final = np.uint64(0xFFFF)
 _CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
 _VECTOR: Final = 32
@@ -155,21 +152,21 @@ def arrival_of(tables: Any, block: Any, reply: Any) -> Any:
 @inlined
 def mix(x: Any) -> Any:
     """:func:`shuttle_marl.game.draws.mix` of one number."""
-    x = (x ^ (x >> np.uint64(30))) * _MIX_1
-    x = (x ^ (x >> np.uint64(27))) * _MIX_2
+    x = (x ^ (x >> np.uint64(30))) * MIX_1
+    x = (x ^ (x >> np.uint64(27))) * MIX_2
     return x ^ (x >> np.uint64(31))
 
 
 @inlined
 def extend(key: Any, number: Any) -> Any:
     """:func:`shuttle_marl.game.draws.extend` of one key."""
-    return mix((key ^ np.uint64(number)) + _GOLDEN)
+    return mix((key ^ np.uint64(number)) + GOLDEN)
 
 
 @inlined
 def draw(key: Any, counter: Any) -> Any:
     """:func:`shuttle_marl.game.draws.draw` of one key."""
-    return mix(mix(key + np.uint64(counter) * _GOLDEN) + _GOLDEN)
+    return mix(mix(key + np.uint64(counter) * GOLDEN) + GOLDEN)
 
 
 @inlined

@@ -13,7 +13,7 @@ the two, so its gradient over distinct pairs is that over all strokes.
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -216,8 +216,7 @@ class RallySampler:
             KernelError: the network gives numbers that are not finite.
         """
         self._now += 1
-        self._sums.total[:] = 0
-        self.strokes, used = no_strokes(count + count // 8 + 1024 if keep else 0), 0
+        self._begin(count, keep=keep)
         self._first = self._next
         self._refresh(self._known, assess)
         while self._sums.total[0] < count:
@@ -226,31 +225,39 @@ class RallySampler:
             numbers = np.arange(self._next, self._next + wanted, dtype=np.int64)
             self._next += wanted
             before = self._sums.total[:2].copy()
-            used = self._finish(numbers, assess, used)
+            self._finish(numbers, assess)
             self._played += self._sums.total[0] - before[0]
             self._rallies += self._sums.total[1] - before[1]
-        self.strokes = Strokes._make([column[:used] for column in self.strokes])
-        self._known = self._sums.visited[: int(self._sums.total[6])].copy()
+        self._end()
 
-    def _finish(self, numbers: Longs, assess: Assess, used: int) -> int:
-        """Play these rallies, whatever entries they need; returns how many strokes are kept."""
-        oldest = max(1, self._now - self._age + 1)
+    def _begin(self, count: int, *, keep: bool) -> None:
+        """Make room for an iteration of about ``count`` strokes."""
+        self._sums.total[:] = 0
+        self.strokes, self._used = no_strokes(count + count // 8 + 1024 if keep else 0), 0
+
+    @property
+    def _oldest(self) -> int:
+        """Iteration from which on an entry may be used."""
+        return max(1, self._now - self._age + 1)
+
+    def _finish(self, numbers: Longs, assess: Assess) -> None:
+        """Play these rallies, whatever entries they need, and add them up."""
         while len(numbers):
             aside, asked = np.empty_like(numbers), np.empty(len(numbers), np.int32)
-            waiting, states, used, small = collect(
+            waiting, states, self._used, small = collect(
                 self._tables,
                 self._learned,
                 self._opponents,
                 self._starts,
                 self._seed_key,
                 numbers,
-                oldest,
+                self._oldest,
                 self._decay,
                 self._shaping,
                 self._rally,
                 self._sums,
                 self.strokes,
-                used,
+                self._used,
                 aside,
                 asked,
             )
@@ -260,7 +267,11 @@ class RallySampler:
                 self.strokes = Strokes._make([np.resize(column, 2 * len(column)) for column in self.strokes])
             self._refresh(asked[:states], assess)
             numbers = aside[:waiting]
-        return used
+
+    def _end(self) -> None:
+        """Note what was played in the iteration."""
+        self.strokes = Strokes._make([column[: self._used] for column in self.strokes])
+        self._known = self._sums.visited[: int(self._sums.total[6])].copy()
 
     def _refresh(self, states: Ints, assess: Assess) -> None:
         self._learned.written[states] = 0  # what is asked for is asked for again should the network fail
@@ -288,7 +299,6 @@ class RallySampler:
         visits, returns = np.empty(len(states), np.float32), np.empty(len(states), np.float32)
         args = (states, start, row, stroke, log_probability, advantage, visits, returns)
         rows = take(self._tables, self._learned, self._sums, *args)
-        count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
         return Distinct(
             state=states,
             visits=visits,
@@ -298,12 +308,19 @@ class RallySampler:
             stroke=stroke[:rows],
             log_probability=log_probability[:rows],
             advantage=advantage[:rows],
-            strokes=int(count),
-            deviation=math.sqrt(max(squares / count - (total / count) ** 2, 0.0)),
-            rallies=int(rallies),
-            won=int(won),
-            played=int(played),
+            **self._counted(),
         )
+
+    def _counted(self) -> dict[str, Any]:
+        """The numbers of :class:`Distinct` that are about all strokes."""
+        count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
+        return {
+            "strokes": int(count),
+            "deviation": math.sqrt(max(squares / count - (total / count) ** 2, 0.0)),
+            "rallies": int(rallies),
+            "won": int(won),
+            "played": int(played),
+        }
 
     @property
     def count(self) -> int:

@@ -1,7 +1,8 @@
 """Strokes to learn from, as TorchRL's collectors give them: ``for data in collector``.
 
-The network is asked once for each state that is played, not once for each stroke; rallies are then played by the kernel from the
-table of its answers (:mod:`shuttle_marl.kernel.sampling`). A learner gets its strokes in one of two forms:
+The network is asked once for each state that is played, not once for each stroke; rallies are then played from the table of its
+answers, by the kernel (:mod:`shuttle_marl.kernel.sampling`) or on a GPU (:mod:`shuttle_marl.training.torch_sampler`). A learner
+gets its strokes in one of two forms:
 
 - **distinct**: U states, each once, with the number of strokes played there, and R strokes in them with the sums of their
   advantages, the positive and the negative ones apart. A loss over them, weighted, has the gradient of the loss over all
@@ -26,6 +27,7 @@ from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.learner import DivergedError
 from shuttle_marl.training.shaping import added_rewards
+from shuttle_marl.training.torch_sampler import TorchSampler
 
 Assess = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """``[U, 6]`` observations to ``[U, n]`` logits and ``[U]`` values."""
@@ -64,6 +66,18 @@ class Observer:
         return self._stroke[pairs.long().to(self.device) % len(self._stroke)]
 
 
+def _sampler(config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy]) -> RallySampler:
+    options: dict[str, Any] = {
+        "decay": config.lmbda,
+        "age": config.age,
+        "shaping": added_rewards(config, game) if config.shapes_rewards else None,
+    }
+    device = torch.device(config.device)
+    if config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda"):
+        return TorchSampler(game, opponents, device=device, **options)
+    return RallySampler(game, opponents, **options)
+
+
 class RallyCollector(BaseCollector):
     """Collects the strokes of one iteration after another.
 
@@ -80,13 +94,7 @@ class RallyCollector(BaseCollector):
     ) -> None:
         super().__init__()
         self._config, self._assess, self._distinct = config, assess, distinct
-        self.sampler = RallySampler(
-            game,
-            opponents,
-            decay=config.lmbda,
-            age=config.age,
-            shaping=added_rewards(config, game) if config.shapes_rewards else None,
-        )
+        self.sampler = _sampler(config, game, opponents)
         self._look_up = Observer(game, config.device)
         self.iteration = 0
         """Iterations that were collected."""
@@ -169,7 +177,7 @@ class RallyCollector(BaseCollector):
         self.sampler.reset(0, state_dict["known"].numpy())
 
     def shutdown(self, timeout: float | None = None, close_env: bool = True, raise_on_error: bool = True) -> None:
-        """Nothing to end: the kernel plays in this process."""
+        """Nothing to end: rallies are played in this process."""
 
 
 def minibatches(data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:

@@ -8,11 +8,13 @@ import functools
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
+
+Sampler = Literal["auto", "kernel", "torch"]
 
 SELF: Final = "self"
 """The opponent that is the learner itself."""
@@ -119,7 +121,9 @@ class TrainingConfig:
     checkpoint_every: Count = 20
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
     device: str = "cpu"
-    """Device of the networks, such as cuda; the rallies stay on the CPU."""
+    """Device of PyTorch, such as cuda, on which the networks learn."""
+    sampler: Sampler = "auto"
+    """Player of the rallies: the compiled kernel on the CPU, or torch on --device; auto: torch where that is a CUDA device."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
     """Threads of PyTorch in this process; part of what decides a run, because sums are split by it."""
 

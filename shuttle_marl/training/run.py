@@ -98,13 +98,23 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         return _Run(config, game, opponents, folder, console).go()
 
 
-def _check_machine(config: TrainingConfig, game: Game) -> None:
-    """Refuse a device or sizes that this machine does not have, before anything is allocated or written."""
+def check_device(device: str) -> None:
+    """Refuse a device on which PyTorch cannot compute.
+
+    Raises:
+        TrainingError: it cannot.
+    """
     try:
-        torch.zeros(1, device=config.device).item()
+        torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         reason = str(error).partition("\n")[0]
-        raise TrainingError(f"--device {config.device}: cannot be used here ({reason}); --device cpu can") from error
+        needed = "; cuda needs an NVIDIA GPU with its driver, and a build of PyTorch for CUDA" if "cuda" in device else ""
+        raise TrainingError(f"--device {device}: cannot be used here ({reason}); --device cpu can{needed}") from error
+
+
+def _check_machine(config: TrainingConfig, game: Game) -> None:
+    """Refuse a device or sizes that this machine does not have, before anything is allocated or written."""
+    check_device(config.device)
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     for flags, needed in config.memory(game.n_strokes).items():
         if needed > there:

@@ -46,6 +46,7 @@ CONFIGS: dict[str, TrainingConfig] = {
     "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
     "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
     "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
+    "torch": PPOConfig(**SMALL, strokes=256 * 8, sampler="torch", age=3),
     **{way: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), way=way, renew=2, pool=2) for way in WAYS},
 }
 

@@ -1,0 +1,344 @@
+"""Rallies played by PyTorch, on any of its devices: a stroke of all rallies at once, by tables that lie there.
+
+The same draws, thresholds and entries give the strokes that the compiled kernel plays, bit for bit: tests hold the two equal, and
+the kernel plays rallies again for the log. It also writes the entries; those that change are copied to the device.
+
+Sums of advantages do not depend on the order in which a device adds: they are sums of whole numbers.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
+from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
+from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.kernel import Distinct, RallySampler
+from shuttle_marl.kernel.sampling import Assess
+from shuttle_marl.kernel.table_play import START, Ints, Longs, Strokes, no_strokes
+
+_WAITS: Final = 0
+"""Stands for the turn in which a rally ends while it waits for an entry."""
+_RANKS: Final = 256
+"""More than there are legal strokes in a state."""
+
+
+def _signed(number: int) -> int:
+    """A number of 64 bits as PyTorch's integers hold it; sums and products of them wrap around."""
+    return number - (1 << 64) if number >> 63 else number
+
+
+_GOLDEN, _MIX_1, _MIX_2 = (_signed(int(number)) for number in (GOLDEN, MIX_1, MIX_2))
+
+
+def _shifted(x: torch.Tensor, bits: int) -> torch.Tensor:
+    """Shifted to the right, with zeros from the left."""
+    return (x >> bits) & ((1 << (64 - bits)) - 1)
+
+
+def mix(x: torch.Tensor) -> torch.Tensor:
+    """:func:`shuttle_marl.game.draws.mix` of int64 numbers; any shape."""
+    x = (x ^ _shifted(x, 30)) * _MIX_1
+    x = (x ^ _shifted(x, 27)) * _MIX_2
+    return x ^ _shifted(x, 31)
+
+
+def extend(key: int, number: torch.Tensor) -> torch.Tensor:
+    """:func:`shuttle_marl.game.draws.extend` of one key."""
+    return mix((number ^ key) + _GOLDEN)
+
+
+def draw(key: torch.Tensor, counter: torch.Tensor | int) -> torch.Tensor:
+    """:func:`shuttle_marl.game.draws.draw` of int64 keys."""
+    return mix(mix(torch.as_tensor(counter, device=key.device) * _GOLDEN + key) + _GOLDEN)
+
+
+def whole(amounts: torch.Tensor) -> tuple[torch.Tensor, float]:
+    """Amounts as whole numbers of a unit that is small enough for them and large enough for their sum.
+
+    Args:
+        amounts: ``[N]`` float64, finite.
+
+    Returns:
+        ``[N]`` int64, and the unit, a power of two.
+    """
+    if not len(amounts):
+        return amounts.long(), 1.0
+    highest = math.frexp(float(amounts.abs().max()))[1]
+    unit = 2.0 ** max(highest + len(amounts).bit_length() - 62, -1000)
+    return (amounts / unit).round().long(), unit
+
+
+def sums(group: torch.Tensor, amounts: torch.Tensor, groups: int) -> torch.Tensor:
+    """``[groups]`` float64 sums of ``[N]`` amounts by group, the same whatever the order in which they are added."""
+    numbers, unit = whole(amounts)
+    return numbers.new_zeros(groups).index_add_(0, group, numbers).double() * unit
+
+
+class _Rallies(NamedTuple):
+    """Rallies that are played together.
+
+    Attributes:
+        both: ``[R]`` whether both players are the learner.
+        server: ``[R]`` seat that begins; the learner's is 0 where it has an opponent.
+        outcome: ``[R]`` of the last stroke.
+        length: ``[R]`` in strokes of both players.
+        turn: ``[R]`` how often the network had to be asked until they ended, counted from 1; _WAITS where it has to be asked now.
+    """
+
+    both: torch.Tensor
+    server: torch.Tensor
+    outcome: torch.Tensor
+    length: torch.Tensor
+    turn: torch.Tensor
+
+
+class _Struck(NamedTuple):
+    """Strokes of either player.
+
+    Attributes:
+        row: ``[N]`` rally.
+        t: ``[N]`` number in the rally.
+        state: ``[N]`` where it was played.
+        pair: ``[N]`` legal pair.
+        kept: ``[N]`` whether it is the learner's and counts: from an entry that may be used.
+    """
+
+    row: torch.Tensor
+    t: torch.Tensor
+    state: torch.Tensor
+    pair: torch.Tensor
+    kept: torch.Tensor
+
+
+class _Learners(NamedTuple):
+    """The learner's strokes, rally after rally.
+
+    Attributes:
+        state: ``[N]`` where it was played.
+        pair: ``[N]`` legal pair.
+        advantage: ``[N]`` float64, lambda-weighted, by the values of the table.
+        credited: ``[N]`` place in the order in which strokes are credited: rally after rally, but the last stroke of each first.
+        following: ``[N]`` next state of the learner (in self-play: of the opponent), -1 where the rally ends before.
+        gain: ``[N]`` float64 reward, with what shaping adds.
+    """
+
+    state: torch.Tensor
+    pair: torch.Tensor
+    advantage: torch.Tensor
+    credited: torch.Tensor
+    following: torch.Tensor
+    gain: torch.Tensor
+
+
+def _here(tensor: torch.Tensor, kind: npt.DTypeLike) -> npt.NDArray[Any]:
+    return tensor.cpu().numpy().astype(kind)
+
+
+class TorchSampler(RallySampler):
+    """Plays a learner's rallies as :class:`~shuttle_marl.kernel.RallySampler` does, on a device of PyTorch.
+
+    Strokes, states and outcomes are the same, and sums of advantages up to rounding. So is the order of strokes that are kept one
+    by one, unless the kernel's list has to grow.
+
+    Args:
+        game: the tables.
+        opponents: tabulated; none: both players are the learner.
+        device: where rallies are played.
+        decay: lambda of the advantages.
+        age: iterations for which an entry of the table may be used.
+        shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
+
+    Raises:
+        KernelError: an opponent of another game, or a number out of its range.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        opponents: Sequence[TabulatedPolicy] = (),
+        *,
+        device: torch.device | str,
+        decay: float = 1.0,
+        age: int = 1,
+        shaping: npt.NDArray[np.floating] | None = None,
+    ) -> None:
+        self._device = torch.device(device)
+        self._thresholds = self._there(game.limits.reshape(-1, 3).astype(np.int32))
+        self._limit_row = self._there(game.limit_row().astype(np.int32))
+        self._arrivals = self._there(game.arrivals().reshape(-1))
+        self._first_pair = self._there(game.pair_start[:-1])
+        self._value = torch.zeros(game.n_states, device=self._device)
+        self._written = torch.zeros(game.n_states, dtype=torch.int32, device=self._device)
+        self._parts: list[_Learners] = []
+        self._collected = _Learners(*(torch.zeros(0, dtype=torch.int64, device=self._device) for _ in _Learners._fields))
+        super().__init__(game, opponents, decay=decay, age=age, shaping=shaping)
+        self._added = self._there(self._shaping)
+        # The learner's table chooses a legal stroke in states without an entry too; what it then plays does not count.
+        self._learned.players.cumulative[0, game.last_pairs] = CHOICE_ONE
+        numbers = game.pair_state.astype(np.int64) * ONE
+        offsets = np.arange(len(opponents) + 1)[:, None] * game.n_states * ONE
+        self._choices = self._there((self._learned.players.cumulative + numbers + offsets).ravel())
+
+    def _there(self, array: npt.NDArray[np.generic]) -> torch.Tensor:
+        return torch.tensor(array, device=self._device)
+
+    def reset(self, seed: int, known: npt.NDArray[np.integer] | None = None) -> None:
+        """Begin again with rally 0 of a seed; see :meth:`shuttle_marl.kernel.RallySampler.reset`."""
+        super().reset(seed, known)
+        self._written.zero_()
+
+    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
+        """Put another policy in the place of an opponent; see :meth:`shuttle_marl.kernel.RallySampler.replace_opponent`."""
+        super().replace_opponent(number, policy)
+        self._copy(number + 1, np.arange(self.game.n_states))
+
+    def _refresh(self, states: Ints, assess: Assess) -> None:
+        try:
+            super()._refresh(states, assess)
+        finally:
+            self._copy(0, states)
+            where = self._there(states).long()
+            self._value[where] = self._there(self._learned.value[states])
+            self._written[where] = self._there(self._learned.written[states])
+
+    def _copy(self, player: int, states: npt.NDArray[np.integer]) -> None:
+        """Copy a player's entries of some states to the device."""
+        row, pairs = self.game.pairs(states)
+        first = (player * self.game.n_states + states.astype(np.int64)) * ONE
+        entries = first[row] + self._learned.players.cumulative[player, pairs]
+        self._choices[self._there(player * self.game.n_pairs + pairs)] = self._there(entries)
+
+    # Play.
+
+    def _begin(self, count: int, *, keep: bool) -> None:
+        super()._begin(count, keep=False)
+        self._keep, self._parts = keep, []
+
+    def _finish(self, numbers: Longs, assess: Assess) -> None:
+        number = self._there(numbers)
+        key = extend(_signed(int(self._seed_key)), number)
+        opponent = self._there(self._opponents)[number % len(self._opponents)]
+        rallies = _Rallies(opponent < 0, (draw(key, 0) >> 16) & 1, *(torch.zeros_like(number) for _ in range(3)))
+        row, state = torch.arange(len(numbers), device=self._device), self._start(key, opponent)
+        t, last, struck = torch.zeros_like(number), torch.zeros_like(number), list[_Struck]()
+        # What waits for entries stands still until no rally can continue; then the network is asked about all of them together.
+        for turn in itertools.count(1):
+            while len(row):
+                bits, mine = draw(key[row], t), rallies.both[row] | ((rallies.server[row] + t) % 2 == 0)
+                waits = mine & (self._written[state] < self._oldest)
+                pair = self._chosen(state, torch.where(mine, 0, opponent[row]), bits)
+                result = ((bits & (ONE - 1))[:, None] >= self._thresholds[self._limit_row[pair].long()]).sum(1)
+                struck.append(_Struck(row, t, state, pair, mine & ~waits))
+                last[row], rallies.turn[row] = state, torch.where(waits, _WAITS, turn)
+                rallies.outcome[row], rallies.length[row] = result, t + 1
+                # One look a stroke at what the device has computed: how many rallies continue.
+                on = (~waits & (result >= RETURNED_BELOW)).nonzero().squeeze(1)
+                row, t, state = row[on], t[on] + 1, self._arrivals[(2 * pair + result - RETURNED_BELOW)[on]].long()
+            row = (rallies.turn == _WAITS).nonzero().squeeze(1)
+            if not len(row):
+                break
+            t, state = rallies.length[row] - 1, last[row]
+            asked = _here(state, np.int32)
+            self._refresh(asked[np.sort(np.unique(asked, return_index=True)[1])], assess)
+        self._credit(rallies, _Struck(*(torch.cat(parts) for parts in zip(*struck, strict=True))))
+
+    def _start(self, key: torch.Tensor, opponent: torch.Tensor) -> torch.Tensor:
+        """``[R]`` states in which rallies begin: the serve, or in some of self-play one that is drawn."""
+        serve, states = torch.zeros_like(key), self._starts.states
+        if not len(states):
+            return serve
+        bits = draw(key, int(START))
+        drawn = self._there(states)[(_shifted(bits, 32) * len(states)) >> 32].long()
+        return torch.where((opponent < 0) & ((bits & (ONE - 1)) < int(self._starts.share[0])), drawn, serve)
+
+    def _chosen(self, state: torch.Tensor, player: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
+        """``[R]`` legal pairs that players choose: the first entry above the draw.
+
+        The entries of all players rise from one to the next, because each state of each player has a range of its own.
+        """
+        numbers = (player * self.game.n_states + state) * ONE + ((_shifted(bits, 32) * CHOICE_ONE) >> 32)
+        return torch.searchsorted(self._choices, numbers, right=True) - player * self.game.n_pairs
+
+    # Credit.
+
+    def _credit(self, rallies: _Rallies, struck: _Struck) -> None:
+        """Add up rallies that came to their end."""
+        both, server, outcome, length, turn = rallies
+        reward = torch.where(both | ((server + length) % 2 == 1), 2 * outcome - 1, 1 - 2 * outcome)
+        own = torch.where(both, length, (length - server + 1) // 2)
+        counts = (own.sum(), len(own), (~both & (reward > 0)).sum(), length.sum())
+        self._sums.total[[0, 1, 2, 5]] += [int(count) for count in counts]
+        # The learner's strokes, rally after rally, those that ended in the first turn before those of the second.
+        order = turn.argsort(stable=True)
+        first = torch.empty_like(own).scatter_(0, order, own[order].cumsum(0) - own[order])
+        row, t, state, pair, _ = (part[struck.kept.nonzero().squeeze(1)] for part in struck)
+        place = torch.where(both[row], t, (t - server[row]) // 2)
+        in_order = (first[row] + place).argsort()
+        row, t, state, pair, place = (part[in_order] for part in (row, t, state, pair, place))
+        last = place == own[row] - 1
+        gain = torch.where(last, reward[row], 0).double()
+        if len(self._added):
+            gain = torch.where(both[row], gain, gain + self._added[self._limit_row[pair].long()].double())
+        value = self._value[state].double()
+        # In self-play what follows belongs to the opponent, so it counts negatively.
+        sign = torch.where(last, 0.0, torch.where(both[row], -1.0, 1.0)).double()
+        advantage = torch.zeros(len(row) + 1, dtype=torch.float64, device=self._device)
+        advantage[:-1] = gain + sign * value.roll(-1) - value
+        weight = sign * self._decay
+        for now in reversed(torch.split(t.argsort(), t.bincount().tolist())):
+            advantage[now] += weight[now] * advantage[now + 1]
+        following = torch.where(last, -1, state.roll(-1))
+        credited = (first + own)[row] - 1 - place
+        self._parts.append(_Learners(state, pair, advantage[:-1], credited, following, gain))
+
+    def _end(self) -> None:
+        offsets = itertools.accumulate((len(part.state) for part in self._parts[:-1]), initial=0)
+        credited = torch.cat([part.credited + offset for part, offset in zip(self._parts, offsets, strict=True)])
+        played = self._collected = _Learners(*(torch.cat(parts) for parts in zip(*self._parts, strict=True)))
+        for place, amounts in ((3, played.advantage), (4, played.advantage.square())):
+            numbers, unit = whole(amounts)
+            self._sums.total[place] = int(numbers.sum()) * unit
+        # The states in the order in which strokes are credited, as the kernel visits them.
+        seen, of = played.state[credited.argsort()].sort(stable=True)
+        visited, count = torch.unique_consecutive(seen, return_counts=True)
+        self._known = _here(visited[of[count.cumsum(0) - count].argsort()], np.int32)
+        self._sums.total[6] = len(self._known)
+        if self._keep:
+            columns = (played.state, played.pair, played.following, played.gain, played.advantage)
+            kinds = (column.dtype for column in no_strokes())
+            self.strokes = Strokes(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
+
+    def take(self, order: npt.NDArray[np.integer] | None = None) -> Distinct:
+        """What was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""
+        states = np.sort(self._known) if order is None else self._known[np.asarray(order)]
+        played, size = self._collected, len(states)
+        self._collected = _Learners(*(part[:0] for part in played))
+        number = torch.zeros(self.game.n_states, dtype=torch.int64, device=self._device)
+        number[self._there(states).long()] = torch.arange(size, device=self._device)
+        at, negative = number[played.state], (played.advantage <= 0).long()
+        keys = (at * _RANKS + played.pair - self._first_pair[played.state]) * 2 + negative
+        rows, group = torch.unique(keys, return_inverse=True)
+        advantage = sums(group, played.advantage, len(rows))
+        rows, advantage = rows[advantage != 0], advantage[advantage != 0]
+        row = rows // (2 * _RANKS)
+        pair = self._first_pair[self._there(states).long()[row]] + rows // 2 % _RANKS
+        visits = at.bincount(minlength=size)
+        returns = self._value[self._there(states).long()] + sums(at, played.advantage, size) / visits
+        pairs = _here(pair, np.int64)
+        return Distinct(
+            state=states,
+            visits=_here(visits, np.float32),
+            returns=_here(returns, np.float32),
+            start=_here(torch.searchsorted(row, torch.arange(size + 1, device=self._device)), np.int64),
+            row=_here(row, np.int64),
+            stroke=self.game.pair_stroke[pairs].astype(np.int64),
+            log_probability=self._learned.log_probability[pairs],
+            advantage=_here(advantage, np.float32),
+            **self._counted(),
+        )

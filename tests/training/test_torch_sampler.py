@@ -1,0 +1,232 @@
+"""Rallies played by PyTorch: bit for bit those of the compiled kernel, on every device that there is."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from shuttle_marl.game import default_game, draws
+from shuttle_marl.game.rally import Game
+from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.kernel import KernelError, RallySampler
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.training import PPOConfig, SACConfig, train
+from shuttle_marl.training.collecting import RallyCollector
+from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.sac import make_sac
+from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME, name) for name in ("random", "bc", "safe"))
+NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")
+DEVICES = ["cpu", pytest.param("cuda", marks=NO_GPU)]
+Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+EXACT = ("state", "visits", "start", "row", "stroke", "log_probability", "strokes", "rallies", "won", "played")
+
+
+def network(seed: int, game: Game = GAME) -> Assess:
+    """Logits and values that are fixed numbers for each state."""
+    rng = np.random.default_rng(seed)
+    logits = rng.normal(scale=1.5, size=(509, game.n_strokes)).astype(np.float32)
+    value = rng.uniform(-0.9, 0.9, size=game.n_states).astype(np.float32)
+    return lambda states: (logits[states % 509], value[states])
+
+
+def compare(kernel: RallySampler, device: TorchSampler) -> None:
+    """What both have played in their last iteration: whole numbers are equal, and sums up to rounding."""
+    assert (kernel.known == device.known).all()
+    assert (kernel.numbers == device.numbers).all()
+    order = np.random.default_rng(0).permutation(len(kernel.known))
+    expected, found = kernel.take(order), device.take(order)
+    for name in EXACT:
+        ours, theirs = getattr(expected, name), getattr(found, name)
+        assert np.array_equal(ours, theirs), name
+        assert np.asarray(ours).dtype == np.asarray(theirs).dtype
+    np.testing.assert_allclose(found.returns, expected.returns, atol=1e-5)
+    np.testing.assert_allclose(found.advantage, expected.advantage, rtol=1e-4, atol=1e-4)
+    assert found.deviation == pytest.approx(expected.deviation, rel=1e-12)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_the_draws_are_those_of_the_game(device: str) -> None:
+    extremes = [0, 1, (1 << 63) - 1, 1 << 63, (1 << 64) - 1]
+    numbers = np.concatenate([np.array(extremes, np.uint64), np.random.default_rng(0).integers(0, 1 << 64, 10_000, np.uint64)])
+    there = torch.from_numpy(numbers.view(np.int64)).to(device)
+
+    def bits(tensor: torch.Tensor) -> np.ndarray:
+        return tensor.cpu().numpy().view(np.uint64)
+
+    with np.errstate(over="ignore"):
+        assert (bits(mix(there)) == draws.mix(numbers)).all()
+    for number in (0, 1, 255, 1 << 40):
+        assert (bits(draw(there, number)) == draws.draw(numbers, number)).all()
+    key = draws.stream(11)
+    assert (bits(extend(int(key.view(np.int64)[0]), there)) == draws.extend(key, numbers)).all()
+
+
+SHAPING = np.random.default_rng(1).uniform(-0.2, 0.2, GAME.limits[..., 0].size).astype(np.float32)
+MET: dict[str, tuple[tuple[TabulatedPolicy, ...], dict[str, Any]]] = {
+    "self-play": ((), {"decay": 0.8, "age": 4}),
+    "fixed": ((BC,), {"decay": 0.7, "age": 8}),
+    "shaped": ((RANDOM,), {"decay": 0.95, "shaping": SHAPING}),
+    "many": ((RANDOM, BC, SAFE), {"decay": 1.0, "age": 2, "shaping": SHAPING}),
+    "without-trace": ((BC, RANDOM), {"decay": 0.0}),
+}
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("met", MET)
+def test_what_is_played_is_what_the_kernel_plays(met: str, device: str) -> None:
+    opponents, options = MET[met]
+    pair: tuple[RallySampler, TorchSampler] = (
+        RallySampler(GAME, opponents, **options), TorchSampler(GAME, opponents, device=device, **options)
+    )  # fmt: skip
+    for sampler in pair:
+        sampler.reset(17)
+    for iteration in range(5):
+        for sampler in pair:
+            if iteration == 2 and opponents:
+                sampler.replace_opponent(0, SAFE)
+                sampler.assign(np.array([0, -1, len(opponents) - 1, -1]))
+            if iteration == 3:
+                sampler.restart(np.flatnonzero(GAME.playable)[100:300], 0.3)
+            if iteration == 4:
+                sampler.reset(18, sampler.known)
+            sampler.collect(2500, network(iteration))
+        compare(*pair)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_hundred_thousand_rallies_of_the_shipped_game(device: str) -> None:
+    game = default_game()
+    bc = tabulate(resolve("bc", game), game, "bc")
+    pair = RallySampler(game, [bc]), TorchSampler(game, [bc], device=device)
+    rallies = 0
+    while rallies < 100_000:
+        for sampler in pair:
+            sampler.collect(150_000, network(3, game))
+        rallies += len(pair[0].numbers)
+        compare(*pair)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("opponents", [(), (BC,)], ids=["self-play", "fixed"])
+def test_the_strokes_one_by_one_are_the_same(opponents: tuple[TabulatedPolicy, ...], device: str) -> None:
+    pair = RallySampler(GAME, opponents, decay=0.6), TorchSampler(GAME, opponents, device=device, decay=0.6)
+    for iteration in range(3):
+        for sampler in pair:
+            # In a first iteration the kernel's list may grow, and rallies that wait for that come later.
+            sampler.collect(3000, network(iteration), keep=iteration > 0)
+        compare(*pair)
+        expected, found = (sampler.strokes for sampler in pair)
+        for name, ours, theirs in zip(expected._fields, expected, found, strict=True):
+            assert np.array_equal(ours, theirs), name
+            assert ours.dtype == theirs.dtype
+        assert len(found.state) == (0 if iteration == 0 else pair[1].count)
+    assert not np.isfinite(pair[1].take().returns).any()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_the_kernel_plays_the_same_rallies_again_for_the_log(device: str) -> None:
+    sampler = TorchSampler(GAME, [BC], device=device)
+    sampler.collect(4000, network(0))
+    played = sampler.record(sampler.numbers, figures=True)
+    assert played.length.sum() == sampler.take().played
+    own = np.isfinite(played.extra[0])
+    assert own.sum() == sampler.count
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_sums_do_not_depend_on_the_order(device: str) -> None:
+    rng = np.random.default_rng(5)
+    amounts = torch.from_numpy(rng.normal(size=20_000) * 10.0 ** rng.integers(-6, 7, 20_000)).to(device)
+    group = torch.from_numpy(rng.integers(0, 50, 20_000)).to(device)
+    found = sums(group, amounts, 51)
+    for _ in range(3):
+        order = torch.from_numpy(rng.permutation(20_000)).to(device)
+        assert (sums(group[order], amounts[order], 51) == found).all()
+    expected = np.bincount(group.cpu(), amounts.cpu(), 51)
+    np.testing.assert_allclose(found.cpu(), expected, atol=float(amounts.abs().max()) * 1e-12)
+    assert found[50] == 0
+    assert not sums(group[:0], amounts[:0], 3).any()
+    assert not sums(group, amounts * 0, 50).any()
+    tiny = torch.full((3,), 1e-310, dtype=torch.float64)
+    assert sums(torch.zeros(3, dtype=torch.int64), tiny, 1) < 1e-300
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_after_a_network_that_failed_its_states_are_asked_for_again(device: str) -> None:
+    pair = RallySampler(GAME, age=5), TorchSampler(GAME, device=device, age=5)
+    for sampler in pair:
+        sampler.collect(500, network(0))
+        sampler.take()
+        with pytest.raises(KernelError, match="no finite numbers"):
+            sampler.collect(500, lambda states: (np.full((len(states), GAME.n_strokes), np.nan, "f4"), network(0)(states)[1]))
+        sampler.collect(500, network(1))
+    compare(*pair)
+
+
+# Runs.
+
+RUN = PPOConfig(game=reduced_model(), batch=512, width=8, strokes=512 * 6, evaluate_every=3, checkpoint_every=2, record="all")
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("opponent", ["bc", "self"])
+def test_ppo_gets_what_it_gets_from_the_kernel(opponent: str, device: str) -> None:
+    """The same weights learn from the same strokes."""
+    config = dataclasses.replace(RUN, opponent=(opponent,), device=device)
+    collected = []
+    for sampler in ("kernel", "torch"):
+        torch.manual_seed(0)
+        learner = make_ppo(config, GAME)
+        opponents = [] if opponent == "self" else [BC]
+        settings = dataclasses.replace(config, sampler=sampler)
+        collector = RallyCollector(settings, GAME, opponents, learner.assess, distinct=True)
+        assert type(collector.sampler) is {"kernel": RallySampler, "torch": TorchSampler}[sampler]
+        collector.begin(3)
+        collected.append(collector.collect())
+    expected, found = collected
+    assert set(expected.keys()) == set(found.keys())
+    for name in expected.keys():  # noqa: SIM118  a tensordict iterates over its rows
+        ours, theirs = expected[name], found[name]
+        assert ours.dtype == theirs.dtype, name
+        if name in ("advantage", "value_target", "deviation"):
+            torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-4)
+        else:
+            assert torch.equal(ours, theirs), name
+
+
+def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
+    config = SACConfig(game=reduced_model(), batch=512, width=8)
+    found = []
+    for sampler in ("kernel", "torch"):
+        torch.manual_seed(0)
+        learner = make_sac(config, GAME)
+        collector = RallyCollector(dataclasses.replace(config, sampler=sampler), GAME, [BC], learner.assess, distinct=False)
+        collector.begin(3)
+        found.append(collector.collect())
+    assert found[0].keys() == found[1].keys()
+    for name in ("state", "pair", "following", "reward"):
+        assert torch.equal(found[0][name].sort().values, found[1][name].sort().values)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_whole_run(device: str, tmp_path: Path) -> None:
+    runs = {}
+    for sampler in ("kernel", "torch"):
+        config = dataclasses.replace(RUN, sampler=sampler, device=device, out=tmp_path / sampler)
+        runs[sampler] = train(config)
+    ours, theirs = runs["kernel"], runs["torch"]
+    assert abs(ours.strokes - theirs.strokes) < 200
+    assert theirs.evaluation.rally_win == pytest.approx(ours.evaluation.rally_win, abs=0.02)
+
+
+def test_auto_is_the_kernel_on_the_cpu() -> None:
+    learner = make_ppo(RUN, GAME)
+    assert type(RallyCollector(RUN, GAME, [BC], learner.assess, distinct=True).sampler) is RallySampler
