@@ -23,7 +23,7 @@ from shuttle_marl.env.painting import (
     write_overlay,
 )
 from shuttle_marl.env.snapshot import Flight, Plan, Point, Snapshot, area_corners, plan_of
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, LONG_SERVICE, SHORT_SERVICE, WIDTH
 from shuttle_marl.game.rally import FAULT, WINNER
 
 PX: Final = 51.0
@@ -35,8 +35,6 @@ MAT_DARK: Final = (14, 93, 72)
 LINE: Final = (222, 236, 230)
 
 _LINE_WIDTH: Final = 0.05 * PX
-_LONG_SERVICE: Final = 0.76
-"""Distance of the long service line of doubles from the back line [m] (BWF Law 1)."""
 _RISE: Final = 17.0
 """Pixels that a flight is lifted for each metre of height."""
 _FADE: Final = (1.0, 0.62, 0.42, 0.28, 0.16)
@@ -55,7 +53,7 @@ def paint_court(layer: Layer) -> None:
     layer.rect(left, top, PX * (LENGTH + 2 * margin), PX * (WIDTH + 2 * margin), MAT_DARK, radius=10)
     left, top = px((-HALF_LENGTH, -WIDTH / 2))
     layer.rect(left, top, PX * LENGTH, PX * WIDTH, MAT)
-    across = [s * x for x in (HALF_LENGTH, HALF_LENGTH - _LONG_SERVICE, SHORT_SERVICE) for s in (-1, 1)]
+    across = [s * x for x in (HALF_LENGTH, HALF_LENGTH - LONG_SERVICE, SHORT_SERVICE) for s in (-1, 1)]
     for x in across:
         layer.line(px((x, -WIDTH / 2)), px((x, WIDTH / 2)), _LINE_WIDTH, LINE)
     for y in (-WIDTH / 2, -HALF_WIDTH, HALF_WIDTH, WIDTH / 2):

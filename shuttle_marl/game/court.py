@@ -23,6 +23,14 @@ NET_HEIGHT_CENTRE: Final = 1.524
 """Height of the net in the middle [m]."""
 SHORT_SERVICE: Final = 1.98
 """Distance of the short service line from the net [m]."""
+LONG_SERVICE: Final = 0.76
+"""Distance of the long service line of doubles from the back line [m]."""
+LINE: Final = 0.04
+"""Width of the lines [m]."""
+NET_DEPTH: Final = 0.76
+"""From the top of the net to its lower edge [m]."""
+TAPE: Final = 0.075
+"""Height of the tape along the top of the net [m]."""
 
 HALF_LENGTH: Final = LENGTH / 2
 HALF_WIDTH: Final = SINGLES_WIDTH / 2

@@ -14,11 +14,34 @@ import numpy.typing as npt
 import pygltflib as gltf
 from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, NET_HEIGHT, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.court import (
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LENGTH,
+    LINE,
+    LONG_SERVICE,
+    NET_DEPTH,
+    NET_HEIGHT,
+    SHORT_SERVICE,
+    TAPE,
+    WIDTH,
+)
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
 from shuttle_marl.scene.moving import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.scene.topics import at, box, colour, label, model, point, stamp, vector
-from shuttle_marl.staging import RACKET_LENGTH, SWEET_SPOT, Motion, finger_pose, load_skeleton, model_file
+from shuttle_marl.staging import (
+    CORK,
+    FEATHER,
+    FEATHERS,
+    RACKET_BUTT,
+    RACKET_HEAD,
+    SHUTTLE_SCALE,
+    SWEET_SPOT,
+    Motion,
+    finger_pose,
+    load_skeleton,
+    model_file,
+)
 from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import net_height
@@ -31,14 +54,8 @@ _FROM_GLTF: Final = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
 _SHARED: Final = 0.12
 """Mean weight from which a bone has a triangle too that another one moves more."""
 
-SHUTTLE_SCALE: Final = 1.9
-"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
-
-_BUTT: Final = -0.10
 _THICK: Final = 0.008
 """Radius at which the shaft is drawn, twice a real one's, so that it is seen across the court [m]."""
-_HEAD: Final = (RACKET_LENGTH + _BUTT - SWEET_SPOT, 0.105)
-"""Half the length and half the width of the strung head [m]."""
 _GRIP: Final = (0.62, 0.62, 0.58)
 _SHAFT: Final = (0.70, 0.72, 0.75)
 _FRAME: Final = (0.55, 0.02, 0.02)
@@ -54,11 +71,6 @@ KITS: Final[tuple[tuple[Colour, Colour], ...]] = (
 """Shirt and shorts of seats 0 and 1, linear."""
 NAME_COLOURS: Final = (colour(1.0, 0.55, 0.50), colour(0.55, 0.75, 1.0))
 
-_LINE: Final = 0.04
-"""Width of the lines (BWF Law 1.3) [m]."""
-_LONG_SERVICE_DOUBLES: Final = 0.76
-_NET_DEPTH: Final = 0.76
-_TAPE: Final = 0.075
 _FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
 _SHADOW: Final = colour(0.0, 0.04, 0.02, 0.55)
 _SHADOW_SIZES: Final = (0.62, 0.62, 0.16)
@@ -140,14 +152,15 @@ def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
         shaft: ``[3]`` unit direction of the shaft.
         normal: ``[3]`` unit normal of the strings.
     """
+    neck = SWEET_SPOT - RACKET_HEAD[0]
     meshes = [
-        lathe([(0.0, _BUTT), (0.016, _BUTT), (0.013, -0.02), (0.012, 0.09), (0.006, 0.11), (0.0, 0.11)], _GRIP, 10),
-        lathe([(0.0, 0.10), (_THICK, 0.10), (_THICK, SWEET_SPOT - _HEAD[0]), (0.0, SWEET_SPOT - _HEAD[0])], _SHAFT, 8),
+        lathe([(0.0, RACKET_BUTT), (0.016, RACKET_BUTT), (0.013, -0.02), (0.012, 0.09), (0.006, 0.11), (0.0, 0.11)], _GRIP, 10),
+        lathe([(0.0, 0.10), (_THICK, 0.10), (_THICK, neck), (0.0, neck)], _SHAFT, 8),
     ]
     angle = np.linspace(0, 2 * np.pi, 41)
-    ring = np.stack([_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - _HEAD[0] * np.cos(angle)], axis=-1)
+    ring = np.stack([RACKET_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - RACKET_HEAD[0] * np.cos(angle)], axis=-1)
     meshes.append(tube(ring, 0.006, _FRAME))
-    for along, (reach, width) in enumerate((_HEAD, _HEAD[::-1])):
+    for along, (reach, width) in enumerate((RACKET_HEAD, RACKET_HEAD[::-1])):
         for side in np.linspace(-0.86, 0.86, 11) * width:
             half = reach * np.sqrt(1 - (side / width) ** 2)
             ends = (
@@ -163,14 +176,15 @@ def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
 
 
 def shuttle() -> list[Mesh]:
-    """A feather shuttle (BWF Law 2: cork of 25 to 28 mm, feathers of 62 to 70 mm, 58 to 68 mm wide) flying along +z.
+    """A feather shuttle flying along +z.
 
     The origin lies in the cork; it is :data:`SHUTTLE_SCALE` times as large as a real one.
     """
-    bow = [(0.0131 * np.sin(a), 0.012 - 0.0131 * (1 - np.cos(a))) for a in np.linspace(np.pi / 2, 0, 6)]
-    meshes = [lathe([(0.0131, -0.013), *bow], _CORK, 14), lathe([(0.0134, -0.014), (0.0134, -0.010)], _BAND, 14)]
-    for angle in np.arange(16) * 2 * np.pi / 16:
-        vane = np.array([[0.012, -0.0015, -0.013], [0.012, 0.0015, -0.013], [0.032, 0.0075, -0.076], [0.032, -0.0075, -0.076]])
+    bow = [(CORK * np.sin(a), 0.012 - CORK * (1 - np.cos(a))) for a in np.linspace(np.pi / 2, 0, 6)]
+    meshes = [lathe([(CORK, -CORK), *bow], _CORK, 14), lathe([(1.02 * CORK, -0.014), (1.02 * CORK, -0.010)], _BAND, 14)]
+    (near, narrow, ahead), (far, wide, behind) = FEATHER
+    for angle in np.arange(FEATHERS) * 2 * np.pi / FEATHERS:
+        vane = np.array([[near, -narrow, -ahead], [near, narrow, -ahead], [far, wide, -behind], [far, -wide, -behind]])
         c, s = np.cos(angle), np.sin(angle)
         vertices = vane @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         triangles = np.array([[0, 2, 1], [0, 3, 2]])
@@ -188,14 +202,14 @@ def court(time: int) -> list[SceneEntity]:
     ]
 
     def line(x0: float, y0: float, x1: float, y1: float) -> None:
-        size = (max(abs(x1 - x0), _LINE), max(abs(y1 - y0), _LINE), 0.003)
+        size = (max(abs(x1 - x0), LINE), max(abs(y1 - y0), LINE), 0.003)
         boxes.append(box(((x0 + x1) / 2, (y0 + y1) / 2, 0.0015), size, _WHITE))
 
-    half = _LINE / 2
+    half = LINE / 2
     for side in (-1, 1):
         for x in (edge_x, HALF_WIDTH):
             line(side * (x - half), -edge_y, side * (x - half), edge_y)
-        for y in (edge_y - half, edge_y - _LONG_SERVICE_DOUBLES, SHORT_SERVICE + half):
+        for y in (edge_y - half, edge_y - LONG_SERVICE, SHORT_SERVICE + half):
             line(-edge_x, side * y, edge_x, side * y)
         line(0, side * SHORT_SERVICE, 0, side * edge_y)
     ground = SceneEntity(id="court", timestamp=stamp(time), frame_id=WORLD, frame_locked=True, cubes=boxes)
@@ -205,8 +219,8 @@ def court(time: int) -> list[SceneEntity]:
 def _net(time: int) -> SceneEntity:
     across = np.linspace(-WIDTH / 2, WIDTH / 2, 82)
     top = net_height(across)
-    strands = [p for x, z in zip(across, top, strict=True) for p in ((x, 0, z), (x, 0, z - _NET_DEPTH))]
-    for drop in np.linspace(0, _NET_DEPTH, 11):
+    strands = [p for x, z in zip(across, top, strict=True) for p in ((x, 0, z), (x, 0, z - NET_DEPTH))]
+    for drop in np.linspace(0, NET_DEPTH, 11):
         for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
             strands += [(across[a], 0, top[a] - drop), (across[b], 0, top[b] - drop)]
     mesh = LinePrimitive(
@@ -219,8 +233,8 @@ def _net(time: int) -> SceneEntity:
     )
     tape = []
     for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
-        middle = ((across[a] + across[b]) / 2, 0, (top[a] + top[b] - _TAPE) / 2)
-        tape.append(box(middle, (across[b] - across[a] + 0.002, 0.02, _TAPE), _WHITE))
+        middle = ((across[a] + across[b]) / 2, 0, (top[a] + top[b] - TAPE) / 2)
+        tape.append(box(middle, (across[b] - across[a] + 0.002, 0.02, TAPE), _WHITE))
     posts = [box((side * WIDTH / 2, 0, NET_HEIGHT / 2), (0.04, 0.04, NET_HEIGHT), colour(0.8, 0.8, 0.82)) for side in (-1, 1)]
     return SceneEntity(id="net", timestamp=stamp(time), frame_id=WORLD, frame_locked=True, lines=[mesh], cubes=tape + posts)
 

@@ -7,14 +7,22 @@ models, and :class:`Skeleton` their rest pose, bone by bone.
 """
 
 from shuttle_marl.staging.assemble import stage
+from shuttle_marl.staging.equipment import (
+    CORK,
+    FEATHER,
+    FEATHERS,
+    RACKET_BUTT,
+    RACKET_HEAD,
+    RACKET_LENGTH,
+    SHUTTLE_SCALE,
+    SWEET_SPOT,
+)
 from shuttle_marl.staging.metrics import Joint, Metrics, joints, measure, summary
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rally import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,
     BONES,
-    RACKET_LENGTH,
-    SWEET_SPOT,
     Skeleton,
     finger_pose,
     load_skeleton,
@@ -25,8 +33,14 @@ from shuttle_marl.staging.trajectory import ENDS, Trajectory
 __all__ = [
     "ATHLETES",
     "BONES",
+    "CORK",
     "ENDS",
+    "FEATHER",
+    "FEATHERS",
+    "RACKET_BUTT",
+    "RACKET_HEAD",
     "RACKET_LENGTH",
+    "SHUTTLE_SCALE",
     "SWEET_SPOT",
     "Joint",
     "Metrics",

@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.rotation import cross, frame, unit
-from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
+from shuttle_marl.staging.skeleton import Skeleton
 
 Floats = npt.NDArray[np.float64]
 

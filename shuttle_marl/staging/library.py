@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
+from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.motions import (
     AIM,
     AROUND,
@@ -36,7 +37,6 @@ from shuttle_marl.staging.skeleton import (
     HIPS_YAW,
     N_TRUNK,
     SPINE_PITCH,
-    SWEET_SPOT,
     Skeleton,
     collar_of,
     trunk,

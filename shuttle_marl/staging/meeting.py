@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
 from shuttle_marl.staging.curves import slopes_through
+from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.impact import swing
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
@@ -22,7 +23,6 @@ from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     SPINE_LIMITS,
     SPINE_YAW,
-    SWEET_SPOT,
     Skeleton,
     collar_of,
     trunk,

@@ -12,11 +12,12 @@ from shuttle_marl.game.rally import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.staging import packing
 from shuttle_marl.staging.body import Player
+from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix
-from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton, load_skeleton
+from shuttle_marl.staging.skeleton import BONE, N_BONES, Skeleton, load_skeleton
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 Floats = npt.NDArray[np.float64]

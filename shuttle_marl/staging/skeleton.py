@@ -37,10 +37,6 @@ BONE: Final = {name: i for i, name in enumerate(BONES)}
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
 """``[23]`` the bone on the other side."""
 
-SWEET_SPOT: Final = 0.45
-"""Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
-RACKET_LENGTH: Final = 0.675
-"""Length of a racket (BWF Law 4: at most 0.680 m) [m]; its butt lies 0.10 m behind the middle of the grip."""
 ATHLETES: Final = ("male", "female")
 FOLDER: Final = Path(__file__).parent / "athletes"
 """Folder of the models and skeletons."""

@@ -3,7 +3,7 @@
 import json
 import struct
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -12,21 +12,37 @@ from shuttle_marl.game.court import (
     HALF_LENGTH,
     HALF_WIDTH,
     LENGTH,
+    LINE,
+    LONG_SERVICE,
+    NET_DEPTH,
     NET_HEIGHT,
     NET_HEIGHT_CENTRE,
     SHORT_SERVICE,
+    TAPE,
     WIDTH,
     area_box,
 )
 from shuttle_marl.game.rally import OUTCOMES, Game
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.staging import ATHLETES, BONES, ENDS, RACKET_LENGTH, SWEET_SPOT, Motion, finger_pose, load_skeleton
+from shuttle_marl.staging import (
+    ATHLETES,
+    BONES,
+    CORK,
+    ENDS,
+    FEATHER,
+    FEATHERS,
+    RACKET_BUTT,
+    RACKET_HEAD,
+    RACKET_LENGTH,
+    SHUTTLE_SCALE,
+    SWEET_SPOT,
+    Motion,
+    finger_pose,
+    load_skeleton,
+)
 from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch.match import Rally
-
-SHUTTLE_SCALE: Final = 1.9
-"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
 
 
 def hall_facts() -> dict[str, Any]:
@@ -38,14 +54,16 @@ def hall_facts() -> dict[str, Any]:
             "half_length": HALF_LENGTH,
             "half_width": HALF_WIDTH,
             "short_service": SHORT_SERVICE,
-            "long_service_doubles": 0.76,
+            "long_service_doubles": LONG_SERVICE,
             "net": NET_HEIGHT,
             "net_centre": NET_HEIGHT_CENTRE,
-            "line": 0.04,
+            "net_depth": NET_DEPTH,
+            "tape": TAPE,
+            "line": LINE,
         },
         "areas": [{"name": name, "box": area_box(i)} for i, name in enumerate(AREAS)],
-        "racket": {"length": RACKET_LENGTH, "sweet_spot": SWEET_SPOT},
-        "shuttle_scale": SHUTTLE_SCALE,
+        "racket": {"length": RACKET_LENGTH, "sweet_spot": SWEET_SPOT, "butt": RACKET_BUTT, "head": RACKET_HEAD},
+        "shuttle": {"scale": SHUTTLE_SCALE, "cork": CORK, "feathers": FEATHERS, "feather": FEATHER},
         "bones": BONES,
         "athletes": {name: {hand: _athlete(name, hand == "right") for hand in ("right", "left")} for name in ATHLETES},
         "shots": SHOTS,

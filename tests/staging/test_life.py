@@ -8,9 +8,10 @@ import pytest
 
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
 from shuttle_marl.staging import Motion, measure, summary
+from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.life import Life, measure_life, summary_of_life
 from shuttle_marl.staging.rotation import about, matrix, quaternion
-from shuttle_marl.staging.skeleton import BONE, SWEET_SPOT
+from shuttle_marl.staging.skeleton import BONE
 
 RACKET = BONE["Racket"]
 

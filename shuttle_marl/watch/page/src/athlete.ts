@@ -91,8 +91,7 @@ class Ring extends THREE.Curve<THREE.Vector3> {
 
 /** A racket whose shaft is the y axis and whose strings face z, turned into the hand. */
 function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): THREE.Group {
-  const butt = -0.1;
-  const [middle, half, wide] = [racket.sweet_spot, racket.length + butt - racket.sweet_spot, 0.105];
+  const [middle, [half, wide]] = [racket.sweet_spot, racket.head];
   const inner = new THREE.Group();
   const add = (geometry: THREE.BufferGeometry, material: THREE.Material, shadow = true) => {
     const mesh = new THREE.Mesh(geometry, material);
@@ -100,9 +99,9 @@ function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): TH
     inner.add(mesh);
   };
   const standard = (color: number, roughness: number, metalness = 0) => new THREE.MeshStandardMaterial({ color, roughness, metalness });
-  add(new THREE.CylinderGeometry(0.0135, 0.0165, 0.2, 10).translate(0, 0, 0), standard(0xe9e9ee, 0.9));
+  add(new THREE.CylinderGeometry(0.0135, 0.0165, -2 * racket.butt, 10), standard(0xe9e9ee, 0.9));
   const neck = middle - half;
-  const shaft = new THREE.CylinderGeometry(0.0075, 0.0085, neck - 0.1, 8).translate(0, (neck + 0.1) / 2, 0);
+  const shaft = new THREE.CylinderGeometry(0.0075, 0.0085, neck + racket.butt, 8).translate(0, (neck - racket.butt) / 2, 0);
   const ring = new THREE.TubeGeometry(new Ring(middle, half, wide), 48, 0.0085, 8, true);
   add(joined([shaft, ring]), standard(colour, 0.3, 0.35));
   const ends: number[] = [];

@@ -119,13 +119,14 @@ function addNet(scene: THREE.Scene, { court }: HallFacts): void {
   });
   mesh.wrapS = mesh.wrapT = THREE.RepeatWrapping;
   mesh.repeat.set(122, 14);
-  const depth = 0.76 - 0.06;
+  const hidden = 0.06; // behind the tape
+  const depth = court.net_depth - hidden;
   const netting = new THREE.Mesh(
-    sag(new THREE.PlaneGeometry(court.width, depth, 24, 1).translate(0, -0.06 - depth / 2, 0)),
+    sag(new THREE.PlaneGeometry(court.width, depth, 24, 1).translate(0, -hidden - depth / 2, 0)),
     new THREE.MeshStandardMaterial({ map: mesh, transparent: true, side: THREE.DoubleSide, depthWrite: false, opacity: 0.85, roughness: 1 }),
   );
   const tape = new THREE.Mesh(
-    sag(new THREE.BoxGeometry(court.width, 0.075, 0.014, 24, 1, 1).translate(0, -0.0375, 0)),
+    sag(new THREE.BoxGeometry(court.width, court.tape, 0.014, 24, 1, 1).translate(0, -court.tape / 2, 0)),
     new THREE.MeshStandardMaterial({ color: 0xffffff, roughness: 0.85, emissive: 0x333333 }),
   );
   tape.castShadow = true;

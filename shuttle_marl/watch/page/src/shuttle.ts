@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { at, joined } from "./hall";
 import type { Motion } from "./motion";
-import type { Vec3 } from "./wire";
+import type { HallFacts, Vec3 } from "./wire";
 
 const TRAIL = 0.42; // [s]
 const POINTS = 40;
@@ -18,22 +18,23 @@ export class Shuttle {
   private readonly place: Vec3 = [0, 0, 0];
   private readonly way: Vec3 = [0, 0, 0];
 
-  constructor(scale: number) {
+  constructor({ scale, cork: radius, feathers: count, feather: [[near, narrow, ahead], [far, wide, behind]] }: HallFacts["shuttle"]) {
     // The cork points along y; the origin lies in the cork.
     const cork = new THREE.Mesh(
-      joined([new THREE.SphereGeometry(0.0132, 14, 10), new THREE.CylinderGeometry(0.0132, 0.0132, 0.012, 14).translate(0, -0.007, 0)]),
+      joined([new THREE.SphereGeometry(radius, 14, 10), new THREE.CylinderGeometry(radius, radius, 0.012, 14).translate(0, -0.007, 0)]),
       new THREE.MeshStandardMaterial({ color: 0xf3ecd9, roughness: 0.6 }),
     );
     const feathers: THREE.BufferGeometry[] = [];
-    for (let i = 0; i < 16; i++) {
-      const vane = new THREE.PlaneGeometry(0.0125, 0.066, 1, 1).translate(0, -0.033, 0);
+    const length = Math.hypot(far - near, behind - ahead);
+    for (let i = 0; i < count; i++) {
+      const vane = new THREE.PlaneGeometry(2 * wide, length, 1, 1).translate(0, -length / 2, 0);
       const p = vane.getAttribute("position");
       for (let k = 0; k < p.count; k++) {
         if (p.getY(k) > -0.01) {
-          p.setX(k, 0.25 * p.getX(k));
+          p.setX(k, (narrow / wide) * p.getX(k));
         }
       }
-      feathers.push(vane.rotateX(0.3).translate(0, -0.011, 0.0118).rotateY((i * Math.PI) / 8));
+      feathers.push(vane.rotateX(Math.atan2(far - near, behind - ahead)).translate(0, -ahead, near).rotateY((2 * i * Math.PI) / count));
     }
     const skirt = new THREE.Mesh(
       joined(feathers),

@@ -76,7 +76,7 @@ export class Stage {
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
     buildHall(this.scene, facts, this.lite);
-    this.shuttle = new Shuttle(facts.shuttle_scale);
+    this.shuttle = new Shuttle(facts.shuttle);
     this.scene.add(this.shuttle.root, this.shuttle.trail, this.shuttle.shade, this.marks.area, this.marks.landing);
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;

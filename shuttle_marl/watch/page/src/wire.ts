@@ -14,12 +14,13 @@ export interface AthleteFacts {
 
 export interface HallFacts {
   court: Record<
-    "length" | "width" | "half_length" | "half_width" | "short_service" | "long_service_doubles" | "net" | "net_centre" | "line",
+    "length" | "width" | "half_length" | "half_width" | "short_service" | "long_service_doubles" | "net" | "net_centre" | "net_depth" | "tape" | "line",
     number
   >;
   areas: { name: string; box: [[number, number], [number, number]] }[];
-  racket: { length: number; sweet_spot: number };
-  shuttle_scale: number;
+  racket: { length: number; sweet_spot: number; butt: number; head: [number, number] };
+  /** Both ends of a feather: distance from the axis, half the width, distance behind the middle of the cork. */
+  shuttle: { scale: number; cork: number; feathers: number; feather: [Vec3, Vec3] };
   bones: string[];
   athletes: Record<string, Record<string, AthleteFacts>>;
   shots: string[];
