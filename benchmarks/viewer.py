@@ -29,9 +29,8 @@ from websockets.sync.client import connect
 
 from benchmarks.machine import this_machine
 from shuttle_marl.watch.building import FILES, build
-from shuttle_marl.watch.video import browser_program
+from shuttle_marl.watch.video import browser_flags, browser_program
 
-_FLAGS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking", "--enable-precise-memory-info")
 _VIEWERS: Final = 50
 _SIZE: Final = {"width": 1680, "height": 980}
 
@@ -162,7 +161,7 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
 def run(*, quick: bool = False) -> dict[str, Any]:
     """Measure; see the keys."""
     with serving() as (address, pid), sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=list(_FLAGS))
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"])
         page = browser.new_page(viewport=_SIZE)
         found = {**this_machine(), **size(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
         found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}

@@ -3,7 +3,6 @@
 Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
 """
 
-import os
 import re
 import signal
 import subprocess
@@ -15,21 +14,12 @@ from typing import Final
 from playwright.sync_api import Page, sync_playwright
 
 from shuttle_marl.files import replace_file
-from shuttle_marl.watch.video import browser_program
+from shuttle_marl.watch.video import browser_flags, browser_program
 
 FOLDER: Final = Path(__file__).parents[1] / "images"
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 MODES: Final = ("watch", "analyse", "learn", "play")
 _PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
-_FLAGS: Final = (
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--ignore-gpu-blocklist",
-    "--use-gl=angle",
-    f"--use-angle={os.environ.get('ANGLE', 'swiftshader')}",
-)
-"""``ANGLE=gl-egl`` draws with Mesa instead, which is faster where it is installed."""
 _LIMIT: Final = 240_000
 
 
@@ -41,7 +31,7 @@ def main() -> None:
     try:
         found = next(match for line in server.stderr if (match := re.match(r"(http://\S+/) shows", line)))
         with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=browser_program(), args=list(_FLAGS))
+            browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
             for size, (width, height) in SIZES.items():
                 for mode in MODES:
                     page = browser.new_page(viewport={"width": width, "height": height}, reduced_motion="reduce")

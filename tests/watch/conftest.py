@@ -18,19 +18,10 @@ import pytest
 from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from shuttle_marl.watch.building import BuildError, build, node
+from shuttle_marl.watch.video import browser_flags
 
 START = 240.0
 """Time that a server has to start [s]."""
-FLAGS = (
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-)
 HERE = Path(__file__).parent
 
 
@@ -97,7 +88,7 @@ def browser_program(folder: Path) -> tuple[str, dict[str, str], list[str]]:
     """Chromium: of the machine, else from npm. Its path, what its environment needs, and further flags."""
     for name in (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome"):
         if name and (found := shutil.which(name)):
-            return found, {}, []
+            return found, {}, browser_flags()
     program = node()
     npm = shutil.which("npm")
     if program is None or npm is None:
@@ -111,7 +102,7 @@ def browser_program(folder: Path) -> tuple[str, dict[str, str], list[str]]:
         missing(f"Chromium cannot be fetched: {done.stderr.decode()[-500:]}")
     found = json.loads(subprocess.run([str(program), "where.mjs"], cwd=folder, capture_output=True, check=True).stdout)
     env = {"LD_LIBRARY_PATH": found["libraries"], "FONTCONFIG_PATH": found["fonts"]}
-    return found["path"], env, ["--single-process", "--no-zygote"]
+    return found["path"], env, [*browser_flags(mesa=False), "--single-process", "--no-zygote"]
 
 
 @pytest.fixture(scope="session")
@@ -123,7 +114,7 @@ def playwright() -> Iterator[Playwright]:
 @pytest.fixture(scope="session")
 def browser(playwright: Playwright, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     path, env, flags = browser_program(tmp_path_factory.mktemp("chromium"))
-    opened = playwright.chromium.launch(executable_path=path, args=[*FLAGS, *flags], env={**os.environ, **env})
+    opened = playwright.chromium.launch(executable_path=path, args=flags, env={**os.environ, **env})
     yield opened
     opened.close()
 

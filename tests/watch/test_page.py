@@ -177,6 +177,15 @@ def choose(viewer: Any, stroke: dict[str, Any]) -> None:
     raise AssertionError(f"{stroke} cannot be chosen: {viewer.state('selected')}")
 
 
+def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any, served: Any) -> None:
+    viewer.page.set_viewport_size({"width": 480, "height": 320})
+    viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1")
+    # The rally comes to its end before the server has answered: the next one must not start in its place.
+    viewer.page.evaluate("window.viewer.key('t'); window.viewer.seek(1e3)")
+    viewer.until(lambda: viewer.state("turn") is not None, 30)
+    assert viewer.state("rally") == 0
+
+
 def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     folder = tmp_path / "diary"
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:

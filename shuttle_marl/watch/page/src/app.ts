@@ -74,6 +74,7 @@ export class App {
   private aim: [number, number, number, number] | null = null;
   private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
   private request = 0;
+  private pending = false; // whether the rally that was asked for last is still on its way
   private filming = false;
   private loopRally = false;
   private autoNext = true;
@@ -210,18 +211,24 @@ export class App {
     }
   }
 
-  /** A rally, or null if something else was asked for meanwhile, or it cannot be had. */
-  private async fetch(wanted: Wanted, before: Motion | null = null): Promise<Shown | null> {
+  /** A rally, or null if something else was asked for meanwhile, or it cannot be had; `undo` then takes back what it was for. */
+  private async fetch(wanted: Wanted, before: Motion | null = null, undo: () => void = () => {}): Promise<Shown | null> {
     const request = ++this.request;
+    this.pending = true;
     try {
       const shown = await this.load(wanted, before);
       await this.stage?.prepare(shown.rally);
       return request === this.request ? shown : null;
     } catch (error) {
       if (request === this.request) {
+        undo();
         this.layout.say((error as Error).message, true);
       }
       return null;
+    } finally {
+      if (request === this.request) {
+        this.pending = false;
+      }
     }
   }
 
@@ -403,9 +410,10 @@ export class App {
     }
     const stroke = this.player.stroke;
     const { time } = this.player;
+    const before = this.person;
     this.person = { seat, rally: this.number, stroke: stroke < 0 ? 0 : stroke + 2 };
     this.setModeQuietly("play");
-    const shown = await this.fetch(this.wanted(this.number));
+    const shown = await this.fetch(this.wanted(this.number), null, () => (this.person = before));
     if (shown) {
       this.show(shown, Math.min(time, shown.motion.duration), true);
       this.layout.say(`You play side ${"AB"[seat]}: choose a stroke, then Enter`);
@@ -433,7 +441,10 @@ export class App {
     // What is left of the motion plays while the rest is staged.
     this.player.stopAt = Math.max(this.player.time, this.player.duration - 0.1);
     this.player.playing = true;
-    const next = await this.fetch(this.wanted(this.number), shown.motion);
+    const next = await this.fetch(this.wanted(this.number), shown.motion, () => {
+      this.plan = plan; // they choose again
+      this.answered = null;
+    });
     if (next) {
       const { time } = this.player;
       const contact = next.rally.strokes[number]?.time ?? Infinity;
@@ -449,6 +460,7 @@ export class App {
       return;
     }
     const at = Math.max(this.player.stroke, 0);
+    const { original, tried } = this;
     (document.activeElement as HTMLElement | null)?.blur(); // the next space plays or pauses
     if (plan) {
       this.original ??= plan;
@@ -459,7 +471,11 @@ export class App {
       const earlier = Object.entries(this.tried).filter(([k]) => Number(k) < at);
       this.tried = { ...Object.fromEntries(earlier), [at]: stroke };
     }
-    const next = await this.fetch(this.wanted(this.number));
+    const next = await this.fetch(this.wanted(this.number), null, () => {
+      this.plan = plan;
+      this.original = original;
+      this.tried = tried;
+    });
     if (next) {
       const contact = next.rally.strokes[at]!.time;
       const earliest = at ? next.rally.strokes[at - 1]!.time : 0;
@@ -566,7 +582,7 @@ export class App {
     if (this.loopRally) {
       this.player.seek(0);
       this.player.playing = true;
-    } else if (this.autoNext && rally.winner !== null && !rally.after?.over) {
+    } else if (this.autoNext && !this.pending && rally.winner !== null && !rally.after?.over) {
       void this.go(this.number + 1, null, true);
     }
   }

@@ -5,6 +5,8 @@ import { at, joined } from "./hall";
 import type { Motion } from "./motion";
 import type { AthleteFacts, HallFacts, Quat, Vec3 } from "./wire";
 
+type Coloured = THREE.MeshStandardMaterial | THREE.MeshLambertMaterial;
+
 export interface Kit {
   shirt: number;
   shorts: number;
@@ -32,11 +34,11 @@ export class Athlete {
       if (part instanceof THREE.Mesh) {
         part.castShadow = true;
         part.frustumCulled = false;
-        const old = part.material as THREE.MeshStandardMaterial;
+        const old = part.material as Coloured;
         const material = materials.get(old) ?? old.clone();
         materials.set(old, material);
         if (old.name in tint) {
-          (material as THREE.MeshStandardMaterial).color.set(tint[old.name]!);
+          (material as Coloured).color.set(tint[old.name]!);
         }
         part.material = material;
       }

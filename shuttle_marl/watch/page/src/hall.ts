@@ -39,6 +39,25 @@ export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): 
   addNet(scene, facts);
   addBoards(scene);
   addStands(scene, lite);
+  if (lite) {
+    simplify(scene);
+  }
+}
+
+/** Gives parts materials and textures that cost little where the processor draws every pixel. */
+export function simplify(parts: THREE.Object3D): void {
+  const made = new Map<THREE.Material, THREE.Material>();
+  parts.traverse((part) => {
+    if (part instanceof THREE.Mesh && part.material instanceof THREE.MeshStandardMaterial) {
+      const { name, color, map, transparent, opacity, side, depthWrite, emissive } = part.material;
+      const plain = made.get(part.material) ?? new THREE.MeshLambertMaterial({ name, color, map, transparent, opacity, side, depthWrite, emissive });
+      made.set(part.material, plain);
+      part.material = plain;
+      if (map) {
+        map.anisotropy = 1;
+      }
+    }
+  });
 }
 
 function addLights(scene: THREE.Scene, lite: boolean): void {
@@ -201,10 +220,9 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
   }
   const tiers = new THREE.Mesh(joined(steps), new THREE.MeshLambertMaterial({ color: 0x111a2b }));
   scene.add(tiers);
-  const body = joined([
-    new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0),
-    new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0),
-  ]);
+  const body = lite
+    ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // thousands of them, and each corner costs time
+    : joined([new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0), new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0)]);
   const crowd = new THREE.InstancedMesh(body, new THREE.MeshLambertMaterial({ color: 0xffffff }), spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();

@@ -5,7 +5,7 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
-import { at, buildHall } from "./hall";
+import { at, buildHall, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire";
@@ -20,6 +20,8 @@ const KITS: [Kit, Kit] = [
 ];
 
 const BLEND = 180; // [ms]
+const LATE = 80; // time between two pictures above which fewer pixels are drawn, where the processor draws them [ms]
+const FEWER = 0.6; // pixels of the picture to pixels of the page then, along each side
 
 interface View {
   eye: THREE.Vector3;
@@ -27,10 +29,12 @@ interface View {
   fov: number;
 }
 
-/** Whether the renderer draws with the processor alone. */
-function isSlow(gl: WebGLRenderingContext | WebGL2RenderingContext): boolean {
-  const info = gl.getExtension("WEBGL_debug_renderer_info");
-  const name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+/** Whether pictures are drawn with the processor alone; asked of a canvas of its own, because smooth edges are chosen before the first picture. */
+function isSlow(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl?.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
 
@@ -56,6 +60,8 @@ export class Stage {
   private shownCamera: Camera | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
   private area: [number, number, number, number] | null = null;
+  private drawn = 0; // time of the last picture
+  private late = 0; // pictures in a row that came late
 
   constructor(
     private readonly facts: HallFacts,
@@ -64,12 +70,12 @@ export class Stage {
     private readonly still: boolean,
   ) {
     this.canvas = document.createElement("canvas");
-    const context = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+    this.lite = quality === "lite" || (quality === "auto" && isSlow());
+    const context = this.canvas.getContext("webgl2", { antialias: !this.lite, preserveDrawingBuffer: true, powerPreference: "high-performance" });
     if (!context) {
       throw new Error("this browser draws no 3D (WebGL 2); the rally is told in words below");
     }
-    this.lite = quality === "lite" || (quality === "auto" && isSlow(context));
-    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context, antialias: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context });
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.toneMappingExposure = 1.08;
     this.renderer.shadowMap.enabled = !this.lite;
@@ -106,6 +112,9 @@ export class Stage {
       if (!this.models.has(name)) {
         const loaded = await new GLTFLoader().parseAsync(await this.load(name), "");
         this.models.set(name, loaded.scene);
+        if (this.lite) {
+          simplify(loaded.scene);
+        }
       }
     }
     for (const old of this.athletes ?? []) {
@@ -169,6 +178,20 @@ export class Stage {
       this.eye.clearViewOffset();
     }
     this.renderer.render(this.scene, this.eye);
+    if (this.lite) {
+      this.easeOff();
+    }
+  }
+
+  /** Draws fewer pixels from now on if pictures keep coming late. */
+  private easeOff(): void {
+    const now = performance.now();
+    const since = now - this.drawn;
+    this.drawn = now;
+    this.late = since > LATE && since < 2000 ? this.late + 1 : 0;
+    if (this.late === 8) {
+      this.renderer.setPixelRatio(FEWER);
+    }
   }
 
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
