@@ -19,7 +19,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.watch.match import Rally, Score
 from shuttle_marl.watch.plan import Side
-from shuttle_marl.watch.tables import Tables
+from shuttle_marl.watch.tables import Kept, Tables
 from shuttle_marl.watch.telling import stroke_facts
 
 Floats = npt.NDArray[np.float64]
@@ -34,6 +34,7 @@ _FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
 """A stroke of no more regret than the first is marked ``!`` or ``!!`` if elite players choose it more seldom than the others."""
 _THIN, _SOME = 20, 100
 """Real strokes behind a probability, below which it says little, and below which it says something."""
+_MOST_STYLES: Final = 64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,6 +70,7 @@ class Worth:
 
     def __init__(self, tables: Tables) -> None:
         self._tables, self._game = tables, tables.game
+        self._styles = Kept(_MOST_STYLES)
 
     def decision(self, state: int, seat: int, players: "Players") -> Decision:
         """The choice in a state.
@@ -170,6 +172,9 @@ class Worth:
 
     def styles(self, sides: tuple[Side, Side]) -> dict[str, Any]:
         """How two play against each other, exactly, beside imitated elite players against each other."""
+        return self._styles.get(sides, lambda: self._styles_of(sides))
+
+    def _styles_of(self, sides: tuple[Side, Side]) -> dict[str, Any]:
         counted, elite = self._tables.visits(sides), self._tables.visits((ELITE, ELITE))
         odds = self._tables.values(sides).odds()
         mixes, reference = [counted.shot_mix(seat) for seat in (0, 1)], elite.shot_mix(0)

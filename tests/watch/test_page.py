@@ -189,15 +189,16 @@ def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any,
 def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     folder = tmp_path / "diary"
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
-        # Few pixels, because every key waits for a picture that is drawn without a graphics card.
-        viewer.page.set_viewport_size({"width": 1180, "height": 400})
-        viewer.open(f"{server.address}#seed=2&a=bc&b=bc&rally=1").press("w", "t")
+        # In words and quickly: no picture is drawn, because every key would wait for it.
+        viewer.page.set_viewport_size({"width": 480, "height": 320})
+        viewer.open(f"{server.address}#seed=2&a=bc&b=bc&rally=1").press("w", ">", ">", "t")
+        viewer.until(lambda: viewer.state("person") is not None and viewer.state("winner") is None)
         last, deadline = -1, time.monotonic() + 420
         while time.monotonic() < deadline:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
             if turn is not None:
-                # The riskiest stroke, so that rallies are short.
-                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_succ"]))
+                # The stroke after which the rally is likeliest to be over.
+                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
                 viewer.press("Enter")
                 assert viewer.state("turn") is None
             elif winner is None:

@@ -85,6 +85,7 @@ export class App {
   private readonly frameTimes: number[] = [];
   private seen = "";
   private unsettled = 0;
+  private styled = ""; // sides whose style is shown
   private answered: Turn | null = null;
   private chosenAt = 0;
   private turnTimes: number[] = [];
@@ -270,9 +271,11 @@ export class App {
           }
         }
       }
-      if (this.plan) {
+      const sides = this.plan && JSON.stringify(sidesIn(this.plan, this.number));
+      if (sides && sides !== this.styled) {
         const styles = await this.source.styles(wanted);
         if (request === this.request) {
+          this.styled = sides;
           this.styles.show(styles);
         }
       }
