@@ -161,7 +161,9 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
 def run(*, quick: bool = False) -> dict[str, Any]:
     """Measure; see the keys."""
     with serving() as (address, pid), sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"])
+        browser = playwright.chromium.launch(
+            executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]
+        )
         page = browser.new_page(viewport=_SIZE)
         found = {**this_machine(), **size(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
         found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
