@@ -191,14 +191,14 @@ def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folde
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
         # In words and quickly: no picture is drawn, because every key would wait for it.
         viewer.page.set_viewport_size({"width": 480, "height": 320})
-        viewer.open(f"{server.address}#seed=2&a=bc&b=bc&rally=1").press("w", ">", ">", "t")
+        viewer.open(f"{server.address}#seed=3&a=bc&b=bc&rally=1").press("w", ">", ">", "t")
         viewer.until(lambda: viewer.state("person") is not None and viewer.state("winner") is None)
         last, deadline = -1, time.monotonic() + 420
         while time.monotonic() < deadline:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
             if turn is not None:
-                # The stroke after which the rally is likeliest to be over.
-                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
+                # The stroke that is returned most seldom, and a seed with which the game is short: 88 strokes of the person.
+                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
                 viewer.press("Enter")
                 assert viewer.state("turn") is None
             elif winner is None:

@@ -1,0 +1,57 @@
+"""A rally as a video, without a screen."""
+
+import importlib.util
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.video import check_video, write_video
+from tests.watch.conftest import missing
+
+FPS = 4
+
+
+def pictures(path: Path) -> list[Any]:
+    """Every picture of a video."""
+    with av.open(str(path)) as video:
+        return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+
+
+@pytest.mark.slow
+def test_a_rally_is_filmed_and_the_film_is_the_same_again(served: Any, tmp_path: Path) -> None:
+    address = f"{served.address}?quality=lite#seed=5&a=bc&b=minimax&rally=1"
+    try:
+        check_video(tmp_path / "a.mp4")
+    except WatchError as error:
+        missing(str(error))
+    counts = []
+    with ThreadPoolExecutor(1) as alone:  # the browser of other tests is driven from the main thread
+        for name in ("a.mp4", "b.mp4"):
+            counts.append(alone.submit(write_video, address, tmp_path / name, size=(320, 180), fps=FPS).result())
+    first, second = pictures(tmp_path / "a.mp4"), pictures(tmp_path / "b.mp4")
+    assert counts == [len(first), len(second)]
+    assert len(first) >= 2 * FPS
+    assert first[0].shape == (180, 320, 3)
+    assert np.array_equal(first, second)
+    assert first[0].std() > 10, "a court, not one colour"
+    assert np.abs(first[0].astype(int) - first[len(first) // 2]).max() > 50, "something moves"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
+    with ThreadPoolExecutor(1) as alone, pytest.raises(WatchError, match="the match was over before"):
+        alone.submit(write_video, f"{served.address}#seed=5&a=bc&b=bc&rally=900", tmp_path / "c.mp4").result()
+
+
+def test_what_is_missing_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with pytest.raises(WatchError, match=r"ends in \.mp4 or \.webm"):
+        check_video(tmp_path / "film.gif")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CHROMIUM", raising=False)
+    with pytest.raises(WatchError, match="needs Chromium or Chrome; install it"):
+        check_video(tmp_path / "film.mp4")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(WatchError, match=r"needs av and playwright: .* installs it"):
+        check_video(tmp_path / "film.mp4")
