@@ -54,9 +54,7 @@ def check_video(path: Path) -> None:
     browser_program()
 
 
-def write_video(
-    address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = SIZE, fps: int = FPS
-) -> int:
+def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
     """Film the rally that a page shows.
 
     Args:
