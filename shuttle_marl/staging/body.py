@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
-from shuttle_marl.staging.feet import Feet, Plant, move, standing, steps
+from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps
 from shuttle_marl.staging.habits import Habits
-from shuttle_marl.staging.legs import legs, reach_of, settle
+from shuttle_marl.staging.legs import legs, reach_of, settle, strays
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
 from shuttle_marl.staging.rotation import apply, unit, yaw_pitch_roll
@@ -35,6 +35,10 @@ NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
 _JOINT: Final = 9
 """Frames over which a continued motion is joined to what was there."""
+_TRIES: Final = 3
+"""How often feet that slip are lifted earlier, or put down later."""
+_SLIP: Final = 3e-3
+"""How far the leg may leave the ball of a planted foot from its place [m]."""
 _EVEN: Final = 6
 """Frames within which the height of the hips is evened out between key poses."""
 
@@ -143,21 +147,33 @@ def prepare(
     place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
-    feet = move(plants, timeline.air, len(hips), fps, len(before.hips) if before else 0)
-    # What was settled before the joint counts as far as the moving means reach.
-    done = len(before.hips) if before else 0
-    rows = slice(max(done - _JOINT, 0), None)
     body[:, HIPS_YAW : HIPS_ROLL + 1] += added.pose[:, HIPS_YAW : HIPS_ROLL + 1]
-    root = yaw_pitch_roll(body[rows, HIPS_YAW], body[rows, HIPS_PITCH], body[rows, HIPS_ROLL])
-    place, feet = settle(skeleton, place[rows], root, feet.part(rows))
-    if before:
-        # The way over the floor is joined already, the height is not; then the legs have to reach the feet once more.
-        at = min(done, _JOINT)
-        place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
-        later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
-        place, feet = np.concatenate([before.hips, later]), before.feet.followed(after)
+    root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
+    done = len(before.hips) if before else 0
+    for _ in range(_TRIES):
+        feet = move(plants, timeline.air, len(hips), fps, done)
+        settled, feet = _settled(skeleton, place, root, feet, before)
+        slips = strays(skeleton, settled[done:], root[done:], feet.part(slice(done, None))) > _SLIP
+        if not lifted(plants, slips & feet.planted[:, done:], done):
+            break
+    place = settled
     keys, miss = meet(skeleton, timeline, place, fps)
     return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss)
+
+
+def _settled(skeleton: Skeleton, place: Floats, root: Floats, feet: Feet, before: Course | None) -> tuple[Floats, Feet]:
+    """Hips and feet in all frames, as far as the legs reach; those that stay as they are first."""
+    if not before:
+        return settle(skeleton, place, root, feet)
+    # What was settled before the joint counts as far as the moving means reach.
+    done = len(before.hips)
+    rows = slice(max(done - _JOINT, 0), None)
+    place, root, at = place[rows], root[rows], min(done, _JOINT)
+    place, feet = settle(skeleton, place, root, feet.part(rows))
+    # The way over the floor is joined already, the height is not; then the legs have to reach the feet once more.
+    place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
+    later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
+    return np.concatenate([before.hips, later]), before.feet.followed(after)
 
 
 def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Floats, before: Course | None = None) -> Course:

@@ -336,6 +336,28 @@ def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, si
     return out
 
 
+def lifted(plants: tuple[list[Plant], list[Plant]], slips: npt.NDArray[np.bool_], done: int) -> bool:
+    """Lift feet before they slip, and put them down where they no longer do; whether any had to be.
+
+    Args:
+        plants: of the left and of the right foot, shortened in place.
+        slips: ``[2, F - done]`` whether a foot slips, in frames from ``done`` on.
+        done: frames that stay as they are.
+    """
+    shortened = False
+    for foot in (LEFT, RIGHT):
+        slipping = done + np.flatnonzero(slips[foot])
+        for plant in plants[foot]:
+            own = slipping[(slipping >= plant.begin) & (slipping <= plant.end)]
+            early = own[2 * own < plant.begin + plant.end] if plant.begin > done else own[:0]
+            late = own[len(early) :]
+            if len(early) and early[-1] < plant.end:
+                plant.begin, shortened = int(early[-1]) + 1, True
+            if len(late) and late[0] > max(plant.begin, done):
+                plant.end, shortened = int(late[0]) - 1, True
+    return shortened
+
+
 def move(plants: tuple[list[Plant], list[Plant]], air: Floats, frames: int, fps: int, done: int = 0) -> Feet:
     """Both feet in every frame.
 

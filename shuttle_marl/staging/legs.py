@@ -116,6 +116,13 @@ def legs(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Legs:
     return Legs(rotation=rotation, position=position)
 
 
+def strays(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Floats:
+    """``[2, F]`` how far the joints of a leg keep the ball of its foot from its place on the floor [m]."""
+    found = legs(skeleton, hips, root, feet)
+    ball = found.position[:, 2] - apply(found.rotation[:, 2], _arm(skeleton))
+    return np.asarray(np.linalg.norm((ball - feet.ball)[..., :2], axis=-1))
+
+
 @functools.cache
 def _limb(skeleton: Skeleton, side: str) -> tuple[Any, ...]:
     """Constants of a leg, as the compiled solver wants them."""
