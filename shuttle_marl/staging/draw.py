@@ -15,6 +15,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
 from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.staging.feet import OVERHEADS
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
@@ -31,6 +32,9 @@ _ACCELERATION: Final = 10.0
 _REACTION: Final = 0.10
 _HEIGHT_OF_CORK: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
+_CLEAR: Final = SHOTS.index("clear")
+_FURTHER_BACK: Final = 0.3
+"""By how much less far in front of the hips a clear is met than a smash [m]."""
 _SHORT_SERVE: Final = SHOTS.index("short-serve")
 _BACKHAND: Final = TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
@@ -318,7 +322,10 @@ class _TrajectoryBuilder:
         player = self.players[self._striker(i)]
         z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
         motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
-        return stance_of(motion, own, base, player.right_handed, player.library.natural(motion, float(own[2])))
+        natural = player.library.natural(motion, float(own[2]))
+        if self.shot[i] == _CLEAR and motion in OVERHEADS:
+            natural = natural - np.array([0.0, _FURTHER_BACK, 0.0])
+        return stance_of(motion, own, base, player.right_handed, natural)
 
     def _height(self, i: int, u: float) -> float:
         """Height at which stroke i is struck [m]; overhead it grows with the player."""

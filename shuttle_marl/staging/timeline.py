@@ -45,6 +45,8 @@ _STRETCH: Final = 0.08
 """How much higher than is natural an overhead is met from the toes [m]."""
 _SINK: Final = 0.14
 """How far the hips sink after a jumped stroke [m]."""
+_LEANT: Final = 2.0
+"""How far the racket leans back in an overhead, for each sine of the angle at which the shuttle leaves upwards."""
 _FULL_SWING: Final = 38.0
 """Speed of the shuttle from which on a stroke is swung in full [m/s]."""
 
@@ -359,6 +361,10 @@ class TimelineBuilder:
         need = np.array([point[2] - self.library.contact[motion, 0, 2]])
         facing = turned(keys[CONTACT, HIPS_YAW])
         shaft, elbow = (facing @ direction[0] for direction in pointed(motion, need))
+        if motion in OVERHEADS:
+            # Strings move across the line from the shoulder: to strike upwards, that line leans back.
+            up = max(float(unit(self.trajectory.flight.velocity(i, 0))[2]), 0.0)
+            shaft = unit(shaft - np.array([0.0, _LEANT * up, 0.0]))
         rally = self.trajectory.rally
         soft = SOFT.get(SHOTS[rally.catalogue.shot[rally.stroke[i]]], 0.0)
         return Hit(
