@@ -14,6 +14,7 @@ from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording import Rallies, RallyLog, replay
 from shuttle_marl.training import PPOConfig, SACConfig, train
 from shuttle_marl.training.collecting import RallyCollector
 from shuttle_marl.training.ppo import make_ppo
@@ -217,14 +218,19 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_whole_run(device: str, tmp_path: Path) -> None:
-    runs = {}
+def test_a_whole_run_begins_as_with_the_kernel_and_logs_what_it_plays(device: str, tmp_path: Path) -> None:
+    logged = []
     for sampler in ("kernel", "torch"):
-        config = dataclasses.replace(RUN, sampler=sampler, device=device, out=tmp_path / sampler)
-        runs[sampler] = train(config)
-    ours, theirs = runs["kernel"], runs["torch"]
-    assert abs(ours.strokes - theirs.strokes) < 200
-    assert theirs.evaluation.rally_win == pytest.approx(ours.evaluation.rally_win, abs=0.02)
+        done = train(dataclasses.replace(RUN, sampler=sampler, device=device, out=tmp_path / sampler))
+        with RallyLog(done.folder / "rallies.mcap") as log:
+            assert replay(log, GAME, {"bc": BC}).wrong == ()
+            played = Rallies.join([batch for _, batch in log.batches()])
+        assert np.isfinite(played.log_probability).sum() == done.strokes
+        assert 0.3 < done.evaluation.rally_win < 0.7
+        logged.append(played.select(played.update == 0))
+    for name in ("server", "winner", "reason", "length", "stroke", "log_probability", "value"):
+        ours, theirs = (getattr(part, name) for part in logged)
+        assert np.array_equal(ours, theirs, equal_nan=ours.dtype.kind == "f"), name
 
 
 def test_auto_is_the_kernel_on_the_cpu() -> None:
