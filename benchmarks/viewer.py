@@ -145,6 +145,7 @@ def resident(pid: int) -> float:
 def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> dict[str, Any]:
     """Memory of server and page after each match of a session, of which some rallies are shown."""
     server, heap = [], []
+    page.goto("about:blank")
     page.goto(f"{address}#rally=1")
     until(page, "!!(window.viewer && window.viewer.state().ready)")
     for match in range(matches):

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import av
 import pytest
 
 from shuttle_marl.game import default_game
@@ -186,6 +187,24 @@ def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any,
     assert viewer.state("rally") == 0
 
 
+def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_motion_is_wished(viewer: Any, served: Any) -> None:
+    viewer.page.set_viewport_size({"width": 480, "height": 320})
+    viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1").press("t")
+    viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
+    assert len({viewer.state("time") for _ in range(5)}) == 1
+    viewer.page.emulate_media(reduced_motion="no-preference")
+    viewer.page.reload()
+    viewer.until(lambda: bool(viewer.page.evaluate("!!(window.viewer && window.viewer.state().ready)")))
+    viewer.press("t")
+    viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
+    waited = viewer.state("time")
+    viewer.until(lambda: viewer.state("time") < waited - 0.05)
+    viewer.until(lambda: viewer.state("time") > waited - 0.03)
+    assert viewer.press(" ").state("playing") is False, "the serve is the person's"
+    viewer.press("Enter")
+    viewer.until(lambda: len(viewer.state("strokes")) >= 1)
+
+
 def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     folder = tmp_path / "diary"
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
@@ -264,6 +283,14 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
         viewer.page.get_by_text("Share", exact=True).click() if not viewer.page.get_by_text("Save picture").is_visible() else None
         viewer.page.get_by_role("button", name="Save picture").click()
     assert download.value.path().read_bytes()[:4] == b"\x89PNG"
+    with viewer.page.expect_download() as download:
+        seek(viewer, viewer.state("duration") - 0.3)
+        viewer.press(">", ">")
+        viewer.page.get_by_role("button", name="Film this rally").click()
+    assert download.value.suggested_filename == "rally-3.webm"
+    with av.open(str(download.value.path())) as film:
+        picture = next(film.decode(video=0)).to_ndarray(format="rgb24")
+    assert picture.std() > 10, "a court, not one colour"
 
 
 @pytest.mark.parametrize(("width", "height"), [(1680, 980), (390, 844)])

@@ -9,6 +9,7 @@ import { Learn } from "./learn";
 import { readLink, writeLink, type Place } from "./link";
 import type { Motion } from "./motion";
 import { Player, SPEEDS } from "./player";
+import { Recorder } from "./recorder";
 import { SideCard, StylePanel, type Styles } from "./sides";
 import { CAMERAS, Stage, type Camera } from "./stage";
 import { save } from "./share";
@@ -41,6 +42,8 @@ export interface Source {
 
 const EARLY = 0.45; // how long before they strike a person is waited for [s]
 
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
+
 const SETTLING = 45; // frames in which cameras and poses come to rest
 
 export class App {
@@ -69,6 +72,7 @@ export class App {
   private readonly board: Board;
   private readonly back = h("button", { class: "back hidden", onclick: () => void this.backToPlayed() }, "What if · back to what was played");
   private readonly sides: [SideCard, SideCard];
+  private readonly recorder = new Recorder(save);
   private readonly cache = new Map<string, Promise<Shown>>();
   private readonly played: { number: number; rally: RallyFacts; analysis: Promise<Analysis> }[] = [];
   private aim: [number, number, number, number] | null = null;
@@ -128,6 +132,7 @@ export class App {
         copyLink: () => this.copyLink(),
         savePicture: () => this.savePicture(),
         savePage: (match) => void this.savePage(match),
+        saveFilm: () => this.saveFilm(),
         rally: (step) => void this.go(this.number + step),
         stroke: (step) => this.stepStroke(step),
         toggle: () => this.toggle(),
@@ -153,9 +158,8 @@ export class App {
 
   private makeStage(): Stage | null {
     const asked = new URLSearchParams(location.search).get("quality");
-    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     try {
-      const stage = new Stage(this.hello.hall, (name) => this.source.model(name), asked === "full" || asked === "lite" ? asked : "auto", still);
+      const stage = new Stage(this.hello.hall, (name) => this.source.model(name), asked === "full" || asked === "lite" ? asked : "auto", STILL.matches);
       stage.canvas.addEventListener("click", (event) => {
         const place = stage.floorAt(event.clientX, event.clientY);
         if (place && this.board.turn) {
@@ -234,12 +238,14 @@ export class App {
   }
 
   private show(shown: Shown, time: number, playing: boolean): void {
+    this.recorder.stop();
     this.layout.quiet();
     this.shown = shown;
     this.player.show(shown.rally, shown.motion, time);
     this.player.playing = playing;
     document.body.dataset["ready"] = "";
     this.player.stopAt = shown.rally.turn ? Math.max(0, this.player.duration - EARLY) : null;
+    this.player.waiting = shown.rally.turn && !shown.rally.strokes.length && !STILL.matches ? this.player.duration - EARLY : null;
     this.ended = false;
     this.analysis = null;
     this.shownStroke = this.saidStroke = -2;
@@ -331,7 +337,8 @@ export class App {
     if (!this.player.playing && this.player.time >= this.player.duration) {
       this.player.seek(0);
     }
-    this.player.playing = !this.player.playing && !(this.board.turn && this.player.time >= this.player.duration - EARLY);
+    const mine = this.board.turn && (this.player.waits || this.player.time >= this.player.duration - EARLY);
+    this.player.playing = !this.player.playing && !mine;
   }
 
   seek(time: number): void {
@@ -441,6 +448,7 @@ export class App {
     this.plan = { ...plan, chosen: { ...plan.chosen, [this.number]: chosen } };
     this.board.show(null);
     this.answered = shown.rally.turn;
+    this.player.waiting = null;
     // What is left of the motion plays while the rest is staged.
     this.player.stopAt = Math.max(this.player.time, this.player.duration - 0.1);
     this.player.playing = true;
@@ -539,6 +547,19 @@ export class App {
     this.stage?.canvas.toBlob((picture) => picture && save(picture, `rally-${this.number + 1}.png`));
   }
 
+  /** Plays the rally from its start, at the speed that is set, and saves the court as it is seen. */
+  private saveFilm(): void {
+    if (!this.stage) {
+      return;
+    }
+    this.layout.showText(false);
+    this.recorder.stop();
+    this.player.seek(0);
+    this.player.playing = true;
+    this.recorder.start(this.stage.canvas, `rally-${this.number + 1}.webm`);
+    this.layout.say("filming until the rally is over, or is paused");
+  }
+
   private async savePage(match: boolean): Promise<void> {
     if (!this.source.share || !this.shown) {
       return;
@@ -562,6 +583,9 @@ export class App {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
     const ended = this.player.advance(seconds);
+    if (this.recorder.on && (ended || !this.player.playing)) {
+      this.recorder.stop();
+    }
     if (!this.filming) {
       this.draw();
     }
@@ -607,8 +631,9 @@ export class App {
     if (this.stage) {
       this.cameras.show(this.stage.camera);
     }
-    this.layout.scrubber.value = String(player.time);
-    this.layout.clock.textContent = `${player.time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
+    const time = player.waits ? player.duration - EARLY : player.time;
+    this.layout.scrubber.value = String(time);
+    this.layout.clock.textContent = `${time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
     this.layout.showPlaying(player.playing);
     if (player.stroke !== this.shownStroke) {
       this.showStroke(player.stroke);
@@ -737,6 +762,11 @@ export class App {
       const place = readLink(location.hash);
       if (place.plan && !this.hello.recorded) {
         this.plan = place.plan;
+        this.original = null;
+        if (this.person) {
+          this.person = null; // a link names a match that is watched
+          this.setModeQuietly("watch");
+        }
       }
       this.number = place.rally;
       this.tried = place.tried;

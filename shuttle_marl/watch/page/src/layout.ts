@@ -3,6 +3,7 @@
 import { h, replaceChildren } from "./dom";
 import { icon } from "./icons";
 import { SPEEDS } from "./player";
+import { filmFormat } from "./recorder";
 
 export const MODES = ["watch", "analyse", "learn", "play"] as const;
 export type Mode = (typeof MODES)[number];
@@ -13,6 +14,7 @@ export interface Hooks {
   copyLink(): void;
   savePicture(): void;
   savePage(match: boolean): void;
+  saveFilm(): void;
   rally(step: number): void;
   stroke(step: number): void;
   toggle(): void;
@@ -101,6 +103,9 @@ export class Layout {
             h("button", { onclick: () => hooks.savePage(false) }, "Save this rally (.html)"),
             h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
             h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
+            filmFormat()
+              ? h("button", { onclick: () => hooks.saveFilm() }, "Film this rally (.webm)")
+              : h("p", { class: "quiet" }, "This browser makes no films"),
           ),
         )
       : h("button", { onclick: () => hooks.savePicture() }, "Save picture");

@@ -4,6 +4,7 @@ import type { Motion } from "./motion";
 import type { RallyFacts } from "./wire";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
+const HASTE = 1.2; // of breathing while players wait; twice the highest speed of their time
 
 export class Player {
   time = 0;
@@ -13,12 +14,16 @@ export class Player {
   motion: Motion | null = null;
   /** Where the playback stops once, for example before a decision; null: nowhere. */
   stopAt: number | null = null;
+  /** End of the time in which players wait for the serve of a person, who may take long; null: they do not. */
+  waiting: number | null = null;
+  private breath = 0; // phase of the waiting
   private until: { time: number; speed: number } | null = null;
 
   show(rally: RallyFacts, motion: Motion, time = 0): void {
     this.rally = rally;
     this.motion = motion;
     this.time = Math.min(time, motion.duration);
+    this.breath = 0;
     this.until = null;
   }
 
@@ -31,6 +36,11 @@ export class Player {
     return this.rally?.strokes.findLastIndex((stroke) => stroke.time <= this.time + 1e-6) ?? -1;
   }
 
+  /** Whether players wait for a serve now. */
+  get waits(): boolean {
+    return this.waiting !== null && !this.playing;
+  }
+
   seek(time: number): void {
     this.time = Math.min(Math.max(time, 0), this.duration);
     this.endReplay();
@@ -38,6 +48,11 @@ export class Player {
 
   /** Lets time pass; returns whether the end was reached. */
   advance(seconds: number): boolean {
+    if (this.waits) {
+      // They breathe and shift their weight: their time goes to and fro.
+      this.breath += (seconds * HASTE) / this.waiting!;
+      this.time = (this.waiting! * (1 + Math.cos(this.breath))) / 2;
+    }
     if (!this.playing || !this.motion) {
       return false;
     }
