@@ -81,7 +81,7 @@ def stroke_value(
             mine[0].player: summarise(valued, mine[0].player) for mine in groups.values()
         }
         pictures.save(pictures.ranking(groups, "Value added by strokes"), out / "ranking.png")
-        pictures.save(pictures.landings(everyone), out / "landings.png")
+        pictures.save(pictures.landings(everyone, everyone["all players"], "all players"), out / "landings.png")
         pictures.save(pictures.transitions(everyone["all players"], "Replies of all players"), out / "replies.png")
         pictures.save(pictures.shot_mix(everyone), out / "shots.png")
         shown = next((r for r in rally_table(valued).to_pylist() if r["length"] in _DRAWN and _known(valued, r)), None)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.analysis.summary import LONGEST, AnalysisError, Summary
@@ -31,10 +30,10 @@ INK: Final = "#0b0f17"
 LINE: Final = "#dcebe6"
 _MAT: Final = "#127257"
 _COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
-_CELLS: Final = (26, 34)
-"""Cells of the heat map across and along a half of the court."""
-_LEAST_SHARE: Final = 0.08
-"""Replies rarer than this are not drawn in a transition diagram."""
+_MOST_POINTS: Final = 4000
+"""About so many landing points of a player are drawn at most."""
+_LEAST_SHARE: Final = 3.0
+"""Replies rarer than this have no number in a picture of transitions [%]."""
 _SHORT: Final = {"cross-court-net-shot": "cross-court\nnet shot", "short-serve": "short serve", "long-serve": "long serve"}
 
 
@@ -105,81 +104,81 @@ def area_box(area: int) -> tuple[float, float, float, float]:
     return xs[side], ys[depth], xs[side + 1] - xs[side], ys[depth + 1] - ys[depth]
 
 
-def landings(summaries: Mapping[str, Summary]) -> Any:
-    """Landings of the good strokes of each, on the court, with the share of every area."""
-    drawn = figure(3.4 * len(summaries), 6.2)
+def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) -> Any:
+    """Areas in which the good strokes of each come down: their share, coloured by the difference from a reference.
+
+    Points are shown where they were marked in matches; within an area a log does not know any.
+
+    Args:
+        summaries: whose strokes, by name.
+        reference: what they are compared with.
+        name: of the reference.
+    """
+    drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
     axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
-    cells = [_density(summary.points) for summary in summaries.values()]
-    brightest = max((float(cell.max()) for cell in cells), default=1.0) or 1.0
-    for axes, cell, (name, summary) in zip(axes_of, cells, summaries.items(), strict=True):
+    differences = {of: 100 * (summary.areas - reference.areas) for of, summary in summaries.items()}
+    most = max(5.0, *(float(np.abs(difference).max()) for difference in differences.values()))
+    for axes, (of, summary) in zip(axes_of, summaries.items(), strict=True):
         draw_court(axes)
-        extent = (-HALF_WIDTH, HALF_WIDTH, 0.0, HALF_LENGTH)
-        axes.imshow(
-            cell.T / brightest, origin="lower", extent=extent, cmap="magma", vmin=0, vmax=1, zorder=2, interpolation="bilinear"
-        )
         for area in range(N_AREAS):
-            left, bottom, width, height = area_box(area)
-            box = ([left, left + width, left + width, left, left], [bottom, bottom, bottom + height, bottom + height, bottom])
-            axes.plot(*box, color="white", linewidth=0.5, alpha=0.6, zorder=4)
-            x, y = area_centre(np.array(area))
-            share = f"{100 * summary.areas[area]:.0f} %"
-            outline = {"boxstyle": "round,pad=0.15", "facecolor": INK, "alpha": 0.55, "edgecolor": "none"}
-            axes.text(x, y, share, ha="center", va="center", color="white", fontsize=9, bbox=outline, zorder=5)
-        axes.text(
-            0, -HALF_LENGTH / 2, f"{name}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
-        )
-        axes.set_title(f"{name}: {summary.strokes:,} strokes", fontsize=10)
+            _draw_share(axes, area, 100 * summary.areas[area], differences[of][area], most)
+        if summary.marked:
+            shown = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
+            axes.scatter(*shown.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
+        axes.text(0, -HALF_LENGTH / 2, f"{of}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5)
+        axes.set_title(f"{of}: {summary.strokes:,} strokes", fontsize=10)
+    scale = _colours_between(-most, most)
+    drawn.colorbar(scale, ax=axes_of.tolist(), shrink=0.5, label=f"percentage points more than {name}")
     return drawn
 
 
-def _density(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    bounds = [[-HALF_WIDTH, HALF_WIDTH], [0.0, HALF_LENGTH]]
-    counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=_CELLS, range=bounds)
-    return np.asarray(counts / max(1, len(points)))
+def _draw_share(axes: Any, area: int, share: float, more: float, most: float) -> None:
+    """An area, coloured by how many percentage points its share is above the reference."""
+    left, bottom, width, height = area_box(area)
+    x, y = area_centre(np.array(area))
+    xs, ys = (left, left + width, left + width, left), (bottom, bottom, bottom + height, bottom + height)
+    axes.fill(xs, ys, facecolor=colour_map("RdBu_r")(0.5 + more / most / 2), edgecolor=INK, linewidth=0.5, zorder=3.5)
+    outline = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "edgecolor": "none"}
+    axes.text(x, y, f"{share:.0f} %\n{more:+.0f}", ha="center", va="center", color=INK, fontsize=9, bbox=outline, zorder=5)
+
+
+def _colours_between(low: float, high: float) -> Any:
+    """The colours of differences, for a colour bar."""
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  an extra
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
+    return ScalarMappable(Normalize(low, high), "RdBu_r")
 
 
 def transitions(summary: Summary, title: str) -> Any:
-    """With which shot types a player answers which: arrows from the incoming shot to the reply, as wide as it is frequent."""
-    from matplotlib.patches import FancyArrowPatch  # noqa: PLC0415  an extra
-
-    drawn = figure(8.4, 8.4)
+    """With which shot types a player answers which: a row for each incoming shot, the shares of the replies in it."""
+    drawn = figure(8.6, 7.0)
     axes = drawn.subplots()
     count = summary.transitions
-    total = count.sum(axis=1, keepdims=True)
-    share = count / np.maximum(1, total)
-    used = np.flatnonzero(count.sum(axis=0) + count.sum(axis=1))
-    angle = np.pi / 2 - 2 * np.pi * np.arange(len(used)) / len(used)
-    place = {int(shot): (np.cos(a), np.sin(a)) for shot, a in zip(used, angle, strict=True)}
-    played = count.sum(axis=0) / max(1, count.sum())
-    come = count.sum(axis=1) / max(1, count.sum())
-    for before, after in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
-        if before == after:
-            continue
-        arrow = FancyArrowPatch(
-            place[int(before)],
-            place[int(after)],
-            connectionstyle="arc3,rad=0.18",
-            arrowstyle="-|>",
-            mutation_scale=9,
-            linewidth=0.4 + 7 * share[before, after] * np.sqrt(come[before]),
-            color=_COLOURS[0] if before >= N_SERVES else _COLOURS[2],
-            alpha=float(min(1.0, 0.25 + share[before, after])),
-            shrinkA=19,
-            shrinkB=19,
-        )
-        axes.add_patch(arrow)
-    for shot, (x, y) in place.items():
-        axes.scatter(x, y, s=300 + 4200 * played[shot], color=_COLOURS[1], alpha=0.9, zorder=3, edgecolor="white")
-        name = _SHORT.get(SHOTS[shot], SHOTS[shot].replace("-", " "))
-        label = name if shot < N_SERVES else f"{name}\n{100 * played[shot]:.0f} %"
-        axes.text(1.2 * x, 1.17 * y, label, ha="center", va="center", fontsize=9)
-        if share[shot, shot] >= _LEAST_SHARE:
-            axes.text(x, y, f"↻{100 * share[shot, shot]:.0f}", ha="center", va="center", fontsize=8, color="white", zorder=4)
-    axes.set(xlim=(-1.4, 1.4), ylim=(-1.35, 1.35), aspect="equal")
-    axes.set_axis_off()
-    axes.set_title(
-        f"{title}\narrows: incoming shot → reply, from {100 * _LEAST_SHARE:.0f} % on; circles: share of the replies", fontsize=10
-    )
+    total = count.sum(axis=1)
+    come, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
+    share = 100 * count[np.ix_(come, replies)] / total[come, None]
+    picture = axes.imshow(share, cmap="Greens", vmin=0, vmax=max(40.0, float(share.max(initial=0.0))), aspect="auto")
+    for row, column in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
+        light = share[row, column] > 0.6 * picture.norm.vmax
+        axes.text(column, row, f"{share[row, column]:.0f}", ha="center", va="center", fontsize=8, color="white" if light else INK)
+    played = 100 * count[:, replies].sum(axis=0) / max(1, total.sum())
+    names = [_SHORT.get(shot, shot.replace("-", " ")) for shot in SHOTS]
+    axes.set_xticks(
+        range(len(replies)),
+        [f"{names[k]}\n{part:.0f} %" for k, part in zip(replies, played, strict=True)],
+        rotation=40, ha="right", fontsize=8,
+    )  # fmt: skip
+    met = [f"{names[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in come]
+    axes.set_yticks(range(len(come)), met, fontsize=8)
+    axes.set(xlabel="reply, and its share of all replies", ylabel="incoming shot, and its share of all that come")
+    axes.set_xticks(np.arange(len(replies) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(come) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="white", linewidth=1)
+    axes.tick_params(which="both", length=0)
+    axes.spines[:].set_visible(False)
+    drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
+    axes.set_title(title, fontsize=11)
     return drawn
 
 
@@ -193,7 +192,10 @@ def shot_mix(summaries: Mapping[str, Summary]) -> Any:
         colour = _COLOURS[i % len(_COLOURS)]
         above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
         share = 100 * summary.lengths / max(1, summary.lengths.sum())
-        below.step(np.arange(LONGEST + 1), share, where="mid", color=colour, label=f"{name}: mean {summary.length:.1f}")
+        # The first lines are the widest, so that they show behind those drawn over them.
+        wide = 1.3 + 2.2 * (len(summaries) - 1 - i)
+        label = f"{name}: mean {summary.length:.1f}"
+        below.step(np.arange(LONGEST + 1), share, where="mid", color=colour, linewidth=wide, label=label)
     above.set_xticks(at, [_SHORT.get(shot, shot.replace("-", " ")) for shot in SHOTS], rotation=40, ha="right", fontsize=8)
     above.set_ylabel("share of strokes [%]")
     below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))

@@ -39,6 +39,7 @@ class Summary:
         shots: ``[13]`` share of each shot type.
         areas: ``[9]`` share of each area among the landings in court.
         points: ``[M, 2]`` landing points of good strokes [m], the striker's frame.
+        marked: whether the points were marked in matches; else they were drawn within the areas.
         transitions: ``[13, 13]`` how often a shot type (row) was answered by the player with another (column).
         endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that the player's strokes ended.
         lengths: ``[61]`` how many rallies had so many strokes.
@@ -54,6 +55,7 @@ class Summary:
     shots: Floats
     areas: Floats
     points: Floats
+    marked: bool
     transitions: Ints
     endings: Floats
     lengths: Ints
@@ -138,6 +140,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         shots=_shares(frame.shot[mine], N_SHOTS),
         areas=_shares(frame.area[good], N_AREAS),
         points=frame.landing[good],
+        marked="simulated" not in strokes["source"].unique().to_pylist(),
         transitions=transitions,
         endings=_shares(frame.ending[ends], len(ENDINGS)),
         lengths=np.bincount(np.minimum(length, LONGEST), minlength=LONGEST + 1),
@@ -214,11 +217,11 @@ def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table
 
 
 def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:
-    """Strokes of a rally log in the schema of annotated matches, whole batches of it evenly spread over the log.
+    """Strokes of a rally log in the schema of annotated matches, of all its pairings about equally many rallies.
 
     A log holds decisions and outcomes; points on the court and times are drawn as in simulated tables
     (:func:`shuttle_marl.recording.simulate.stroke_table`). A match is named by its pairing and its number; where every
-    rally stands for itself, it is a match of its own.
+    rally stands for itself, it is a match of its own. Matches are whole but for those that two batches of the log share.
 
     Args:
         log: the log.
@@ -228,13 +231,34 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``.
     """
-    batches = len(log.rallies)
-    wanted = min(batches, max(1, round(batches * min(1.0, rallies / max(1, log.n_rallies)))))
-    rng = np.random.default_rng([seed, wanted])
-    if not batches:
+    rng = np.random.default_rng([seed, min(rallies, log.n_rallies)])
+    if not log.n_rallies:
         return STROKES.empty_table()
-    chosen = np.unique(np.linspace(0, batches - 1, wanted).round().astype(int))
-    return pa.concat_tables([_table(log, log.batch(int(i))[1], rng) for i in chosen])
+    if rallies >= log.n_rallies:
+        return pa.concat_tables([_table(log, found, rng) for _, found in log.batches()])
+    each = -(-rallies // len(log.pairings))
+    parts = [part for pairing in range(len(log.pairings)) for part in _sample(log, pairing, each)]
+    return pa.concat_tables([_table(log, part, rng) for part in parts])
+
+
+def _sample(log: RallyLog, pairing: int, wanted: int) -> list[Rallies]:
+    """About so many rallies of a pairing, from batches spread over the log."""
+    batches = log.batches_of_pairing(pairing)
+    # Multiples of the golden ratio: however many are taken, they are spread evenly.
+    spread = batches[np.argsort(np.arange(len(batches)) * 0.6180339887498949 % 1, kind="stable")]
+    found: list[Rallies] = []
+    for batch in spread.tolist():
+        rallies = log.batch(batch)[1]
+        rallies = rallies.select(rallies.pairing == pairing)
+        _, first, place = np.unique(rallies.match, return_index=True, return_inverse=True)
+        # The matches that begin before enough rallies have come.
+        rallies = rallies.select(first[place] < wanted)
+        if len(rallies):
+            found.append(rallies)
+            wanted -= len(rallies)
+        if wanted <= 0:
+            break
+    return found
 
 
 def _table(log: RallyLog, rallies: Rallies, rng: np.random.Generator) -> pa.Table:

@@ -38,7 +38,7 @@ def analysis(
         reference: policy whose play the values assume.
         game: model on whose game values are computed: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.
-        rallies: about how many rallies of a log are looked at.
+        rallies: about how many rallies of a log are looked at, of each pairing as many.
         json: print JSON.
     """
     from shuttle_marl import table_files  # noqa: PLC0415  what computes is not needed to show the flags
@@ -56,23 +56,38 @@ def analysis(
     if out is not None:
         table_files.write_parquet(out / "strokes.parquet", valued)
         table_files.write_parquet(out / "rallies.parquet", rally_table(valued))
-        _draw(out, found)
-    _print(found, as_json=json)
+        everyone = "all together"
+        beside = (everyone, summarise(valued)) if against is None else (against.resolve().name, found[against.resolve().name])
+        _draw(out, found, beside)
+    _print(found, _ratings(path), as_json=json)
 
 
-def _draw(out: Path, found: dict[str, "Summary"]) -> None:
+def _ratings(path: Path) -> dict[str, float]:
+    """Ratings of the players by name, from the report of the tournament that wrote the log; empty if there is none."""
+    import json  # noqa: PLC0415  the flag has its name
+
+    from shuttle_marl.league.folder import REPORT  # noqa: PLC0415
+
+    try:
+        ranking = json.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]
+        return {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+
+
+def _draw(out: Path, found: dict[str, "Summary"], beside: tuple[str, "Summary"]) -> None:
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
 
     names = list(found)
     shown = {name: found[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
-    pictures.save(pictures.landings(shown), out / "landings.png")
+    pictures.save(pictures.landings(shown, beside[1], beside[0]), out / "landings.png")
     pictures.save(pictures.shot_mix(shown), out / "shots.png")
     for name, summary in shown.items():
         file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name)
         pictures.save(pictures.transitions(summary, name), out / f"replies-{file}.png")
 
 
-def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
+def _print(found: dict[str, "Summary"], ratings: dict[str, float], *, as_json: bool) -> None:
     import json  # noqa: PLC0415  the flag has its name
     import math  # noqa: PLC0415
 
@@ -98,6 +113,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
             listed[name] |= {
                 "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
                 "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
+                "rating": ratings.get(name),
             }
         sys.stdout.write(json.dumps(listed) + "\n")
         return
@@ -106,7 +122,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
         return "" if math.isnan(value) else f"{scale * value:.{digits}f}"
 
     table = Table(box=SIMPLE_HEAD)
-    for heading in ("", "strokes", "won", "length", "tempo", "winners", "value", "most played"):
+    for heading in ("", "strokes", "won", *(["rating"] if ratings else []), "length", "tempo", "winners", "value", "most played"):
         table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=heading != "most played")
     for name, s in found.items():
         most = ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2])
@@ -114,6 +130,7 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
             escape(printable(name)),
             f"{s.strokes:,}",
             cell(s.wins, 100, 1),
+            *([f"{ratings[name]:+.0f}" if name in ratings else ""] if ratings else []),
             cell(s.length, 1, 1),
             cell(s.seconds, 1, 2),
             cell(float(s.endings[0]), 100, 0),
@@ -123,7 +140,8 @@ def _print(found: dict[str, "Summary"], *, as_json: bool) -> None:
     console = Console(highlight=False, width=max(Console().width, 100))
     console.print(table)
     console.print(
-        "won: % of the rallies, of all together of the server; length: strokes a rally; tempo: seconds between two strokes;\n"
+        "won: % of the rallies, of all together of the server; rating: in the tournament [Elo points];\n"
+        "length: strokes a rally; tempo: seconds between two strokes;\n"
         "winners: % of the strokes that ended a rally; value: points that 100 strokes added"
     )
 

@@ -139,6 +139,17 @@ class RallyLog:
                 found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
+    def batches_of_pairing(self, pairing: int) -> npt.NDArray[np.int64]:
+        """Numbers of the batches that may hold rallies of a pairing, ascending."""
+        found = [np.empty(0, dtype=np.int64)]
+        for at, file in enumerate(self.files):
+            if self.pairings[pairing] in file.header.pairings:
+                own = np.uint64(file.header.pairings.index(self.pairings[pairing]))
+                bits = np.uint64(32)
+                rows = np.flatnonzero((file.first_match >> bits <= own) & (own <= file.last_match >> bits))
+                found.append(self._first_batch[at] + rows)
+        return np.concatenate(found)
+
     def rally_table(self) -> pa.Table:
         """All rallies as one table, see :func:`shuttle_marl.recording.tables.rally_rows`."""
         return pa.concat_tables([rally_rows(self, *batch) for batch in self.batches_or_none()])

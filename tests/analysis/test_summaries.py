@@ -94,6 +94,21 @@ def test_part_of_a_log(tournament: Path) -> None:
         assert not some.equals(strokes_of_log(log, rallies=1, seed=1))
 
 
+def test_every_pairing_has_its_part_in_a_sample(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        few, many = (rally_table(strokes_of_log(log, rallies=n)) for n in (30, 600))
+        whole = rally_table(strokes_of_log(log, rallies=10**9))
+    for sample, least in ((few, 10), (many, 200)):
+        pairing = [name.split("-")[0] for name in sample["match"].to_pylist()]
+        counts = {name: pairing.count(name) for name in set(pairing)}
+        assert len(counts) == 3
+        assert min(counts.values()) >= least
+        assert max(counts.values()) < 1.6 * least + 130, "no more than a match too many"
+    # Matches are whole.
+    match = few["match"].to_pylist()
+    assert match.count(match[0]) == whole["match"].to_pylist().count(match[0])
+
+
 def test_nothing_to_analyse(tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
@@ -119,7 +134,7 @@ def test_the_mix_of_bc_is_that_of_its_exact_play(tmp_path: Path, bc) -> None:
 def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
     found = {name: summarise(valued, name) for name in players_of(valued)}
     drawn = {
-        "landings.png": pictures.landings(found),
+        "landings.png": pictures.landings(found, summarise(valued), "all together"),
         "replies.svg": pictures.transitions(found["bc"], "bc"),
         "shots.pdf": pictures.shot_mix(found),
         "rally.png": pictures.rally(valued, 0, int(rally_table(valued)["length"][0].as_py())),
@@ -141,6 +156,8 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert list(found)[-1] == "strokes.parquet"
     assert {"bc", "attacking", "random"} < set(found)
     assert found["attacking"]["value"] > found["random"]["value"]
+    assert found["attacking"]["rating"] > found["random"]["rating"]
+    assert found["strokes.parquet"]["rating"] is None
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "landings.png", "rallies.parquet", "shots.png", "strokes.parquet",
         *(f"replies-{name}.png" for name in ("attacking", "bc", "random", "strokes.parquet")),
