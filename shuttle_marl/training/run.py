@@ -84,8 +84,8 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         PolicyError: an opponent cannot be found or is no distribution over the legal strokes; nothing was written.
         GameError: the model cannot be found; nothing was written.
         RunError: the run folder cannot be used.
-        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, or a
-            file of the run is damaged or cannot be written, and the last checkpoint is whole.
+        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, the
+            device's memory did not suffice, or a file of the run is damaged or cannot be written, and the last checkpoint is whole.
         RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
     """
     console = console or Console(quiet=True)
@@ -95,7 +95,13 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     _check_machine(config, game)
     name = f"{config.algorithm}-{config.seed}"
     with runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
-        return _Run(config, game, opponents, folder, console).go()
+        try:
+            return _Run(config, game, opponents, folder, console).go()
+        except torch.OutOfMemoryError as error:
+            raise TrainingError(
+                f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
+                "whole; train with smaller --batch, --growth or --width, or with --device cpu"
+            ) from error
 
 
 def check_device(device: str) -> None:
@@ -107,9 +113,12 @@ def check_device(device: str) -> None:
     try:
         torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).partition("\n")[0]
         needed = "; cuda needs an NVIDIA GPU with its driver, and a build of PyTorch for CUDA" if "cuda" in device else ""
-        raise TrainingError(f"--device {device}: cannot be used here ({reason}); --device cpu can{needed}") from error
+        raise TrainingError(f"--device {device}: cannot be used here ({_first_line(error)}); --device cpu can{needed}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
 
 
 def _check_machine(config: TrainingConfig, game: Game) -> None:

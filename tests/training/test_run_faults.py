@@ -215,6 +215,15 @@ def test_a_device_that_is_not_there_is_refused(device: str, tmp_path: Path) -> N
     assert not (tmp_path / "run").exists()
 
 
+def test_a_device_whose_memory_does_not_suffice_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def collect(*_: Any, **__: Any) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\nMore about it")
+
+    monkeypatch.setattr("shuttle_marl.kernel.sampling.RallySampler.collect", collect)
+    with pytest.raises(TrainingError, match=r"^--device cpu: its memory .+Tried to allocate 2.00 GiB\.\); .+smaller --batch"):
+        train(dataclasses.replace(CONFIG, out=tmp_path / "run"))
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [
