@@ -84,8 +84,8 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         PolicyError: an opponent cannot be found or is no distribution over the legal strokes; nothing was written.
         GameError: the model cannot be found; nothing was written.
         RunError: the run folder cannot be used.
-        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, the
-            device's memory did not suffice, or a file of the run is damaged or cannot be written, and the last checkpoint is whole.
+        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, the memory
+            of the device ran out, or a file of the run is damaged or cannot be written, and the last checkpoint is whole.
         RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
     """
     console = console or Console(quiet=True)

@@ -2,25 +2,23 @@
 
 The same draws, thresholds and entries give the strokes that the compiled kernel plays, bit for bit: tests hold the two equal, and
 the kernel plays rallies again for the log. It also writes the entries; those that change are copied to the device.
-
-Sums of advantages do not depend on the order in which a device adds: they are sums of whole numbers.
 """
 
 import itertools
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import Distinct, RallySampler
 from shuttle_marl.kernel.sampling import Assess
 from shuttle_marl.kernel.table_play import START, Ints, Longs, Strokes, no_strokes
+from shuttle_marl.training.torch_numbers import draw, extend, shifted, signed, sums, whole
 
 _WAITS: Final = 0
 """Stands for the turn in which a rally ends while it waits for an entry."""
@@ -28,71 +26,25 @@ _RANKS: Final = 256
 """More than there are legal strokes in a state."""
 
 
-def _signed(number: int) -> int:
-    """A number of 64 bits as PyTorch's integers hold it; sums and products of them wrap around."""
-    return number - (1 << 64) if number >> 63 else number
-
-
-_GOLDEN, _MIX_1, _MIX_2 = (_signed(int(number)) for number in (GOLDEN, MIX_1, MIX_2))
-
-
-def _shifted(x: torch.Tensor, bits: int) -> torch.Tensor:
-    """Shifted to the right, with zeros from the left."""
-    return (x >> bits) & ((1 << (64 - bits)) - 1)
-
-
-def mix(x: torch.Tensor) -> torch.Tensor:
-    """:func:`shuttle_marl.game.draws.mix` of int64 numbers; any shape."""
-    x = (x ^ _shifted(x, 30)) * _MIX_1
-    x = (x ^ _shifted(x, 27)) * _MIX_2
-    return x ^ _shifted(x, 31)
-
-
-def extend(key: int, number: torch.Tensor) -> torch.Tensor:
-    """:func:`shuttle_marl.game.draws.extend` of one key."""
-    return mix((number ^ key) + _GOLDEN)
-
-
-def draw(key: torch.Tensor, counter: torch.Tensor | int) -> torch.Tensor:
-    """:func:`shuttle_marl.game.draws.draw` of int64 keys."""
-    return mix(mix(torch.as_tensor(counter, device=key.device) * _GOLDEN + key) + _GOLDEN)
-
-
-def whole(amounts: torch.Tensor) -> tuple[torch.Tensor, float]:
-    """Amounts as whole numbers of a unit that is small enough for them and large enough for their sum.
-
-    Args:
-        amounts: ``[N]`` float64, finite.
-
-    Returns:
-        ``[N]`` int64, and the unit, a power of two.
-    """
-    if not len(amounts):
-        return amounts.long(), 1.0
-    highest = math.frexp(float(amounts.abs().max()))[1]
-    unit = 2.0 ** max(highest + len(amounts).bit_length() - 62, -1000)
-    return (amounts / unit).round().long(), unit
-
-
-def sums(group: torch.Tensor, amounts: torch.Tensor, groups: int) -> torch.Tensor:
-    """``[groups]`` float64 sums of ``[N]`` amounts by group, the same whatever the order in which they are added."""
-    numbers, unit = whole(amounts)
-    return numbers.new_zeros(groups).index_add_(0, group, numbers).double() * unit
-
-
 class _Rallies(NamedTuple):
     """Rallies that are played together.
 
     Attributes:
+        key: ``[R]`` of the draws.
+        opponent: ``[R]`` of the learner, which sits at seat 0; -1 for none.
         both: ``[R]`` whether both players are the learner.
-        server: ``[R]`` seat that begins; the learner's is 0 where it has an opponent.
+        server: ``[R]`` seat that begins.
+        state: ``[R]`` of the last stroke, or of that which waits for an entry.
         outcome: ``[R]`` of the last stroke.
         length: ``[R]`` in strokes of both players.
-        turn: ``[R]`` how often the network had to be asked until they ended, counted from 1; _WAITS where it has to be asked now.
+        turn: ``[R]`` in which it ended; the network is asked between two turns. _WAITS where it has to be asked.
     """
 
+    key: torch.Tensor
+    opponent: torch.Tensor
     both: torch.Tensor
     server: torch.Tensor
+    state: torch.Tensor
     outcome: torch.Tensor
     length: torch.Tensor
     turn: torch.Tensor
@@ -222,31 +174,49 @@ class TorchSampler(RallySampler):
 
     def _finish(self, numbers: Longs, assess: Assess) -> None:
         number = self._there(numbers)
-        key = extend(_signed(int(self._seed_key)), number)
+        key = extend(signed(int(self._seed_key)), number)
         opponent = self._there(self._opponents)[number % len(self._opponents)]
-        rallies = _Rallies(opponent < 0, (draw(key, 0) >> 16) & 1, *(torch.zeros_like(number) for _ in range(3)))
-        row, state = torch.arange(len(numbers), device=self._device), self._start(key, opponent)
-        t, last, struck = torch.zeros_like(number), torch.zeros_like(number), list[_Struck]()
+        server = (draw(key, 0) >> 16) & 1
+        rallies = _Rallies(key, opponent, opponent < 0, server, *(torch.zeros_like(number) for _ in range(4)))
+        row = torch.arange(len(numbers), device=self._device)
+        t, state, struck = torch.zeros_like(number), self._start(key, opponent), list[_Struck]()
         # What waits for entries stands still until no rally can continue; then the network is asked about all of them together.
         for turn in itertools.count(1):
-            while len(row):
-                bits, mine = draw(key[row], t), rallies.both[row] | ((rallies.server[row] + t) % 2 == 0)
-                waits = mine & (self._written[state] < self._oldest)
-                pair = self._chosen(state, torch.where(mine, 0, opponent[row]), bits)
-                result = ((bits & (ONE - 1))[:, None] >= self._thresholds[self._limit_row[pair].long()]).sum(1)
-                struck.append(_Struck(row, t, state, pair, mine & ~waits))
-                last[row], rallies.turn[row] = state, torch.where(waits, _WAITS, turn)
-                rallies.outcome[row], rallies.length[row] = result, t + 1
-                # One look a stroke at what the device has computed: how many rallies continue.
-                on = (~waits & (result >= RETURNED_BELOW)).nonzero().squeeze(1)
-                row, t, state = row[on], t[on] + 1, self._arrivals[(2 * pair + result - RETURNED_BELOW)[on]].long()
+            struck += self._advance(rallies, turn, row, t, state)
             row = (rallies.turn == _WAITS).nonzero().squeeze(1)
             if not len(row):
                 break
-            t, state = rallies.length[row] - 1, last[row]
+            t, state = rallies.length[row], rallies.state[row]
             asked = _here(state, np.int32)
             self._refresh(asked[np.sort(np.unique(asked, return_index=True)[1])], assess)
         self._credit(rallies, _Struck(*(torch.cat(parts) for parts in zip(*struck, strict=True))))
+
+    def _advance(
+        self, rallies: _Rallies, turn: int, row: torch.Tensor, t: torch.Tensor, state: torch.Tensor
+    ) -> Iterator[_Struck]:
+        """Play rallies until each has ended or waits for an entry.
+
+        Args:
+            rallies: changed in place.
+            turn: number of this turn.
+            row: ``[A]`` those to be played.
+            t: ``[A]`` number of the stroke that is due.
+            state: ``[A]`` where it is due.
+
+        Yields:
+            The strokes, one of each rally at a time.
+        """
+        while len(row):
+            bits, mine = draw(rallies.key[row], t), rallies.both[row] | ((rallies.server[row] + t) % 2 == 0)
+            waits = mine & (self._written[state] < self._oldest)
+            pair = self._chosen(state, torch.where(mine, 0, rallies.opponent[row]), bits)
+            outcome = ((bits & (ONE - 1))[:, None] >= self._thresholds[self._limit_row[pair].long()]).sum(1)
+            yield _Struck(row, t, state, pair, mine & ~waits)
+            rallies.state[row], rallies.outcome[row] = state, outcome
+            rallies.length[row], rallies.turn[row] = t + (~waits).long(), torch.where(waits, _WAITS, turn)
+            # One look a stroke at what the device has computed: how many rallies continue.
+            on = (~waits & (outcome >= RETURNED_BELOW)).nonzero().squeeze(1)
+            row, t, state = row[on], t[on] + 1, self._arrivals[(2 * pair + outcome - RETURNED_BELOW)[on]].long()
 
     def _start(self, key: torch.Tensor, opponent: torch.Tensor) -> torch.Tensor:
         """``[R]`` states in which rallies begin: the serve, or in some of self-play one that is drawn."""
@@ -254,7 +224,7 @@ class TorchSampler(RallySampler):
         if not len(states):
             return serve
         bits = draw(key, int(START))
-        drawn = self._there(states)[(_shifted(bits, 32) * len(states)) >> 32].long()
+        drawn = self._there(states)[(shifted(bits, 32) * len(states)) >> 32].long()
         return torch.where((opponent < 0) & ((bits & (ONE - 1)) < int(self._starts.share[0])), drawn, serve)
 
     def _chosen(self, state: torch.Tensor, player: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
@@ -262,20 +232,20 @@ class TorchSampler(RallySampler):
 
         The entries of all players rise from one to the next, because each state of each player has a range of its own.
         """
-        numbers = (player * self.game.n_states + state) * ONE + ((_shifted(bits, 32) * CHOICE_ONE) >> 32)
+        numbers = (player * self.game.n_states + state) * ONE + ((shifted(bits, 32) * CHOICE_ONE) >> 32)
         return torch.searchsorted(self._choices, numbers, right=True) - player * self.game.n_pairs
 
     # Credit.
 
     def _credit(self, rallies: _Rallies, struck: _Struck) -> None:
         """Add up rallies that came to their end."""
-        both, server, outcome, length, turn = rallies
+        both, server, outcome, length = rallies.both, rallies.server, rallies.outcome, rallies.length
         reward = torch.where(both | ((server + length) % 2 == 1), 2 * outcome - 1, 1 - 2 * outcome)
         own = torch.where(both, length, (length - server + 1) // 2)
         counts = (own.sum(), len(own), (~both & (reward > 0)).sum(), length.sum())
         self._sums.total[[0, 1, 2, 5]] += [int(count) for count in counts]
         # The learner's strokes, rally after rally, those that ended in the first turn before those of the second.
-        order = turn.argsort(stable=True)
+        order = rallies.turn.argsort(stable=True)
         first = torch.empty_like(own).scatter_(0, order, own[order].cumsum(0) - own[order])
         row, t, state, pair, _ = (part[struck.kept.nonzero().squeeze(1)] for part in struck)
         place = torch.where(both[row], t, (t - server[row]) // 2)
@@ -285,17 +255,29 @@ class TorchSampler(RallySampler):
         gain = torch.where(last, reward[row], 0).double()
         if len(self._added):
             gain = torch.where(both[row], gain, gain + self._added[self._limit_row[pair].long()].double())
-        value = self._value[state].double()
         # In self-play what follows belongs to the opponent, so it counts negatively.
         sign = torch.where(last, 0.0, torch.where(both[row], -1.0, 1.0)).double()
-        advantage = torch.zeros(len(row) + 1, dtype=torch.float64, device=self._device)
-        advantage[:-1] = gain + sign * value.roll(-1) - value
-        weight = sign * self._decay
-        for now in reversed(torch.split(t.argsort(), t.bincount().tolist())):
-            advantage[now] += weight[now] * advantage[now + 1]
+        advantage = self._advantages(gain, sign, state, t)
         following = torch.where(last, -1, state.roll(-1))
         credited = (first + own)[row] - 1 - place
-        self._parts.append(_Learners(state, pair, advantage[:-1], credited, following, gain))
+        self._parts.append(_Learners(state, pair, advantage, credited, following, gain))
+
+    def _advantages(self, gain: torch.Tensor, sign: torch.Tensor, state: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+        """``[N]`` lambda-weighted advantages of the learner's strokes, rally after rally.
+
+        Args:
+            gain: ``[N]`` reward of each.
+            sign: ``[N]`` that of the value of the next one, 0 where there is none.
+            state: ``[N]`` where it was played.
+            t: ``[N]`` number in its rally.
+        """
+        value, weight = self._value[state].double(), sign * self._decay
+        advantage = torch.zeros(len(t) + 1, dtype=torch.float64, device=self._device)
+        advantage[:-1] = gain + sign * value.roll(-1) - value
+        # All strokes of a number together, the last number first: those that follow have theirs already.
+        for now in reversed(torch.split(t.argsort(), t.bincount().tolist())):
+            advantage[now] += weight[now] * advantage[now + 1]
+        return advantage[:-1]
 
     def _end(self) -> None:
         offsets = itertools.accumulate((len(part.state) for part in self._parts[:-1]), initial=0)

@@ -19,7 +19,8 @@ from shuttle_marl.training import PPOConfig, SACConfig, train
 from shuttle_marl.training.collecting import RallyCollector
 from shuttle_marl.training.ppo import make_ppo
 from shuttle_marl.training.sac import make_sac
-from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
+from shuttle_marl.training.torch_numbers import draw, extend, mix, sums
+from shuttle_marl.training.torch_sampler import TorchSampler
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
