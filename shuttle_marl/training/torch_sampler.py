@@ -23,7 +23,7 @@ from shuttle_marl.training.torch_numbers import draw, extend, shifted, signed, s
 _WAITS: Final = 0
 """Stands for the turn in which a rally ends while it waits for an entry."""
 _RANKS: Final = 256
-"""More than there are legal strokes in a state."""
+"""As many legal strokes as a state may have."""
 
 
 class _Rallies(NamedTuple):
