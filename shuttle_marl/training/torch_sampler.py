@@ -122,8 +122,12 @@ class TorchSampler(RallySampler):
     ) -> None:
         self._device = torch.device(device)
         self._thresholds = self._there(game.limits.reshape(-1, 3).astype(np.int32))
-        self._limit_row = self._there(game.limit_row().astype(np.int32))
-        self._arrivals = self._there(game.arrivals().reshape(-1))
+        self._limit_row = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)
+        self._arrivals = torch.empty(game.n_pairs, 2, dtype=torch.int32, device=self._device)
+        for block in range(game.n_blocks):  # one after the other, so that what is needed on the way stays small
+            part = game.block_pairs(block)
+            self._limit_row[part] = self._there(game.limit_row(part))
+            self._arrivals[part] = self._there(game.arrivals(part))
         self._first_pair = self._there(game.pair_start[:-1])
         self._value = torch.zeros(game.n_states, device=self._device)
         self._written = torch.zeros(game.n_states, dtype=torch.int32, device=self._device)
@@ -133,9 +137,9 @@ class TorchSampler(RallySampler):
         self._added = self._there(self._shaping)
         # The learner's table chooses a legal stroke in states without an entry too; what it then plays does not count.
         self._learned.players.cumulative[0, game.last_pairs] = CHOICE_ONE
-        numbers = game.pair_state.astype(np.int64) * ONE
-        offsets = np.arange(len(opponents) + 1)[:, None] * game.n_states * ONE
-        self._choices = self._there((self._learned.players.cumulative + numbers + offsets).ravel())
+        self._choices = torch.empty((len(opponents) + 1) * game.n_pairs, dtype=torch.int64, device=self._device)
+        for player in range(len(opponents) + 1):
+            self._copy_all(player)
 
     def _there(self, array: npt.NDArray[np.generic]) -> torch.Tensor:
         return torch.tensor(array, device=self._device)
@@ -148,7 +152,7 @@ class TorchSampler(RallySampler):
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
         """Put another policy in the place of an opponent; see :meth:`shuttle_marl.kernel.RallySampler.replace_opponent`."""
         super().replace_opponent(number, policy)
-        self._copy(number + 1, np.arange(self.game.n_states))
+        self._copy_all(number + 1)
 
     def _refresh(self, states: Ints, assess: Assess) -> None:
         try:
@@ -165,6 +169,12 @@ class TorchSampler(RallySampler):
         first = (player * self.game.n_states + states.astype(np.int64)) * ONE
         entries = first[row] + self._learned.players.cumulative[player, pairs]
         self._choices[self._there(player * self.game.n_pairs + pairs)] = self._there(entries)
+
+    def _copy_all(self, player: int) -> None:
+        """Copy all entries of a player to the device."""
+        states = np.arange(self.game.n_states)
+        for block in range(self.game.n_blocks):
+            self._copy(player, states[self.game.block_states(block)])
 
     # Play.
 
@@ -216,7 +226,7 @@ class TorchSampler(RallySampler):
             rallies.length[row], rallies.turn[row] = t + (~waits).long(), torch.where(waits, _WAITS, turn)
             # One look a stroke at what the device has computed: how many rallies continue.
             on = (~waits & (outcome >= RETURNED_BELOW)).nonzero().squeeze(1)
-            row, t, state = row[on], t[on] + 1, self._arrivals[(2 * pair + outcome - RETURNED_BELOW)[on]].long()
+            row, t, state = row[on], t[on] + 1, self._arrivals[pair[on], outcome[on] - RETURNED_BELOW].long()
 
     def _start(self, key: torch.Tensor, opponent: torch.Tensor) -> torch.Tensor:
         """``[R]`` states in which rallies begin: the serve, or in some of self-play one that is drawn."""
