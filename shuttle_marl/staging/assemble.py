@@ -12,6 +12,7 @@ from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, p
 from shuttle_marl.staging.draw import Known, Physique, draw_trajectory
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.habits import Habits, habits
+from shuttle_marl.staging.keys import Timeline, own_frame
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
@@ -19,7 +20,7 @@ from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, load_skeleton
-from shuttle_marl.staging.timeline import Timeline, TimelineBuilder, own_frame
+from shuttle_marl.staging.timeline import TimelineBuilder
 from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, with_contacts_moved
 from shuttle_marl.staging.travel import travel
 

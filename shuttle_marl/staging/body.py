@@ -10,6 +10,7 @@ from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps
 from shuttle_marl.staging.habits import Habits
+from shuttle_marl.staging.keys import Keys, Past, Timeline
 from shuttle_marl.staging.legs import legs, reach_of, settle, strays
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
@@ -27,7 +28,6 @@ from shuttle_marl.staging.skeleton import (
     collar_of,
     trunk,
 )
-from shuttle_marl.staging.timeline import Keys, Past, Timeline
 
 Floats = npt.NDArray[np.float64]
 

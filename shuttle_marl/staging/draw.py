@@ -15,12 +15,12 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
 from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
-from shuttle_marl.staging.feet import OVERHEADS
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.rally import PlayedRally
+from shuttle_marl.staging.stands import OVERHEADS
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, facing, net_height
 
 Floats = npt.NDArray[np.float64]

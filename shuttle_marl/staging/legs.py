@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.staging.curves import smooth, widen
-from shuttle_marl.staging.feet import LEFT, RIGHT, Feet
+from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.rotation import (
     apply,
     cross,
@@ -17,6 +17,7 @@ from shuttle_marl.staging.rotation import (
     unit,
 )
 from shuttle_marl.staging.skeleton import Skeleton
+from shuttle_marl.staging.stands import LEFT, RIGHT
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_b
 from shuttle_marl.staging.curves import slopes_through
 from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.impact import swing
+from shuttle_marl.staging.keys import Hit, Keys, Timeline
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.staging.motions import (
     DEFENCE_BACKHAND,
@@ -27,7 +28,6 @@ from shuttle_marl.staging.skeleton import (
     collar_of,
     trunk,
 )
-from shuttle_marl.staging.timeline import Hit, Keys, Timeline
 
 Floats = npt.NDArray[np.float64]
 

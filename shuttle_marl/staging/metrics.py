@@ -30,13 +30,13 @@ from shuttle_marl.staging.arm import (
     arm_of,
 )
 from shuttle_marl.staging.body import NECK_LIMITS
+from shuttle_marl.staging.keys import own_frame
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS, hip_angles
 from shuttle_marl.staging.life import Life, measure_life, summary_of_life
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.staging.timeline import own_frame
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height
 
 Floats = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from shuttle_marl.game.rally import WINNER
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.staging.feet import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.impact import RATIOS, SOFT
+from shuttle_marl.staging.keys import Hit, Keys, Past, Timeline, own_frame
 from shuttle_marl.staging.leaps import half_time, leap
 from shuttle_marl.staging.library import TRUNK, Library, bent, pointed
 from shuttle_marl.staging.motions import (
@@ -26,7 +26,8 @@ from shuttle_marl.staging.motions import (
 )
 from shuttle_marl.staging.rotation import turned, unit
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
-from shuttle_marl.staging.trajectory import RETURN, Trajectory, facing
+from shuttle_marl.staging.stands import OVERHEADS, Stand, feet_at, landing, split, waiting
+from shuttle_marl.staging.trajectory import RETURN, Trajectory
 
 Floats = npt.NDArray[np.float64]
 
@@ -49,100 +50,6 @@ _LEANT: Final = 2.0
 """How far the racket leans back in an overhead, for each sine of the angle at which the shuttle leaves upwards."""
 _FULL_SWING: Final = 38.0
 """Speed of the shuttle from which on a stroke is swung in full [m/s]."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Hit:
-    """One contact of this player.
-
-    Attributes:
-        key: which key pose it is.
-        frame: when.
-        stroke: which stroke of the rally.
-        stance: how it is met, mirrored for a left-hander.
-        point: ``[3]`` where the shuttle is [m].
-        normal: ``[3]`` where the strings face.
-        shaft: ``[3]`` direction of the shaft that suits the motion.
-        elbow: ``[3]`` direction from the shoulder to the elbow that does.
-        swing: ``[3]`` velocity that the strings shall have [m/s].
-        soft: share of the way from the take-back to the contact that the racket has made when it is loaded: 0 for full swings.
-    """
-
-    key: int
-    frame: int
-    stroke: int
-    stance: Stance
-    point: Floats
-    normal: Floats
-    shaft: Floats
-    elbow: Floats
-    swing: Floats
-    soft: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Keys:
-    """Key poses of a player, solved: K of them.
-
-    Attributes:
-        frame: ``[K]`` when each is taken, ascending.
-        pose: ``[K, 27]`` the poses.
-        slope: ``[K, 27]`` how fast they change there, for each frame.
-    """
-
-    frame: npt.NDArray[np.int64]
-    pose: Floats
-    slope: Floats
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Past:
-    """Part of the movements of a player that stays as it is.
-
-    Attributes:
-        frame: the last frame that does.
-        strokes: how many strokes of the rally have been struck by then.
-        keys: key poses up to that frame, the last one in it.
-        stand: where the feet stand then, or land next.
-        lift: ``[F]`` height of the hips in the jumps that were planned, relative to standing [m].
-        air: ``[F]`` height of the feet over the floor in those jumps [m].
-    """
-
-    frame: int
-    strokes: int
-    keys: Keys
-    stand: Stand
-    lift: Floats
-    air: Floats
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Timeline:
-    """Movements of a player over F frames.
-
-    Attributes:
-        frame: ``[K]`` when each key pose is taken, ascending.
-        pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
-        known: the first of them, which are solved already.
-        hits: the contacts.
-        lift: ``[F]`` height of the hips in jumps, relative to standing [m].
-        air: ``[F]`` height of the feet over the floor in jumps [m].
-        stands: stands of the feet.
-    """
-
-    frame: npt.NDArray[np.int64]
-    pose: Floats
-    known: Keys
-    hits: tuple[Hit, ...]
-    lift: Floats
-    air: Floats
-    stands: list[Stand]
-
-
-def own_frame(seat: int, right_handed: bool) -> Floats:
-    """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
-    sign = facing(seat)
-    return np.array([sign if right_handed else -sign, sign, 1.0])
 
 
 class TimelineBuilder:
