@@ -1,7 +1,7 @@
-"""Makes ``docs/images/scene.png`` and ``moments.png``: ``python -m docs.tools.scene_picture``.
+"""Makes ``docs/images/scene.png``, ``moments.png`` and ``film.webp``: ``python -m docs.tools.scene_picture``.
 
 Two imitated players play ten matches; the first varied rally of a deciding game that a smash wins becomes a scene file. The
-pictures are drawn from that file by ``experiments.pictures``, without a viewer.
+pictures and the film are drawn from that file by ``experiments.pictures``, without a viewer.
 """
 
 import json
@@ -12,6 +12,7 @@ from typing import Final
 import matplotlib.pyplot as plt
 import numpy as np
 from mcap.reader import make_reader
+from PIL import Image
 
 from docs.tools.markdown import IMAGES
 from experiments.pictures.raster import Camera
@@ -24,6 +25,13 @@ from shuttle_marl.recording import RallyLog
 
 PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 SMASH: Final = SHOTS.index("smash")
+BESIDE: Final = Camera(place=(10.4, -4.0, 3.0), target=(0.0, 0.45, 1.35), field=38)
+"""A camera from which both players are seen from the side."""
+_EVERY: Final = 0.08
+"""Time between two pictures of the film: four frames of the staging [s]."""
+_AROUND: Final = (0.7, 1.3)
+"""How long before the serve the film begins, and how long after the last contact it ends [s]."""
+_QUALITY: Final = 55
 
 
 def lively(log: RallyLog) -> int:
@@ -48,6 +56,14 @@ def strokes(path: Path) -> list[tuple[float, str]]:
     return [((time - start) / 1e9, shot) for time, shot in found]
 
 
+def film_of(scene: SceneFile, struck: list[tuple[float, str]], path: Path) -> None:
+    """Write an animated picture of a rally."""
+    begin, end = struck[0][0] - _AROUND[0], struck[-1][0] + _AROUND[1]
+    seconds = np.arange(max(begin, 0.0), end, _EVERY).tolist()
+    first, *others = (Image.fromarray(scene.picture(at, camera=BESIDE, width=640, height=300)) for at in seconds)
+    first.save(path, save_all=True, append_images=others, duration=round(1000 * _EVERY), loop=0, quality=_QUALITY, method=4)
+
+
 def main() -> None:
     """Play, stage, draw."""
     with tempfile.TemporaryDirectory() as temporary:
@@ -59,7 +75,8 @@ def main() -> None:
         recording(["scene", str(log), "--rally", str(number), "--out", str(path)])
         film, struck = SceneFile(path), strokes(path)
         last = struck[-1][0]
-        film.save(IMAGES / "scene.png", last + 0.14)
+        film_of(film, struck, IMAGES / "film.webp")
+        film.save(IMAGES / "scene.png", last + 0.06, camera=Camera(place=(7.6, -9.4, 3.2), target=(0.0, 0.2, 1.3), field=36))
         figure, axes = plt.subplots(2, 2, figsize=(12.8, 7.2), dpi=100)
         behind = Camera(place=(2.4, -11.6, 3.9), target=(0.0, 0.4, 1.0), field=34)
         low = Camera(place=(9.2, -2.6, 1.9), target=(0.0, -0.3, 1.3), field=42)
