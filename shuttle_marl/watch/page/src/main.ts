@@ -1,9 +1,10 @@
 // Starts the page: connects to its server, or opens what it was saved with, and shows what is played.
 
 import "./style.css";
-import { App, type Source, type Wanted } from "./app";
+import { App } from "./app";
 import { h } from "./dom";
 import { Motion } from "./motion";
+import type { Source, Wanted } from "./rallies";
 import { openShared, packShared, readShared, sharedPage, ungzipped, type Shared } from "./share";
 import { Connection, type Hello, type RallyFacts } from "./wire";
 

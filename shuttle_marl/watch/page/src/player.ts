@@ -4,6 +4,8 @@ import type { Motion } from "./motion";
 import type { RallyFacts } from "./wire";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
+/** How long before they strike a person is waited for [s]. */
+export const EARLY = 0.45;
 const HASTE = 1.2; // of breathing while players wait; twice the highest speed of their time
 
 export class Player {
@@ -19,11 +21,15 @@ export class Player {
   private breath = 0; // phase of the waiting
   private until: { time: number; speed: number } | null = null;
 
-  show(rally: RallyFacts, motion: Motion, time = 0): void {
+  /** @param still whether players who wait do not move. */
+  show(rally: RallyFacts, motion: Motion, time: number, still: boolean): void {
     this.rally = rally;
     this.motion = motion;
     this.time = Math.min(time, motion.duration);
     this.breath = 0;
+    const turn = rally.turn ? Math.max(0, motion.duration - EARLY) : null;
+    this.stopAt = turn;
+    this.waiting = rally.strokes.length || still ? null : turn;
     this.until = null;
   }
 
@@ -39,6 +45,13 @@ export class Player {
   /** Whether players wait for a serve now. */
   get waits(): boolean {
     return this.waiting !== null && !this.playing;
+  }
+
+  /** Plays what is left of the motion. */
+  finish(): void {
+    this.waiting = null;
+    this.stopAt = Math.max(this.time, this.duration - 0.1);
+    this.playing = true;
   }
 
   seek(time: number): void {

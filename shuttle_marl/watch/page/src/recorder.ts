@@ -14,10 +14,6 @@ export class Recorder {
 
   constructor(private readonly done: (film: Blob, name: string) => void) {}
 
-  get on(): boolean {
-    return this.running !== null;
-  }
-
   start(canvas: HTMLCanvasElement, name: string): void {
     const parts: Blob[] = [];
     const recorder = new MediaRecorder(canvas.captureStream(50), { mimeType: filmFormat()!, videoBitsPerSecond: RATE });

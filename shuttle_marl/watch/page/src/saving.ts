@@ -1,0 +1,79 @@
+// What a viewer takes away: the link, a picture, a film, a page.
+
+import type { Course } from "./course";
+import type { Layout } from "./layout";
+import type { Player } from "./player";
+import type { Source } from "./rallies";
+import { Recorder } from "./recorder";
+import { save } from "./share";
+import type { Stage } from "./stage";
+
+export class Saving {
+  private readonly recorder = new Recorder(save);
+
+  constructor(
+    private readonly course: Course,
+    private readonly player: Player,
+    private readonly stage: Stage | null,
+    private readonly source: Source,
+    private readonly layout: Layout,
+  ) {}
+
+  get link(): string {
+    return this.course.link(this.player.stroke);
+  }
+
+  /** Puts the link into the address of the page. */
+  remember(): void {
+    history.replaceState(null, "", this.link);
+  }
+
+  copyLink(): void {
+    this.remember();
+    navigator.clipboard?.writeText(location.href).catch(() => {});
+    this.layout.say("The address names seed, rally and stroke; it is in the clipboard");
+  }
+
+  /** The court as it is drawn now. */
+  picture(): void {
+    const name = `rally-${this.course.number + 1}.png`;
+    this.stage?.canvas.toBlob((picture) => picture && save(picture, name));
+  }
+
+  /** Plays the rally from its start, at the speed that is set, and saves the court as it is seen. */
+  film(): void {
+    if (!this.stage) {
+      return;
+    }
+    this.layout.showText(false);
+    this.recorder.stop();
+    this.player.seek(0);
+    this.player.playing = true;
+    this.recorder.start(this.stage.canvas, `rally-${this.course.number + 1}.webm`);
+    this.layout.say("filming until the rally is over, or is paused");
+  }
+
+  /** Ends a film, if there is one. */
+  endFilm(): void {
+    this.recorder.stop();
+  }
+
+  /** The rally, or the match up to it, as a page that opens from disk. */
+  async page(match: boolean): Promise<void> {
+    const { course, source, layout } = this;
+    const names = this.player.rally?.names;
+    if (!source.share || !names) {
+      return;
+    }
+    layout.say("making the page …");
+    const numbers = match && course.plan ? Array.from({ length: course.number + 1 }, (_, i) => i) : [course.number];
+    const name = match ? "match.html" : `rally-${course.number + 1}.html`;
+    try {
+      const page = await source.share(numbers.map((number) => course.wanted(number)), `${names[0]} v ${names[1]}`, this.link);
+      save(page, name);
+      layout.say(`saved, ${(page.size / 1e6).toFixed(1)} MB; it opens from disk`);
+    } catch (error) {
+      layout.say((error as Error).message, true);
+    }
+  }
+}

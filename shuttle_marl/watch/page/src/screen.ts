@@ -1,0 +1,272 @@
+// Everything that is seen of a rally at a moment: the court, what lies over it, and the panels beside it.
+
+import { Chances, Curve, LandingMap, MoveList, OptionTable, type Analysis, type Option } from "./analysis";
+import { Board } from "./board";
+import { cameraButtons, Chip, ScoreBug } from "./court_view";
+import { h, replaceChildren } from "./dom";
+import { Layout, MODES, type Hooks, type Mode } from "./layout";
+import { Learn } from "./learn";
+import type { Motion } from "./motion";
+import { EARLY, type Player } from "./player";
+import { SideCard, StylePanel } from "./sides";
+import type { Camera, Stage } from "./stage";
+import { endSentence, startSentence, strokeSentence } from "./told";
+import type { Hello, RallyFacts, Side, Turn } from "./wire";
+
+export interface Acts extends Hooks {
+  camera(camera: Camera): void;
+  seekStroke(stroke: number): void;
+  whatIf(stroke: number): void;
+  backToPlayed(): void;
+  changeSide(seat: number, side: Side): void;
+  takeOver(seat: number): void;
+  hit(stroke: number): void;
+  hints(): Promise<Option[]>;
+  gameOver(rally: RallyFacts): void;
+}
+
+const SETTLING = 45; // frames in which cameras and poses come to rest
+const BEFORE = 0.03; // how long before a decision it is asked about [s]
+
+export class Screen {
+  mode: Mode = "watch";
+  analysis: Analysis | null = null;
+  /** The turn of a person that was answered, until the rally that follows is here. */
+  answered: Turn | null = null;
+  readonly layout: Layout;
+  readonly learn: Learn;
+  readonly board: Board;
+  readonly styles = new StylePanel();
+  private readonly modes: readonly Mode[];
+  private readonly bug = new ScoreBug();
+  private readonly chip = new Chip();
+  private readonly cameras;
+  private readonly curve: Curve;
+  private readonly moves: MoveList;
+  private readonly options: OptionTable;
+  private readonly chances = new Chances();
+  private readonly landing: LandingMap;
+  private readonly back: HTMLElement;
+  private readonly sides: [SideCard, SideCard];
+  private rally: RallyFacts | null = null;
+  private motion: Motion | null = null;
+  private aim: [number, number, number, number] | null = null;
+  private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
+  private saidStroke = -2;
+  private shownStroke = -2;
+  private ended = false;
+  private version = 0; // of what is shown
+  private seen = "";
+  private unsettled = 0;
+
+  /** @param live whether a server stands behind the page. */
+  constructor(
+    hello: Hello,
+    private readonly player: Player,
+    private readonly stage: Stage | null,
+    private readonly acts: Acts,
+    live: boolean,
+  ) {
+    const match = hello.recorded === null;
+    this.modes = match && live ? MODES : MODES.slice(0, 3);
+    this.cameras = cameraButtons((camera) => acts.camera(camera));
+    this.curve = new Curve((time) => acts.seek(time));
+    this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
+    this.options = new OptionTable((stroke) => acts.whatIf(stroke));
+    this.landing = new LandingMap(hello.hall);
+    this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to what was played");
+    const card = (seat: number) => new SideCard(seat, hello.policies, (side) => acts.changeSide(seat, side), () => acts.takeOver(seat));
+    this.sides = [card(0), card(1)];
+    this.learn = new Learn({ stopBefore: (stroke) => this.stopBefore(stroke), reveal: (upTo) => this.reveal(upTo), finish: () => acts.rally(1) });
+    this.board = new Board(hello.hall, { hit: (stroke) => acts.hit(stroke), hints: () => acts.hints(), aim: (box) => (this.aim = box) });
+    this.layout = new Layout(
+      {
+        canvas: stage?.canvas ?? null,
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.back, this.board.element],
+        left: [...(match && live ? this.sides.map((side) => side.element) : []), match ? this.styles.element : null],
+        right: [this.learn.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        curve: this.curve.element,
+      },
+      this.modes,
+      acts,
+      live,
+      match && live,
+    );
+    this.layout.showMode(this.mode, this.modes);
+    this.layout.showText(!stage);
+    stage?.canvas.addEventListener("click", (event) => {
+      const place = stage.floorAt(event.clientX, event.clientY);
+      if (place && this.board.turn) {
+        this.board.aimAt(...place);
+      }
+    });
+    new ResizeObserver(() => this.resize()).observe(this.layout.court);
+    this.resize();
+  }
+
+  resize(): void {
+    const { clientWidth, clientHeight } = this.layout.court;
+    if (clientWidth && clientHeight) {
+      this.stage?.resize(clientWidth, clientHeight);
+    }
+  }
+
+  showMode(mode: Mode): void {
+    this.mode = mode;
+    this.layout.showMode(mode, this.modes);
+  }
+
+  /**
+   * Shows another rally, or the same one played on.
+   * @param where what it is a rally of.
+   * @param sides who plays, null where it was recorded.
+   * @param seat of the person who plays, if one does.
+   * @param tried whether it is one that was not played.
+   */
+  show(rally: RallyFacts, motion: Motion, where: string, sides: [Side, Side] | null, seat: number | null, tried: boolean): void {
+    this.rally = rally;
+    this.motion = motion;
+    this.version++;
+    this.ended = false;
+    this.analysis = null;
+    this.saidStroke = -2;
+    this.hidden = this.mode === "learn" ? 0 : null;
+    this.learn.end();
+    this.board.show(null);
+    this.layout.quiet();
+    this.layout.scrubber.max = String(this.player.duration);
+    this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
+    sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
+    replaceChildren(this.layout.told, h("li", {}, startSentence(rally)));
+    this.layout.banner.classList.add("hidden");
+    this.back.classList.toggle("hidden", !tried);
+    this.showWorth();
+  }
+
+  showAnalysis(analysis: Analysis): void {
+    this.analysis = analysis;
+    this.showWorth();
+    if (this.mode === "learn") {
+      this.learn.begin(this.rally!, analysis);
+    }
+  }
+
+  private showWorth(): void {
+    const rally = this.rally!;
+    const seen = this.hidden === null ? this.analysis : null;
+    this.curve.show(rally, this.player.duration, seen);
+    this.moves.show(rally, seen, this.hidden ?? (this.mode === "play" ? Math.max(this.player.stroke + 1, 0) : Infinity));
+    this.shownStroke = -2;
+  }
+
+  private stopBefore(stroke: number): void {
+    const { strokes } = this.rally!;
+    const target = strokes[stroke]!.time - BEFORE;
+    const from = stroke ? strokes[stroke - 1]!.time - 0.3 : 0;
+    if (this.player.time < from || this.player.time > target) {
+      this.player.seek(Math.max(0, from));
+    }
+    this.hidden = stroke;
+    this.showWorth();
+    this.player.stopAt = target;
+    this.player.playing = true;
+  }
+
+  private reveal(upTo: number): void {
+    this.hidden = upTo === Infinity ? null : upTo + 1;
+    this.showWorth();
+    if (upTo !== Infinity) {
+      this.player.stopAt = this.rally!.strokes[upTo]!.end_time;
+      this.player.playing = true;
+    }
+  }
+
+  /** Draws the moment that is shown, and all that depends on it. */
+  draw(): void {
+    const { rally, motion, player } = this;
+    if (!rally || !motion) {
+      return;
+    }
+    if (!document.body.classList.contains("text")) {
+      this.drawCourt(rally, motion);
+    }
+    const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
+    this.bug.show(rally, over);
+    this.chip.show(rally, player.stroke);
+    this.curve.move(player.time);
+    if (this.stage) {
+      this.cameras.show(this.stage.camera);
+    }
+    const time = player.waits ? player.duration - EARLY : player.time;
+    this.layout.scrubber.value = String(time);
+    this.layout.clock.textContent = `${time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
+    this.layout.showPlaying(player.playing);
+    if (player.stroke !== this.shownStroke) {
+      this.showStroke(rally, player.stroke);
+    }
+    if (over && !this.ended) {
+      this.rallyEnded(rally);
+    }
+    if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
+      this.board.show(rally.turn);
+    }
+    const question = this.learn.current;
+    if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {
+      this.learn.ask();
+    }
+  }
+
+  /** Draws the court if anything on it moves. */
+  private drawCourt(rally: RallyFacts, motion: Motion): void {
+    const { stage, player } = this;
+    if (!stage) {
+      return;
+    }
+    stage.raised = this.board.turn ? 0.2 : 0;
+    const { clientWidth, clientHeight } = this.layout.court;
+    const seen = [this.version, player.time, stage.camera, stage.flipped, stage.raised, this.aim, clientWidth, clientHeight].join();
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.unsettled = SETTLING;
+    }
+    if (this.unsettled > 0 || stage.camera === "free") {
+      this.unsettled--;
+      stage.draw(rally, motion, player.time, this.aim);
+    }
+  }
+
+  private showStroke(rally: RallyFacts, stroke: number): void {
+    if (this.mode === "play") {
+      this.showWorth();
+    }
+    this.shownStroke = stroke;
+    const at = Math.max(stroke, 0);
+    const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
+    this.moves.mark(stroke);
+    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined);
+    this.chances.show(rally, at);
+    const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
+    this.landing.show(rally, at, landing);
+    for (let i = Math.max(this.saidStroke + 1, 0); i <= stroke; i++) {
+      this.layout.tell(strokeSentence(rally, i));
+    }
+    this.saidStroke = Math.max(this.saidStroke, stroke);
+  }
+
+  private rallyEnded(rally: RallyFacts): void {
+    const after = rally.after!;
+    this.ended = true;
+    const won = after.over ? "wins the match" : after.game_won ? "wins the game" : "wins the rally";
+    replaceChildren(
+      this.layout.banner,
+      h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
+      ` ${won}`,
+      h("small", {}, `${after.points[0]} – ${after.points[1]}`),
+    );
+    this.layout.banner.classList.remove("hidden");
+    this.layout.tell(endSentence(rally));
+    if (after.game_won) {
+      this.acts.gameOver(rally);
+    }
+  }
+}

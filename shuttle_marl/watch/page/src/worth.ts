@@ -1,0 +1,52 @@
+// The worth of what is shown: asked for when a rally is shown, and told when it is here.
+
+import type { Course } from "./course";
+import type { Rallies, Source } from "./rallies";
+import type { Screen } from "./screen";
+import type { Played } from "./summary";
+import type { RallyFacts } from "./wire";
+
+export class Worth {
+  /** Rallies of the match that a person played to their end. */
+  readonly played: Played[] = [];
+  private styled = ""; // sides whose style is shown
+
+  constructor(
+    private readonly source: Source,
+    private readonly course: Course,
+    private readonly rallies: Rallies,
+    private readonly screen: Screen,
+  ) {}
+
+  /** Asks for the worth of the strokes of a rally, and for the style of both players; shows it if the rally is still shown then. */
+  async ask(rally: RallyFacts): Promise<void> {
+    const { course, source, screen } = this;
+    const { request } = this.rallies;
+    const wanted = course.wanted(course.number);
+    const sides = JSON.stringify(course.sides);
+    const now = () => request === this.rallies.request;
+    try {
+      if (rally.strokes.length) {
+        const asked = source.analysis(wanted);
+        if (course.person && rally.winner !== null && !this.played.some((one) => one.number === rally.number)) {
+          this.played.push({ number: rally.number, rally, analysis: asked });
+        }
+        const analysis = await asked;
+        if (now()) {
+          screen.showAnalysis(analysis);
+        }
+      }
+      if (wanted.plan && sides !== this.styled) {
+        const styles = await source.styles(wanted);
+        if (now()) {
+          this.styled = sides;
+          screen.styles.show(styles);
+        }
+      }
+    } catch (error) {
+      if (now()) {
+        screen.layout.say((error as Error).message, true);
+      }
+    }
+  }
+}
