@@ -228,10 +228,12 @@ def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folde
                 if after["game_won"]:
                     break
             viewer.page.wait_for_timeout(20)
-        assert viewer.state("after")["game_won"]
+        assert after["game_won"]
         viewer.until(lambda: viewer.page.locator("dialog[open]").count() == 1)
         assert viewer.page.get_by_text("You chose").count() == 1
+        assert viewer.state("rally") == last, "the next game waits"
         assert len(viewer.state("turn_ms")) >= 10
+        viewer.press("Escape").until(lambda: viewer.state("rally") == last + 1)
     (log,) = folder.glob("*.mcap")
     checked = check(log, default_game())
     assert checked.problems == ()

@@ -136,12 +136,15 @@ export class App {
     const { person } = this.course;
     if (person) {
       const dialog = this.screen.layout.summary;
+      const next = () => rally.after!.over || void this.go(rally.number + 1, null, true);
       const open = (number: number, stroke: number) => {
+        dialog.removeEventListener("close", next);
         dialog.close();
         this.setMode("analyse");
         void this.go(number, stroke);
       };
       dialog.querySelector("div")!.replaceChildren(...(await summary(rally, person.seat, this.worth.played, open)));
+      dialog.addEventListener("close", next, { once: true });
       dialog.showModal();
     }
   }
@@ -349,7 +352,7 @@ export class App {
     if (this.loopRally) {
       this.player.seek(0);
       this.player.playing = true;
-    } else if (this.autoNext && !this.rallies.pending && rally.winner !== null && !rally.after?.over) {
+    } else if (this.autoNext && !this.rallies.pending && rally.winner !== null && !rally.after?.over && !(this.course.person && rally.after?.game_won)) {
       void this.go(this.course.number + 1, null, true);
     }
   }
