@@ -46,6 +46,24 @@ def recording() -> str:
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
+def viewer() -> str:
+    """Cost of the live court, from ``benchmarks/results/viewer.json``."""
+    result = saved("benchmarks", "viewer")
+    server, page = result["server_mb"], result["page_mb"]
+    rows = [
+        ("size of the page", f"{result['bundle_kb']:,.0f} kB, {result['gzipped_kb']:,.0f} kB gzipped"),
+        ("first picture", f"{result['first_picture_s']:.1f} s"),
+        ("script of a frame, median", f"{result['script_ms_per_frame']:.1f} ms"),
+        ("draw calls of a frame in full quality, at most", f"{result['draw_calls']}"),
+        ("triangles of a frame in full quality, at most", f"{result['triangles']:,}"),
+        ("from the choice of a stroke to the first frame that moves, median", f"{result['turn_ms']:.0f} ms"),
+        (f"a rally for {result['viewers']} pages that ask at once, the slowest", f"{result['viewers_slowest_s']:.1f} s"),
+        (f"memory of the server after the first and the last of {result['matches']} matches", f"{server[0]:.0f}, {server[-1]:.0f} MB"),
+        ("memory of the page's script after the first and the last of them", f"{page[0]:.0f}, {page[-1]:.0f} MB"),
+    ]
+    return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{machine(result)}"
+
+
 def exact_values() -> str:
     """Time of the exact solvers, from ``benchmarks/results/exact_values.json``."""
     result = saved("benchmarks", "exact_values")

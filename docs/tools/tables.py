@@ -56,6 +56,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "truth_figures": experiment_tables.truth_figures,
     "truth_shots": experiment_tables.truth_shots,
     "truth_slopes": experiment_tables.truth_slopes,
+    "viewer": benchmark_tables.viewer,
     "win_rates": experiment_tables.agents,
     "win_rates_matrix": experiment_tables.matrix,
 }

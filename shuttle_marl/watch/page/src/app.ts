@@ -90,7 +90,7 @@ export class App {
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
-      gameOver: (rally) => void this.showGame(rally),
+      gameOver: (rally) => void this.showGame(rally).catch((error: Error) => this.screen.layout.say(error.message, true)),
     };
   }
 
