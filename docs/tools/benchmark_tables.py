@@ -58,7 +58,10 @@ def viewer() -> str:
         ("triangles of a frame in full quality, at most", f"{result['triangles']:,}"),
         ("from the choice of a stroke to the first frame that moves, median", f"{result['turn_ms']:.0f} ms"),
         (f"a rally for {result['viewers']} pages that ask at once, the slowest", f"{result['viewers_slowest_s']:.1f} s"),
-        (f"memory of the server after the first and the last of {result['matches']} matches", f"{server[0]:.0f}, {server[-1]:.0f} MB"),
+        (
+            f"memory of the server after the first and the last of {result['matches']} matches",
+            f"{server[0]:.0f}, {server[-1]:.0f} MB",
+        ),
         ("memory of the page's script after the first and the last of them", f"{page[0]:.0f}, {page[-1]:.0f} MB"),
     ]
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{machine(result)}"
