@@ -22,7 +22,6 @@ ELO: Final = 400 / np.log(10)
 TAILS: Final = (2.5, 97.5)
 """Percentiles that bound a 95 % interval."""
 _STEPS: Final = 200
-_LONGEST_STEP: Final = 2.0
 _KEPT: Final = 0.1
 _INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
 """Shares of cells with no, one and two matches won by one of two equals, if the matches of a cell are independent."""
@@ -35,7 +34,7 @@ _SURE: Final = 5e-7
 
 
 def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
-    """Fit ratings by Newton's method on the likelihood.
+    """Fit ratings by a damped Newton's method on the likelihood.
 
     Args:
         wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. Results must
@@ -49,10 +48,7 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
     diagonal = np.eye(n, dtype=bool)
     wins = np.where(diagonal, 0.0, wins)
     played = wins + np.swapaxes(wins, -1, -2)
-    _, part = connected_components(played.reshape(-1, n, n).any(axis=0), directed=False)
-    # Only differences within a part are determined; this leaves the mean of each part alone.
-    together = part[:, None] == part
-    anchor = together / together.sum(axis=1)
+    anchor = _anchor(played.reshape(-1, n, n).any(axis=0))
     theta = np.zeros(wins.shape[:-1]) if start is None else np.broadcast_to(start, wins.shape[:-1])
     for _ in range(_STEPS):
         probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
@@ -61,11 +57,20 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
         hessian = anchor - curvature
         hessian[..., diagonal] += curvature.sum(axis=-1)
         step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        theta = theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(step).max(initial=0) < 1e-10:
+        # Newton's whole step may overshoot without end; one of this length never lowers the likelihood (Bach, EJS 2010).
+        longest = np.maximum(np.ptp(step, axis=-1, keepdims=True), 1e-300)
+        theta = theta + step * (np.log1p(longest) / longest)
+        if longest.max(initial=0) < 1e-9:
             break
     centred: Floats = theta - theta.mean(axis=-1, keepdims=True)
     return centred
+
+
+def _anchor(met: npt.NDArray[np.bool_]) -> Floats:
+    """``[n, n]`` to add to the curvature: only differences within a connected part are determined, and this holds its mean."""
+    _, part = connected_components(met, directed=False)
+    together = part[:, None] == part
+    return np.asarray(together / together.sum(axis=1))
 
 
 def wins_of(cells: Floats, pairs: Pairs, n: int) -> Floats:
@@ -108,7 +113,8 @@ def _information(played: Floats, theta: Floats) -> tuple[Floats, Floats]:
     probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
     curvature = played * probability * (1 - probability)
     np.fill_diagonal(curvature, 0)
-    return curvature, np.asarray(np.linalg.pinv(np.diag(curvature.sum(axis=1)) - curvature, hermitian=True))
+    # Not a pseudo-inverse: rounding makes its zero eigenvalue a tiny one, whose inverse would drown the differences.
+    return curvature, np.asarray(np.linalg.inv(_anchor(played > 0) + np.diag(curvature.sum(axis=1)) - curvature))
 
 
 def expected_share(theta: Floats, pairs: Pairs) -> Floats:
