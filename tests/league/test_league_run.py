@@ -1,8 +1,10 @@
 """A tournament as a user sees it: the run folder, and that nothing but the flags decides what is in it."""
 
 import contextlib
+import dataclasses
 import functools
 import json
+import multiprocessing
 import os
 import re
 import shutil
@@ -200,37 +202,44 @@ def test_a_killed_run_continues_to_the_same_bytes(tmp_path: Path, small_model: s
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_thirty_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str) -> None:
     """Runs are killed and resumed until 30 kills have met them; no pairing is played twice, none is lost."""
     pool = (*POOL, "defensive", "random@greedy", "safe@2", "safe@0.5", "attacking@2")
-    whole = tmp_path / "whole"
-    flags = ["--pool", *pool, "--matches", "400", "--seed", "2", "--game", small_model, "--batch", "40", "--workers", "2"]
+    config = LeagueConfig(pool=pool, game=small_model, matches=400, seed=2, batch=40, workers=2, exact=False)
+    # Processes that have imported the package already: most of the time would go there, and the kills with it.
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(["shuttle_marl.league.run"])
+
+    def started(out: Path) -> multiprocessing.process.BaseProcess:
+        resume = (out / "config.json").exists()
+        process = processes.Process(target=run_league, args=(dataclasses.replace(config, out=out, resume=resume),))
+        process.start()
+        return process
+
+    started(tmp_path / "first").join()
     begun = time.monotonic()
-    subprocess.run(command(*flags, "--out", str(whole)), check=True, capture_output=True)
+    started(tmp_path / "whole").join()
     takes = time.monotonic() - begun
+    whole = files(tmp_path / "whole")
     rng = np.random.default_rng(0)
     kills, run, met = 0, 0, set()
     while kills < 30:
         out = tmp_path / f"run-{run}"
-        more = ["--resume"] if (out / "config.json").exists() else []
-        process = subprocess.Popen(
-            command(*flags, *more, "--out", str(out)), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
-        )
-        moment = float(rng.uniform(0, takes))
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            assert process.wait(moment) == 0
-            assert files(out) == files(whole)
+        process = started(out)
+        process.join(float(rng.uniform(0, takes)))
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+        if process.exitcode == -signal.SIGKILL:
+            kills += 1
+            met.add(lines(out))
+        else:
+            assert process.exitcode == 0
+            assert files(out) == whole
             run += 1
-            continue
-        process.kill()
-        process.wait()
-        kills += 1
-        met.add(lines(out))
-    out = tmp_path / f"run-{run}"
-    if out.exists():
-        more = ["--resume"] if (out / "config.json").exists() else []
-        subprocess.run(command(*flags, *more, "--out", str(out)), check=True, capture_output=True)
-        assert files(out) == files(whole)
+    run_league(dataclasses.replace(config, out=out, resume=(out / "config.json").exists()))
+    assert files(out) == whole
     assert len(met) > 2
 
 

@@ -232,7 +232,7 @@ def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Pat
         resume = (tmp_path / "run" / "config.json").exists()
         process = context.Process(target=_run, args=(dataclasses.replace(config, resume=resume),))
         process.start()
-        process.join(rng.uniform(0.5, 4.0))
+        process.join(rng.uniform(0.1, 1.5))
         if process.pid is not None and process.is_alive():
             os.kill(process.pid, signal.SIGKILL)
         process.join()
