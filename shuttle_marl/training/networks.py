@@ -27,6 +27,9 @@ from shuttle_marl.training.learner import DivergedError
 IMPOSSIBLE: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
 
+_LAST_LAYER: Final = ("1.weight", "1.bias")
+"""Weights of the layer that gives the logits (:func:`head`)."""
+
 
 class LegalStrokes(Categorical):
     """A distribution over the legal strokes, for TorchRL's actors and losses.
@@ -218,19 +221,32 @@ def divergence(network: nn.Module, reference: nn.Module, data: TensorDictBase) -
     return (policy.exp() * (policy - other)).sum(-1)
 
 
-def weights_of(actor: ProbabilisticActor) -> dict[str, npt.NDArray[np.float32]]:
-    """The weights of an actor by name, as an agent's folder holds them."""
-    return {name: tensor.detach().cpu().numpy().copy() for name, tensor in logit_network(actor).state_dict().items()}
+def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str, npt.NDArray[np.float32]]:
+    """The weights of an actor by name, as an agent's folder holds them.
+
+    Args:
+        actor: the policy.
+        temperature: of the softmax; the last layer is divided by it.
+    """
+    weights = {name: tensor.detach().cpu().numpy().copy() for name, tensor in logit_network(actor).state_dict().items()}
+    for name in _LAST_LAYER:
+        weights[name] /= np.float32(temperature)
+    return weights
 
 
-def tabulated(actor: ProbabilisticActor, game: Game) -> TabulatedPolicy:
+def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -> TabulatedPolicy:
     """An actor on every state, as it is played from its folder.
+
+    Args:
+        actor: the policy.
+        game: the tables.
+        temperature: of the softmax.
 
     Raises:
         DivergedError: the network gives numbers that are not finite.
     """
     try:
-        return PolicyNetwork.of_tensors(weights_of(actor), game).table(game)
+        return PolicyNetwork.of_tensors(weights_of(actor, temperature), game).table(game)
     except PolicyError as error:
         raise DivergedError(str(error)) from error
 

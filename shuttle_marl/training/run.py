@@ -265,7 +265,7 @@ class _Run:
 
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
         with self._diverging(self.iteration):
-            policy = tabulated(self.learner.actor, self.game)
+            policy = tabulated(self.learner.actor, self.game, self.config.play_temperature)
         evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
         strokes = self.strokes
         figures = {**dataclasses.asdict(evaluation), **losses}
@@ -336,7 +336,7 @@ class _Run:
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         if self.evaluation is None:  # a run that had ended before it was resumed
-            policy = tabulated(self.learner.actor, self.game)
+            policy = tabulated(self.learner.actor, self.game, self.config.play_temperature)
             self.evaluation = policy, self.evaluator.evaluate(policy, exploitability=self._exploitability)
         policy, evaluation = self.evaluation
         self._save_agent(AGENT, evaluation)
@@ -356,7 +356,7 @@ class _Run:
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": self.made_with,
         }
-        save_agent(self.folder / name, self.game, save(weights_of(self.learner.actor)), card)
+        save_agent(self.folder / name, self.game, save(weights_of(self.learner.actor, self.config.play_temperature)), card)
 
     def _segment_seed(self, segment: int) -> int:
         return self._seed(_SEGMENT, segment) % SEEDS

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.numpy import load
 from tensordict import TensorDictBase
 
 from shuttle_marl.files import read_sealed, seal
@@ -25,6 +26,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.learner import DivergedError, Learner
 from shuttle_marl.training.ppo import Way
 from tests.reduced import reduced_game, reduced_model
@@ -311,8 +313,24 @@ def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
 
 
 def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
-    config = dataclasses.replace(CONFIGS["ppo"], warm_start="bc", width=64, strokes=256, learning_rate=1e-9, out=tmp_path / "run")
+    base = dataclasses.replace(CONFIGS["ppo"], strokes=256, learning_rate=1e-9, play_temperature=1.0)
+    config = dataclasses.replace(base, warm_start="bc", width=64, out=tmp_path / "run")
     cold = dataclasses.replace(config, warm_start=None, out=tmp_path / "cold")
     warm = train(config).evaluation
     assert abs(warm.rally_win - 0.5) < 0.03
     assert abs(warm.normalised_score) < abs(train(cold).evaluation.normalised_score) + 0.05
+
+
+def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> None:
+    found = {}
+    for temperature in (1.0, 0.25):
+        done = train(dataclasses.replace(CONFIGS["ppo"], play_temperature=temperature, out=tmp_path / str(temperature)))
+        found[temperature] = done.policy, load(weights(done.folder)), rallies(done.folder)
+        assert (resolve(f"agent:{done.folder / 'agent'}", GAME).cumulative == done.policy.cumulative).all()
+    (plain, weights_1, log_1), (sharp, weights_4, log_4) = found.values()
+    assert log_1 == log_4
+    assert set(weights_1) == set(weights_4)
+    for name, weight in weights_1.items():
+        assert (weights_4[name] == weight * (4 if name.startswith("1.") else 1)).all()
+    expected = sharpened(plain, 0.25)
+    assert np.abs(sharp.pair_probabilities() - expected.pair_probabilities()).max() < 1e-3
