@@ -44,22 +44,24 @@ _QUIET: Final[dict[str, Any]] = {"record": "none", "exploitability": False, "opp
 OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     "shuttle_marl PPO": {
         "98 % of matches": PPOConfig(
-            strokes=1_000_000, learning_rate=6e-3, entropy=0.015, evaluate_every=8, target=0.98, **_QUIET
+            strokes=1_000_000, lmbda=0.7, learning_rate=6e-3, entropy=0.015, evaluate_every=3, target=0.98, **_QUIET
         ),
         ".95 of the optimum": PPOConfig(
-            strokes=5_000_000,
-            batch=24_576,
-            learning_rate=1e-2,
-            entropy=0.015,
-            clip=0.3,
-            evaluate_every=15,
+            strokes=2_400_000,
+            batch=12_288,
+            lmbda=0.5,
+            learning_rate=1.4e-2,
+            entropy=0.02,
+            evaluate_every=40,
             target_score=0.95,
             **_QUIET,
         ),
-        ".99 of the optimum": PPOConfig(evaluate_every=50, target_score=0.99, **_QUIET),
+        ".99 of the optimum": PPOConfig(strokes=30_000_000, evaluate_every=20, target_score=0.99, **_QUIET),
     },
-    "shuttle_marl A2C": {".95 of the optimum": A2CConfig(target_score=0.95, **_QUIET)},
-    "shuttle_marl SAC": {".95 of the optimum": SACConfig(target_score=0.95, **_QUIET)},
+    "shuttle_marl A2C": {".95 of the optimum": A2CConfig(strokes=6_000_000, evaluate_every=40, target_score=0.95, **_QUIET)},
+    "shuttle_marl SAC": {
+        ".95 of the optimum": SACConfig(strokes=4_000_000, batch=32_768, evaluate_every=20, target_score=0.95, **_QUIET)
+    },
 }
 """Settings of this package's learners by target."""
 _LOOK: Final = {False: 8192, True: 16_384}

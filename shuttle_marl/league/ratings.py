@@ -48,7 +48,7 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
     diagonal = np.eye(n, dtype=bool)
     wins = np.where(diagonal, 0.0, wins)
     played = wins + np.swapaxes(wins, -1, -2)
-    anchor = _anchor(played.reshape(-1, n, n).any(axis=0))
+    anchor = _anchor(np.asarray(played.reshape(-1, n, n).any(axis=0)))
     theta = np.zeros(wins.shape[:-1]) if start is None else np.broadcast_to(start, wins.shape[:-1])
     for _ in range(_STEPS):
         probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))

@@ -32,9 +32,9 @@ class A2CConfig(TrainingConfig):
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 100
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 4e-3
+    learning_rate: Positive = 8e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
-    entropy: Weight = 0.03
+    entropy: Weight = 0.05
     """Weight of the entropy bonus; falls linearly to 0."""
     critic: Positive = 1.0
     """Weight of the value loss."""

@@ -120,9 +120,9 @@ class TrainingConfig:
     """Compute the exploitability at each of them, which takes half of their time; in self-play always."""
     checkpoint_every: Count = 20
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    play_temperature: Fraction = 0.25
-    """Temperature of the softmax at which the agent plays outside of its training: in evaluations and from its folder. It learns
-    at 1, with a bonus for entropy that lets it play all that is nearly as good as the best; this takes that away."""
+    play_temperature: Fraction = 0.1
+    """Temperature of the softmax at which the trained agent plays, in evaluations and from its folder. It learns at 1, where the
+    bonus for entropy lets it play all that is nearly as good as the best."""
     device: str = "cpu"
     """Device of PyTorch, such as cuda, on which the networks learn."""
     sampler: Sampler = "auto"

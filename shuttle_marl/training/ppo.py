@@ -23,24 +23,27 @@ class PPOConfig(TrainingConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
-    strokes: Count = 100_000_000
+    strokes: Count = 60_000_000
     """Strokes of the learner to train on."""
     batch: Count = 8192
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
     growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.1
     """Strokes by which each iteration is longer than the one before, as a share of the first."""
+    lmbda: FractionOrZero = 0.6
+    """Lambda of the generalised advantages."""
     age: Count = 8
     """Iterations for which what the network says of a state that is met now and then is played without asking again."""
     evaluate_every: Count = 25
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 50
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 4e-3
+    learning_rate: Positive = 8e-3
     """Learning rate of Adam; falls linearly to a fiftieth."""
     clip: Fraction = 0.4
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    entropy: Weight = 0.02
-    """Weight of the entropy bonus; falls linearly to 0."""
+    entropy: Annotated[float | None, Within(low=0, high=10, text="a number from 0 to 10")] = None
+    """Weight of the entropy bonus; falls linearly to 0. Default: 0.05, and 0.1 in self-play, which has to come to all that an
+    opponent may try."""
     critic: Positive = 1.0
     """Weight of the value loss."""
     epochs: Count = 1
@@ -63,6 +66,8 @@ class PPOConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.entropy is None:
+            object.__setattr__(self, "entropy", 0.1 if self.self_play else 0.05)
         if self.way != "plain" and not self.self_play:
             raise TrainingError(f"--way {self.way}: only in self-play, with --opponent self")
 
@@ -77,13 +82,15 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     from shuttle_marl.training.learner import Learner, Mean, set_rate, weighted_sums
     from shuttle_marl.training.networks import divergence, logit_network, make_actor, make_critic
 
+    entropy = config.entropy
+    assert entropy is not None  # since the configuration was made
     actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
     critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
     loss = ClipPPOLoss(
         actor,
         critic,
         clip_epsilon=config.clip,
-        entropy_coeff=config.entropy,
+        entropy_coeff=entropy,
         critic_coeff=config.critic,
         loss_critic_type="l2",  # whose gradient at equal states depends on the mean of the returns alone
         normalize_advantage=False,
@@ -105,7 +112,7 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Pass over the strokes, some of the states at a time."""
         set_rate(optimizer, config.learning_rate, remaining)
-        loss.entropy_coeff.fill_(config.entropy * remaining)
+        loss.entropy_coeff.fill_(entropy * remaining)
         logged = Mean("loss_objective", "loss_critic", "loss_entropy", "clip_fraction", "kl_approx")
         if reference is not None:
             follow(round((1 - remaining) * config.iterations))

@@ -1,6 +1,6 @@
 """Soft actor-critic: Haarnoja et al. 2018, arXiv 1801.01290, for discrete actions: Christodoulou 2019, arXiv 1910.07207.
 
-Two critics Q(s, a), the smaller one counts; the temperature alpha keeps the entropy of pi near a target. "Entropy of the
+A critic Q(s, a), or several of which the smallest counts; the temperature alpha keeps the entropy of pi near a target. "Entropy of the
 policy" is over the legal strokes, so the target is a share of their mean entropy: ln n of all strokes could never be
 reached. In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1.
 """
@@ -43,13 +43,13 @@ class SACConfig(TrainingConfig):
     """Iterations between two exact evaluations."""
     checkpoint_every: Count = 80
     """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    learning_rate: Positive = 3e-3
+    learning_rate: Positive = 6e-3
     """Learning rate of Adam, for actor and critics; falls linearly to a fiftieth."""
     temperature_rate: Positive = 1e-2
     """Learning rate of Adam, for the temperature alpha."""
     temperature: Fraction = 0.02
     """Temperature alpha at the start."""
-    entropy_share: Fraction = 0.15
+    entropy_share: Fraction = 0.3
     """Target entropy, as a share of the mean entropy of choosing equally among the legal strokes; falls linearly to 0.02."""
     buffer: Count = 500_000
     """Strokes that the replay buffer holds."""
@@ -59,7 +59,7 @@ class SACConfig(TrainingConfig):
     """Gradient steps an iteration."""
     warm_up: CountOrZero = 20_000
     """Strokes that are collected before the first gradient step."""
-    critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 2
+    critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 1
     """Networks of values, of which the smallest value counts."""
     polyak: FractionOrZero = 0.95
     """Share of the old weights that a target network keeps at each step."""

@@ -79,7 +79,7 @@ class LeagueTrainingConfig:
     """Policies that are there from the beginning, by name (docs/league.md); default: bc and the scripted styles."""
     seed: Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")] = 0
     """Names every random draw."""
-    entropy: Weight = 0.025
+    entropy: Weight = 0.1
     """Weight of the entropy bonus of ppo and a2c; falls linearly to 0."""
     learning_rate: Positive | None = None
     """Learning rate at the start; default: that of the algorithm."""

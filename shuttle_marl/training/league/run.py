@@ -42,7 +42,7 @@ _ENOUGH: Final = 0.5
 """An exploiter that gains so much of what the exact best response gains has done its work."""
 _BEATEN: Final = 0.7
 """The same of a league exploiter that wins so many of its matches on average (Vinyals et al., Nature 2019)."""
-_SHARPER: Final = 0.25
+_SHARPER: Final = 0.1
 """Temperature at which a main agent is measured too: without what a bonus for entropy lets it play."""
 
 
