@@ -1,7 +1,7 @@
 """Soft actor-critic: Haarnoja et al. 2018, arXiv 1801.01290, for discrete actions: Christodoulou 2019, arXiv 1910.07207.
 
-A critic Q(s, a), or several of which the smallest counts; the temperature alpha keeps the entropy of pi near a target. "Entropy of the
-policy" is over the legal strokes, so the target is a share of their mean entropy: ln n of all strokes could never be
+A critic Q(s, a), or several of which the smallest counts; the temperature alpha keeps the entropy of pi near a target. "Entropy
+of the policy" is over the legal strokes, so the target is a share of their mean entropy: ln n of all strokes could never be
 reached. In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1.
 """
 
