@@ -102,6 +102,11 @@ class _Page(pytest.File):
             yield item
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run tests of a minute or more first, so that no core waits at the end for one that began last."""
+    items.sort(key=lambda item: not any(mark.kwargs.get("minutes") for mark in item.iter_markers("slow")))
+
+
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     """Collect the code of a page of the documentation."""
     return _Page.from_parent(parent, path=file_path) if file_path.suffix == ".md" else None

@@ -28,7 +28,7 @@ def test_every_recipe_is_a_program_that_says_what_it_reached() -> None:
         assert "print(f" in "".join(code.strip().splitlines()[-2:])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 # The page of the own loop runs as a whole among the tutorials.
 @pytest.mark.parametrize("name", sorted(set(NEEDED) - {"own_loop"}))
 def test_a_recipe_runs(name: str) -> None:

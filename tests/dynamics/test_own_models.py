@@ -119,7 +119,7 @@ def test_shifts_are_shrunk_and_move_the_ranges() -> None:
     assert moved.strokes.tolist() == [2, 2]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 @pytest.mark.parametrize(("number", "prior"), [(3, None), (3, "default"), (8, None)])
 def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, columns = write_club(tmp_path, strokes_of_club(number))

@@ -46,7 +46,7 @@ def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fo
     assert not np.array_equal(np.unique(resampled(rows, [0, 2]).match), drawn)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = rows_from_strokes(load_strokes(SAMPLE)).matches
     parts = {"train": names[: len(names) // 4 * 3], "validation": names[len(names) // 4 * 3 :]}

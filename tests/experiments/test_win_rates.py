@@ -29,7 +29,7 @@ def test_interquartile_mean_and_its_interval() -> None:
     assert mean_and_deviation([1.0, 3.0]) == {"mean": 2.0, "deviation": pytest.approx(np.sqrt(2))}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 def test_a_run_ends_in_a_table_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -223,7 +223,7 @@ def _slowly(tournament: Any, group: Any) -> Any:
     return tournament._play_group(group, None)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 @needs_ray
 def test_a_tournament_on_two_nodes_of_which_one_dies(
     nodes: tuple[str, Callable[[], None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -201,7 +201,7 @@ def test_a_killed_run_continues_to_the_same_bytes(tmp_path: Path, small_model: s
     assert {path.name for path in killed.iterdir()} == {path.name for path in whole.iterdir()}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_thirty_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str) -> None:
     """Runs are killed and resumed until 30 kills have met them; no pairing is played twice, none is lost."""

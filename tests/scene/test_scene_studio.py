@@ -55,6 +55,7 @@ def counted(content: bytes) -> dict[str, int]:
     return {summary.channels[i].topic: n for i, n in summary.statistics.channel_message_counts.items()}
 
 
+@pytest.mark.slow(minutes=True)
 def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_path: Path) -> None:
     with RallyLog(log_path) as log:
         content, _ = write_scene(log, select(log, match=0), default_game())

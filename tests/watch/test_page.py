@@ -205,6 +205,7 @@ def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_mo
     viewer.until(lambda: len(viewer.state("strokes")) >= 1)
 
 
+@pytest.mark.slow(minutes=True)
 def test_a_whole_game_is_played_by_keyboard_and_recorded(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     folder = tmp_path / "diary"
     with serving("--a", "bc", "--b", "bc", "--record", str(folder)) as server:
