@@ -56,11 +56,11 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
             target_score=0.95,
             **_QUIET,
         ),
-        ".99 of the optimum": PPOConfig(strokes=30_000_000, evaluate_every=20, target_score=0.99, **_QUIET),
+        ".99 of the optimum": PPOConfig(strokes=30_000_000, evaluate_every=50, target_score=0.99, **_QUIET),
     },
     "shuttle_marl A2C": {".95 of the optimum": A2CConfig(strokes=6_000_000, evaluate_every=40, target_score=0.95, **_QUIET)},
     "shuttle_marl SAC": {
-        ".95 of the optimum": SACConfig(strokes=4_000_000, batch=32_768, evaluate_every=20, target_score=0.95, **_QUIET)
+        ".95 of the optimum": SACConfig(strokes=5_000_000, batch=32_768, evaluate_every=45, target_score=0.95, **_QUIET)
     },
 }
 """Settings of this package's learners by target."""
