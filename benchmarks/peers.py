@@ -1,7 +1,8 @@
 """Learners of other projects on this game, each with its own defaults and each with settings chosen for it here.
 
 Every learner is a function that trains until the watch that it shows its policy to ends it. None of them knows anything of the
-game beyond its environments.
+game beyond its environments. Their policies are evaluated at the temperature at which those of this package are, so that none
+pays for what it explores.
 """
 
 import contextlib
@@ -25,8 +26,10 @@ from shuttle_marl.game.observation import features, with_efforts
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.training import PPOConfig
 
 OPPONENT: Final = "bc"
+TEMPERATURE: Final = PPOConfig().play_temperature
 _FOREVER: Final = 1_000_000_000
 Scores = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """Probabilities of all strokes from a batch of observations and masks."""
@@ -80,12 +83,14 @@ class Learned:
         self._scores, self._rows = scores, features(game)
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
-        """``[B, n]`` as its network gives them."""
+        """``[B, n]`` as its network gives them, at :data:`TEMPERATURE`."""
         mask = states.mask.copy()  # torch warns about arrays that cannot be written to
         with torch.no_grad():
             seen = torch.from_numpy(with_efforts(states.game, self._rows, states.state))
             found: npt.NDArray[np.float64] = self._scores(seen, torch.from_numpy(mask)).double().numpy() * mask
-        return found / found.sum(axis=1, keepdims=True)
+        # Relative to the likeliest stroke, whose power is 1: no row vanishes.
+        found = (found / found.max(axis=1, keepdims=True)) ** (1 / TEMPERATURE)
+        return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 class _Callback(BaseCallback):
