@@ -201,8 +201,12 @@ def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_mo
     viewer.until(lambda: viewer.state("time") < waited - 0.05)
     viewer.until(lambda: viewer.state("time") > waited - 0.03)
     assert viewer.press(" ").state("playing") is False, "the serve is the person's"
+    viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     viewer.press("Enter")
     viewer.until(lambda: len(viewer.state("strokes")) >= 1)
+    viewer.press("n").until(lambda: viewer.state("plan")["seed"] != 2)
+    viewer.until(lambda: viewer.state("strokes") == [] or viewer.state("server") == 1)
+    assert viewer.state("rally", "person") == [0, {"seat": 0, "rally": 0, "stroke": 0}]
 
 
 @pytest.mark.slow(minutes=True)
