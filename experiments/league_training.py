@@ -21,8 +21,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from experiments.saving import save_results
 from experiments.spread import IQM
-from experiments.training_runs import save_results
 from shuttle_marl import runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError

@@ -20,8 +20,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from experiments.saving import save_results
 from experiments.spread import IQM
-from experiments.training_runs import save_results, train_all
 from shuttle_marl import runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
@@ -29,6 +29,7 @@ from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.ppo import Way
+from shuttle_marl.training.study import train_all
 
 STROKES: Final = (60_000_000, 240_000_000, 1_200_000_000)
 """Budgets: about 15 seconds, a minute and five minutes at four million strokes a second."""

@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
+from experiments.saving import save_results
 from experiments.spread import mean_and_deviation
-from experiments.training_runs import save_results, train_all
 from shuttle_marl import exact, runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
@@ -35,6 +35,7 @@ from shuttle_marl.game.table import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.training import PPOConfig
+from shuttle_marl.training.study import train_all
 
 OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {

@@ -25,8 +25,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from experiments.saving import save_results
 from experiments.spread import IQM, mean_and_deviation
-from experiments.training_runs import save_results, train_all
 from shuttle_marl import runs
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
@@ -41,6 +41,7 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.study import train_all
 
 PAPER: Final = {"bc": (33.2, 1.2), "a2c": (65.8, 2.0), "ppo": (98.3, 2.5), "sac": (90.5, 7.7)}
 """Matches won in per cent, mean and standard deviation, in ShuttleEnv (arXiv 2603.17324): its own models and opponent."""

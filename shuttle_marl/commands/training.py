@@ -1,19 +1,24 @@
 """``python -m shuttle_marl.training ppo | a2c | sac``: train an agent."""
 
+import os
 from collections.abc import Sequence
-from typing import Final
+from typing import Annotated, Final
 
 import tyro
 from rich.console import Console
+from rich.table import Table
 
-from shuttle_marl.commands.cli import Command, run
+from shuttle_marl.commands.cli import Command, console, run
 from shuttle_marl.training.a2c import A2CConfig
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.ppo import PPOConfig
 from shuttle_marl.training.sac import SACConfig
 
 
-def _train(config: TrainingConfig) -> None:
+def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
+    if seeds > 1:
+        _train_seeds(config, seeds, jobs)
+        return
     from shuttle_marl.training.run import train  # noqa: PLC0415  torch
 
     done = train(config, Console(stderr=True, highlight=False))
@@ -27,19 +32,38 @@ def _train(config: TrainingConfig) -> None:
     out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
 
 
-def ppo(config: tyro.conf.OmitArgPrefixes[PPOConfig]) -> None:
+def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
+    from shuttle_marl.training.study import train_seeds  # noqa: PLC0415  torch
+
+    done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
+    table = Table("exact figure", "interquartile mean", "95 %", "lowest seed", "highest seed")
+    for name, found in done.figures.items():
+        numbers = [f"{found[key]:.4f}" for key in ("value", "low", "high", "lowest", "highest")]
+        table.add_row(name.replace("_", " "), numbers[0], f"{numbers[1]} to {numbers[2]}", *numbers[3:])
+    out = console()
+    out.print(table)
+    first = done.folder / f"seed-{config.seed}" / "agent"
+    out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{first}")
+
+
+Seeds = Annotated[int, tyro.conf.arg(help="train with so many seeds, from --seed on, and print the spread of what they reach.")]
+Jobs = Annotated[int, tyro.conf.arg(help="seeds that are trained side by side; changes no result.")]
+_JOBS: Final = os.cpu_count() or 1
+
+
+def ppo(config: tyro.conf.OmitArgPrefixes[PPOConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
     """Proximal policy optimisation."""
-    _train(config)
+    _train(config, seeds, jobs)
 
 
-def a2c(config: tyro.conf.OmitArgPrefixes[A2CConfig]) -> None:
+def a2c(config: tyro.conf.OmitArgPrefixes[A2CConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
     """Advantage actor-critic."""
-    _train(config)
+    _train(config, seeds, jobs)
 
 
-def sac(config: tyro.conf.OmitArgPrefixes[SACConfig]) -> None:
+def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
     """Soft actor-critic for discrete actions."""
-    _train(config)
+    _train(config, seeds, jobs)
 
 
 COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}

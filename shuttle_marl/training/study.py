@@ -1,0 +1,102 @@
+"""The same training with many seeds, side by side, and the spread of what they reach."""
+
+import dataclasses
+import multiprocessing
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.progress import track
+
+from shuttle_marl import runs
+from shuttle_marl.league.seeds import interquartile_mean
+from shuttle_marl.policy.agents import read_card
+from shuttle_marl.training.config import TrainingConfig, TrainingError
+from shuttle_marl.training.run import AGENT, train
+
+RESULTS: Final = "results.json"
+_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study:
+    """Finished runs that differ in their seeds alone.
+
+    Attributes:
+        folder: of all of them; each lies in ``seed-N`` there.
+        evaluations: of each seed, its last exact figures by name.
+        figures: by name the interquartile mean over the seeds with its 95 % interval, and the lowest and highest seed.
+    """
+
+    folder: Path
+    evaluations: dict[int, dict[str, float | None]]
+    figures: dict[str, dict[str, float]]
+
+
+def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console | None = None) -> Study:
+    """Train with the seeds ``config.seed`` to ``config.seed + seeds - 1``; each ends as it would alone.
+
+    Args:
+        config: of each run; ``out``, ``resume`` and ``overwrite`` are those of the folder of all.
+        seeds: number of runs, two or more.
+        jobs: how many run at once, each in a process of its own.
+        console: shows progress; None shows nothing.
+
+    Raises:
+        TrainingError: too few seeds or jobs, or a run failed as :func:`~shuttle_marl.training.run.train` says; those that are over
+            are kept.
+        RunError: the folder cannot be used.
+    """
+    if seeds < 2 or jobs < 1:
+        raise TrainingError(f"--seeds {seeds} --jobs {jobs}: expected 2 seeds or more and 1 job or more")
+    fixed = {**config.fixed(), "seeds": seeds}
+    name = f"{config.algorithm}-{seeds}-seeds"
+    with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as folder:
+        numbers = range(config.seed, config.seed + seeds)
+        configs = [
+            dataclasses.replace(config, seed=seed, out=folder / f"seed-{seed}", resume=False, overwrite=False) for seed in numbers
+        ]
+        train_all(configs, jobs, console or Console(quiet=True))
+        evaluations = {seed: read_card(folder / f"seed-{seed}" / AGENT)["evaluation"] for seed in numbers}
+        study = Study(folder=folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
+        about = runs.describe(_PACKAGES)
+        runs.write_json(
+            folder / RESULTS, {**about, "figures": study.figures, "seeds": {str(s): e for s, e in evaluations.items()}}
+        )
+        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
+    return study
+
+
+def _figures(evaluations: Sequence[dict[str, float | None]]) -> dict[str, dict[str, float]]:
+    figures = {}
+    for name in evaluations[0]:
+        values = [value for evaluation in evaluations if (value := evaluation[name]) is not None]
+        if len(values) == len(evaluations):
+            middle = interquartile_mean([values])
+            figures[name] = {**middle._asdict(), "lowest": min(values), "highest": max(values)}
+    return figures
+
+
+def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
+    """Start or continue every training run; each ends with the same weights whatever runs beside it.
+
+    Args:
+        configs: each with a run folder of its own.
+        jobs: how many run at once.
+        console: shows progress.
+    """
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(_train, config) for config in configs]
+        try:
+            for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
+                done.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _train(config: TrainingConfig) -> None:
+    assert config.out is not None
+    train(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
