@@ -45,8 +45,8 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
         console: shows progress; None shows nothing.
 
     Raises:
-        TrainingError: too few seeds or jobs, or a run failed as :func:`~shuttle_marl.training.run.train` says; those that are over
-            are kept.
+        TrainingError: too few seeds or jobs, or a run failed as :func:`~shuttle_marl.training.run.train` says; what is over is
+            kept.
         RunError: the folder cannot be used.
     """
     if seeds < 2 or jobs < 1:
