@@ -1,7 +1,7 @@
-"""Makes ``docs/images/foxglove.png``: ``python -m docs.tools.foxglove_picture``.
+"""Makes ``docs/images/foxglove.png`` and the court by each of its cameras: ``python -m docs.tools.foxglove_picture``.
 
-Two imitated players play a match, all of it becomes a scene file, and Foxglove Studio (:mod:`experiments.studio`) opens it at a
-smash in the middle.
+A lively rally of two imitated players becomes a scene file, and Foxglove Studio (:mod:`experiments.studio`) opens it at its last
+stroke, a smash.
 """
 
 import tempfile
@@ -9,32 +9,30 @@ from pathlib import Path
 from typing import Final
 
 from docs.tools.markdown import IMAGES
-from docs.tools.scene_picture import PLAYERS, strokes
-from experiments.pictures.scene_file import SceneFile
+from docs.tools.scene_picture import PLAYERS, lively, strokes
 from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.scene.layouts import CAMERAS
 
 PICTURE: Final = IMAGES / "foxglove.png"
-AFTER: Final = 0.14
+AFTER: Final = 0.06
 """From the contact to the picture [s]."""
-
-
-def smash(scene: Path) -> float:
-    """Time of the smash nearest to the middle of a scene [s]."""
-    film = SceneFile(scene)
-    middle = (film.end - film.start) / 2e9
-    return min((seconds for seconds, shot in strokes(scene) if shot == "smash"), key=lambda seconds: abs(seconds - middle))
 
 
 def main() -> None:
     """Play, stage, look."""
     with tempfile.TemporaryDirectory() as temporary:
-        run, scene = Path(temporary) / "run", Path(temporary) / "match.mcap"
-        run_league(LeagueConfig(pool=PLAYERS, matches=2, out=run))
-        recording(["scene", str(run / "rallies.mcap"), "--match", "0", "--out", str(scene)])
+        run, scene = Path(temporary) / "run", Path(temporary) / "rally.mcap"
+        run_league(LeagueConfig(pool=PLAYERS, matches=10, out=run))
+        log = run / "rallies.mcap"
+        with RallyLog(log) as opened:
+            number = lively(opened)
+        recording(["scene", str(log), "--rally", str(number), "--out", str(scene)])
         install(Path(temporary) / "studio")
-        seen = visit(Path(temporary) / "studio", scene, PICTURE, smash(scene) + AFTER)
+        at = strokes(scene)[-1][0] + AFTER
+        seen = visit(Path(temporary) / "studio", scene, PICTURE, at, tabs=tuple(CAMERAS))
     if seen["problems"] != NO_PROBLEMS or seen["errors"]:
         raise SystemExit(f"{seen['problems']} {seen['errors']}")
 

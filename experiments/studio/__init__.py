@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,7 +41,9 @@ def install(folder: Path) -> None:
         _call("npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund", folder=folder)
 
 
-def visit(folder: Path, scene: Path, picture: Path, seconds: float = 2.0) -> dict[str, Any]:
+def visit(
+    folder: Path, scene: Path, picture: Path, seconds: float = 2.0, *, match: bool = False, tabs: Sequence[str] = ()
+) -> dict[str, Any]:
     """Open a scene with its layout, take a picture, and play a second.
 
     Args:
@@ -48,6 +51,8 @@ def visit(folder: Path, scene: Path, picture: Path, seconds: float = 2.0) -> dic
         scene: file of ``recording scene``.
         picture: PNG of the window.
         seconds: when it is taken, from the beginning of the scene.
+        match: whether the layout of a match is used, not that of a rally.
+        tabs: cameras of which a picture of the court alone is taken too, beside ``picture``: ``NAME_tab.png``.
 
     Returns:
         ``problems``: what the viewer says of the file, :data:`NO_PROBLEMS` if nothing; ``topics``: number of messages of each;
@@ -62,10 +67,10 @@ def visit(folder: Path, scene: Path, picture: Path, seconds: float = 2.0) -> dic
             f"{scene}: no such file; `python -m shuttle_marl.recording scene LOG --match 0 --out {scene}` makes one"
         )
     layout = folder / "layout.json"
-    layout.write_bytes(lichtblick())
+    layout.write_bytes(lichtblick(match=match))
     time = EPOCH // 10**6 + round(1000 * seconds)
     paths = (str(path.resolve()) for path in (scene, layout, picture))
-    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), folder=folder))
+    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), *tabs, folder=folder))
     return seen
 
 

@@ -2,9 +2,10 @@
 // problems (what Studio says of the file and the layout), topics (number of messages of each), panels (text of each), clock
 // (in seconds: before and after it was played), errors (of the page).
 //
-//   node visit.mjs SCENE LAYOUT PICTURE TIME
+//   node visit.mjs SCENE LAYOUT PICTURE TIME [TAB …]
 //
-// PICTURE is taken at TIME, in milliseconds since 1970 as the scene counts them. Everything is served on 127.0.0.1; nothing else is asked.
+// PICTURE is taken at TIME, in milliseconds since 1970 as the scene counts them; of every further tab of the court one more, whose
+// name ends with that of the tab, of the panel alone. Everything is served on 127.0.0.1; nothing else is asked.
 import { once } from "node:events";
 import { writeFile } from "node:fs/promises";
 import { createServer } from "node:http";
@@ -22,7 +23,7 @@ const HERE = dirname(fileURLToPath(import.meta.url));
 const LIMIT = 120_000; // for each thing that is waited for [ms]
 const PLAYED = 1; // what is played [s of the scene]
 const PANELS = "[data-testid^=panel-mouseenter-container]";
-const [scene, layout, file, time] = process.argv.slice(2);
+const [scene, layout, file, time, ...tabs] = process.argv.slice(2);
 
 // Studio asks for parts of the scene as it needs them.
 const setHeaders = (response) => response.setHeader("Accept-Ranges", "bytes");
@@ -73,12 +74,23 @@ async function visit(page, origin) {
   const picture = await still(page);
   const panels = await page.$$eval(PANELS, (all) => Object.fromEntries(all.map((e) => [e.dataset.testid.split(" ")[1], e.innerText])));
 
+  const further = [];
+  for (const tab of tabs) {
+    // A click on the tab that is open would edit its title.
+    const label = await page.waitForSelector(`[data-testid='toolbar-tab'][title='${tab}']`);
+    if (!(await label.$("[data-testid='tab-icon']"))) {
+      await label.click();
+    }
+    await still(page);
+    further.push([tab, Buffer.from(await (await page.$("canvas")).screenshot())]);
+  }
+
   const before = await clock(page);
   await page.click("button[title='Play']");
   for (const end = Date.now() + LIMIT; Date.now() < end && (await clock(page)) < before + PLAYED; ) {
     await pause(100);
   }
-  return { picture, seen: { problems, topics, panels, clock: [before, await clock(page)], errors } };
+  return { picture, further, seen: { problems, topics, panels, clock: [before, await clock(page)], errors } };
 }
 
 // What stands under the tab of the problems.
@@ -125,8 +137,11 @@ const browser = await puppeteer.launch({
   protocolTimeout: LIMIT,
 });
 try {
-  const { picture, seen } = await visit(await browser.newPage(), `http://127.0.0.1:${server.address().port}`);
+  const { picture, further, seen } = await visit(await browser.newPage(), `http://127.0.0.1:${server.address().port}`);
   await writeFile(file, picture);
+  for (const [tab, content] of further) {
+    await writeFile(file.replace(/\.png$/, `_${tab.toLowerCase()}.png`), content);
+  }
   console.log(JSON.stringify(seen, null, 1));
 } finally {
   await browser.close();

@@ -11,7 +11,7 @@ from shuttle_marl.scene.moving import WORLD, bone_frame
 
 _BACKGROUND: Final = "#10141c"
 _RED, _BLUE, _YELLOW, _GREEN = "#e8594f", "#4e98e2", "#f7df71", "#5cd6a9"
-_CAMERAS: Final[dict[str, dict[str, Any]]] = {
+CAMERAS: Final[dict[str, dict[str, Any]]] = {
     "Broadcast": {"distance": 14.0, "phi": 66.0, "theta": 0.0, "fovy": 36.0, "target": (0.0, -0.6, 0.6), "follow": None},
     "Side": {"distance": 15.0, "phi": 72.0, "theta": 290.0, "fovy": 34.0, "target": (-0.2, 0.1, 0.9), "follow": None},
     "Follow": {
@@ -83,7 +83,7 @@ def lichtblick(*, match: bool = False) -> bytes:
     """The layout of a rally or of a match as JSON for Lichtblick: import it from its layout menu."""
     plots, rows = (_MATCH_PLOTS, _MATCH_ROWS) if match else (_PLOTS, _ROWS)
     panels: dict[str, Any] = {}
-    for title, camera in _CAMERAS.items():
+    for title, camera in CAMERAS.items():
         panels[f"3D!{title.lower()}"] = {
             "cameraState": {
                 "perspective": True,
@@ -113,7 +113,7 @@ def lichtblick(*, match: bool = False) -> bytes:
         }
     panels["Tab!cameras"] = {
         "activeTabIdx": 0,
-        "tabs": [{"title": title, "layout": f"3D!{title.lower()}"} for title in _CAMERAS],
+        "tabs": [{"title": title, "layout": f"3D!{title.lower()}"} for title in CAMERAS],
     }
     panels["StateTransitions!rally"] = {
         "isSynced": True,
@@ -139,7 +139,7 @@ def lichtblick(*, match: bool = False) -> bytes:
             "showXAxisLabels": True,
             "showYAxisLabels": True,
             "showLegend": True,
-            "legendDisplay": "top",
+            "legendDisplay": "floating",
             "showPlotValuesInLegend": False,
             "isSynced": True,
             "xAxisVal": "timestamp",
@@ -168,7 +168,7 @@ def lichtblick(*, match: bool = False) -> bytes:
 def foxglove(*, match: bool = False) -> bytes:
     """The layout of a rally or of a match as JSON for Foxglove."""
     lines, rows = (_MATCH_PLOTS, _MATCH_ROWS) if match else (_PLOTS, _ROWS)
-    cameras = fox.TabContainer(tabs=[fox.TabItem(title=title, content=_view(title)) for title in _CAMERAS])
+    cameras = fox.TabContainer(tabs=[fox.TabItem(title=title, content=_view(title)) for title in CAMERAS])
     rally = fox.StateTransitionsPanel(
         title="Rally",
         config=fox.StateTransitionsConfig(paths=[fox.StateTransitionsSeries(value=path, label=label) for path, label in rows]),
@@ -204,7 +204,7 @@ def foxglove(*, match: bool = False) -> bytes:
 
 def _view(title: str) -> fox.ThreeDeePanel:
     """The 3D panel of a tab."""
-    camera = _CAMERAS[title]
+    camera = CAMERAS[title]
     state = fox.ThreeDeeCameraState(
         perspective=True,
         distance=camera["distance"],

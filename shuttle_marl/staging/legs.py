@@ -72,7 +72,7 @@ def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[
     """
     from shuttle_marl.staging.compiled.bodies import raise_heels, stand_ankles  # noqa: PLC0415  numba is slow to import
 
-    limit, heel, above = _STRETCH * sum(skeleton.leg), _arm(skeleton), float(_above(skeleton)[2])
+    limit, heel, above = _STRETCH * sum(skeleton.leg), _arm(skeleton), _above(skeleton)
     needed, ankle = np.empty(len(hips)), np.empty((len(hips), 3))
     yaw = feet.yaw.copy()
     heading = np.arctan2(root[:, 1, 1], root[:, 0, 1]) - np.pi / 2
@@ -130,7 +130,7 @@ def _limb(skeleton: Skeleton, side: str) -> tuple[Any, ...]:
     rest = np.diff([skeleton.at(f"{side}{bone}") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")], axis=0)
     aligned = frame(rest[:2], np.array([1.0, 0.0, 0.0]))
     thigh, shank = skeleton.leg
-    return rest, aligned, thigh, shank, _STRETCH * (thigh + shank), float(_above(skeleton)[2])
+    return rest, aligned, thigh, shank, _STRETCH * (thigh + shank), _above(skeleton)
 
 
 def hip_angles(relative: Floats, thigh: Floats) -> Floats:
@@ -151,9 +151,9 @@ def _shortest(a: Floats, b: Floats) -> Floats:
     return exponential(unit(axis) * angle[:, None])
 
 
-def _above(skeleton: Skeleton) -> Floats:
-    """From the point under the ball to the joint of the toes, about which heels turn."""
-    return np.array([0.0, 0.0, skeleton.at("RightToeBase")[2]])
+def _above(skeleton: Skeleton) -> float:
+    """Height over the floor of the joint of the toes, about which heels turn [m]."""
+    return float(skeleton.at("RightToeBase")[2])
 
 
 def _arm(skeleton: Skeleton) -> Floats:

@@ -51,14 +51,6 @@ def exponential(v: Floats) -> Floats:
     return _shaped(Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix(), v.shape[:-1])
 
 
-def skewed(v: Floats) -> Floats:
-    """``[..., 3, 3]`` the matrices that take vector products with ``v``."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out -= np.swapaxes(out, -1, -2)
-    return out
-
-
 def turned(angle: Floats | float) -> Floats:
     """``[..., 3, 3]`` rotation about the vertical, anticlockwise seen from above [rad]."""
     return _TURN(angle)
