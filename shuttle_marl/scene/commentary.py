@@ -21,7 +21,7 @@ _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
 _TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
 _LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
-_BOARD_AT: Final = (-2.9, 0.0, 4.3)
+_BOARD_AT: Final = (-2.3, 0.0, 4.3)
 """Beside the net post that is the far one in the layouts, out of the way of the shuttle [m]."""
 _LINE: Final = 0.42
 """From one line of the board to the next [m]."""
