@@ -31,7 +31,7 @@ from shuttle_marl.training.collecting import RallyCollector
 from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.ppo import make_ppo
 from shuttle_marl.training.run import check_device
-from shuttle_marl.training.run_log import open_log
+from shuttle_marl.training.run_log import RunLog, open_log
 
 MEASURED: Final = 6
 """Iterations that are measured each time."""
@@ -51,10 +51,14 @@ class _Run:
             self.iterate()
         self.collector.iteration -= 1
 
-    def iterate(self) -> int:
-        """One iteration; returns its strokes."""
+    def iterate(self, log: RunLog | None = None, update: int = 0) -> int:
+        """One iteration, recorded as a run records it; returns its strokes."""
         data = self.collector.collect()
+        if log is not None:
+            log.add(self.collector.sampler, 0, update)
         self.learner.learn(data, max(0.02, 1 - self.collector.iteration / self.config.iterations))
+        if log is not None:
+            log.settle()
         return self.collector.strokes
 
     def measure(self, *, record: bool) -> tuple[float, float, int]:
@@ -63,10 +67,8 @@ class _Run:
             log = open_log(Path(folder), self.config, self.game, self.opponents, [1], rallies=0) if record else None
             strokes, begun, cpu = 0, time.perf_counter(), time.process_time()
             for update in range(MEASURED):
-                strokes += self.iterate()
+                strokes += self.iterate(log, update)
                 self.collector.iteration -= 1
-                if log is not None:
-                    log.add(self.collector.sampler, 0, update)
             if log is not None:
                 log.close()
             return time.perf_counter() - begun, time.process_time() - cpu, strokes

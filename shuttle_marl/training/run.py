@@ -227,6 +227,8 @@ class _Run:
             with self._diverging(self.iteration + 1):
                 losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
                 self.learner.check_weights()
+            if log is not None:
+                log.settle()
             self.strokes += self.collector.strokes
             self.iteration += 1
             after(losses)

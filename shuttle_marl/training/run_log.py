@@ -5,7 +5,8 @@ name. So a pairing of the log is what is played between two checkpoints, and its
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
@@ -13,8 +14,8 @@ import numpy as np
 
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
-from shuttle_marl.kernel import RallySampler
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyRecorder, Sampling
+from shuttle_marl.kernel import RallySampler, SingleRallies
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.kernel_rallies import single_rallies_of
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import TrainingConfig
@@ -38,12 +39,16 @@ class RunLog:
         self._recorder, self._header, self._seat = recorder, header, seat
         self._sampling = Sampling.parse(header.record)
         self._figures = tuple(name for name in header.columns if name in _FIGURES)
+        self._thread = ThreadPoolExecutor(1)
+        self._replay: tuple[Future[SingleRallies], Callable[[SingleRallies], Rallies]] | None = None
 
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record what a sampler played in its last iteration; in self-play what the learner played with itself from the serve on.
 
+        The rallies are replayed in a thread of their own, while the learner learns; :meth:`settle` waits for it.
+
         Args:
-            sampler: before its next iteration.
+            sampler: before its next iteration; nothing of it may change until :meth:`settle`.
             segment: part of the run that ends with a checkpoint, counted from 0.
             update: iterations before this one.
 
@@ -55,22 +60,32 @@ class RunLog:
         numbers = numbers[self._sampling.keeps(self._header, pairing, numbers)]
         if not len(numbers):
             return
-        played = sampler.record(numbers, figures=bool(self._figures))
-        make = functools.partial(
-            single_rallies_of, played, pairing=segment, seat=self._seat, update=update, columns=self._figures
-        )
-        self._recorder.add_later(make, len(played.stroke))
+        self.settle()
+        played = self._thread.submit(sampler.record, numbers, figures=bool(self._figures))
+        rallies_of = functools.partial(single_rallies_of, pairing=segment, seat=self._seat, update=update, columns=self._figures)
+        self._replay = played, rallies_of
+
+    def settle(self) -> None:
+        """Wait until what was added last is replayed, and hand it to the writer."""
+        if self._replay is not None:
+            (replay, rallies_of), self._replay = self._replay, None
+            played = replay.result()
+            self._recorder.add_later(functools.partial(rallies_of, played), len(played.stroke))
 
     def flush(self) -> int:
         """Have everything on the disk; returns the number of rallies there."""
+        self.settle()
         return self._recorder.flush()
 
     def close(self) -> None:
         """Move the log into place."""
+        self.settle()
+        self._thread.shutdown()
         self._recorder.close()
 
     def abort(self) -> None:
         """Leave the log unfinished, for a run that continues it."""
+        self._thread.shutdown()
         self._recorder.abort()
 
 
