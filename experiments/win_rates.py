@@ -246,7 +246,7 @@ def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             )
             if row["away"]
             else "",
-            f"{row['normalised_score']['mean']:.3f} ± {row['normalised_score']['deviation']:.3f}",
+            f"{row['normalised_score']['mean']:z.3f} ± {row['normalised_score']['deviation']:.3f}",
             f"{iqm['value']:.3f} ({iqm['low']:.3f} to {iqm['high']:.3f})" if iqm else "",
             f"{row['exploitability']['mean']:.3f}",
             f"{row['strokes'] / 1e6:.1f} M" if "strokes" in row else "",
