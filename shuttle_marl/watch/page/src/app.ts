@@ -366,6 +366,7 @@ export class App {
     this.player.playing = false;
     this.filming = true;
     document.body.classList.add("film");
+    this.stage?.drawWhole();
     this.screen.resize();
     this.seek(0);
   }

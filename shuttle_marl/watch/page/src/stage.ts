@@ -62,6 +62,7 @@ export class Stage {
   private area: [number, number, number, number] | null = null;
   private drawn = 0; // time of the last picture
   private late = 0; // pictures in a row that came late
+  private hurried = true; // whether pictures that come late are made of fewer pixels
 
   constructor(
     private readonly facts: HallFacts,
@@ -178,9 +179,15 @@ export class Stage {
       this.eye.clearViewOffset();
     }
     this.renderer.render(this.scene, this.eye);
-    if (this.lite) {
+    if (this.lite && this.hurried) {
       this.easeOff();
     }
+  }
+
+  /** Draws every pixel from now on, however long a picture takes: for a film, whose pictures depend on nothing but the rally. */
+  drawWhole(): void {
+    this.hurried = false;
+    this.renderer.setPixelRatio(1);
   }
 
   /** Draws fewer pixels from now on if pictures keep coming late. */
