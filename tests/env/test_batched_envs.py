@@ -214,7 +214,7 @@ def test_rallies_are_those_of_the_environment() -> None:
     assert differ(1000, 256, seed=1, game=tiring_game())[1] > 5_000
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 def test_a_hundred_thousand_rallies_are_those_of_the_environment() -> None:
     rallies = strokes = 0
     for seed in range(10, 20):

@@ -52,7 +52,7 @@ def test_play_is_realistic(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @needs_matches
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 def test_next_stroke_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert next_stroke.main(["--data", str(MATCHES), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
