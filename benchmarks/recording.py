@@ -102,14 +102,15 @@ class _Timed:
 
     def __init__(self, inner: Any) -> None:
         self._inner = inner
-        self._threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
         self.cpu = self.waited = 0.0
 
     def __getattr__(self, name: str) -> Any:
         def call(*args: Any) -> Any:
             if name == "close":
                 self._inner.flush()
-                clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in self._threads]
+                # Now, because the thread that replays rallies begins with the first of them.
+                threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
+                clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in threads]
                 self.cpu += sum(time.clock_gettime(clock) for clock in clocks)
             cpu, begun = time.thread_time(), time.perf_counter()
             try:

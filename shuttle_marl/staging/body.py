@@ -36,9 +36,9 @@ NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
 _JOINT: Final = 9
 """Frames over which a continued motion is joined to what was there."""
 _TRIES: Final = 3
-"""How often feet that slip are lifted earlier, or put down later."""
+"""Times that feet that slip are lifted earlier, or put down later."""
 _SLIP: Final = 3e-3
-"""How far the leg may leave the ball of a planted foot from its place [m]."""
+"""Distance by which the leg may leave the ball of a planted foot from its place [m]."""
 _EVEN: Final = 6
 """Frames within which the height of the hips is evened out between key poses."""
 

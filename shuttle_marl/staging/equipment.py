@@ -5,7 +5,7 @@ from typing import Final
 RACKET_LENGTH: Final = 0.675
 """Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
 RACKET_BUTT: Final = -0.10
-"""Where it begins along its shaft, seen from the middle of the grip [m]."""
+"""Its lower end along its shaft, seen from the middle of the grip [m]."""
 SWEET_SPOT: Final = 0.45
 """Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
 RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)

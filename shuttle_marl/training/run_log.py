@@ -39,7 +39,7 @@ class RunLog:
         self._recorder, self._header, self._seat = recorder, header, seat
         self._sampling = Sampling.parse(header.record)
         self._figures = tuple(name for name in header.columns if name in _FIGURES)
-        self._thread = ThreadPoolExecutor(1)
+        self._thread = ThreadPoolExecutor(1, "recording replays")
         self._replay: tuple[Future[SingleRallies], Callable[[SingleRallies], Rallies]] | None = None
 
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:

@@ -307,7 +307,7 @@ class TorchSampler(RallySampler):
             self.strokes = Strokes(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
 
     def take(self, order: npt.NDArray[np.integer] | None = None) -> Distinct:
-        """What was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""
+        """Take what was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""
         states = np.sort(self._known) if order is None else self._known[np.asarray(order)]
         played, size = self._collected, len(states)
         self._collected = _Learners(*(part[:0] for part in played))

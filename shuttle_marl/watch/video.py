@@ -35,7 +35,7 @@ _FLAGS: Final = (
 _WAIT: Final = 120_000
 """Time that the page has for each thing it is asked to do [ms]."""
 _FAILED: Final = ".notice:not(.hidden):not(.good), p[role=alert]"
-"""Where the page says what went wrong."""
+"""Places on the page that say what went wrong."""
 _PICTURE: Final = {"format": "jpeg", "quality": 95, "optimizeForSpeed": True}
 _FORMATS: Final = {".mp4": "libx264", ".webm": "libvpx-vp9"}
 
