@@ -20,8 +20,8 @@ from shuttle_marl.exact.fixed_point import (
     solve_linear,
 )
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.sweeps import block_mean, mean_following, propagate
-from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.exact.sweeps import block_mean, mean_following, played, propagate
+from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 
 Floats = npt.NDArray[np.float64]
@@ -132,10 +132,8 @@ def induced(policy: StatePolicy) -> InducedChain:
             reward[states] = reward[game.block_states(twin)]
             continue
         same[level] = block
-        fault, winner, below = game.limits[level].astype(np.int32).T
-        reward[states] = np.bincount(game.base_pair_state, probability * ((winner - 2 * fault) / ONE), game.n_base_states)
-        weights.append(np.stack([probability * ((below - winner) / ONE), probability * ((ONE - below) / ONE)], axis=1).ravel())
-        continuation = np.bincount(game.base_pair_state, weights[-1][::2] + weights[-1][1::2], game.n_base_states)
+        weight, reward[states], continuation = played(game, level, probability)
+        weights.append(weight)
         continuation[:FIRST_RALLY_STATE] = 0.0
         largest = max(largest, float(continuation.max()))
         if largest >= 1:

@@ -22,6 +22,7 @@ from shuttle_marl.kernel.compiling import cached
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
+UInts = npt.NDArray[np.uint16]
 Bools = npt.NDArray[np.bool_]
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -135,6 +136,19 @@ def _propagate(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Flo
         reached = out[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
         for i in range(weight.size):
             reached[i] += weight[i] * visits[s]
+
+
+@_compiled
+def _play(probability: Floats, limits: UInts, pair_start: Ints, weight: Floats, reward: Floats, continuation: Floats) -> None:
+    for s in range(reward.size):
+        gained = continued = 0.0
+        for p in range(pair_start[s], pair_start[s + 1]):
+            fault, winner, below = np.float64(limits[p, 0]), np.float64(limits[p, 1]), np.float64(limits[p, 2])
+            gained += probability[p] * ((winner - 2.0 * fault) / 65536.0)
+            weight[2 * p] = probability[p] * ((below - winner) / 65536.0)
+            weight[2 * p + 1] = probability[p] * ((65536.0 - below) / 65536.0)
+            continued += weight[2 * p] + weight[2 * p + 1]
+        reward[s], continuation[s] = gained, continued
 
 
 class Probabilities(NamedTuple):
@@ -257,6 +271,30 @@ def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
     return linear
 
 
+class Played(NamedTuple):
+    """The strokes of one block of states under a policy."""
+
+    weight: Floats
+    """``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn."""
+    reward: Floats
+    """``[base states]`` expected reward to the striker of the stroke played."""
+    continuation: Floats
+    """``[base states]`` probability that the rally continues."""
+
+
+def played(game: Game, level: int, probability: Floats) -> Played:
+    """What a policy makes of the states of one block.
+
+    Args:
+        game: the tables with which the player strikes.
+        level: own effort.
+        probability: ``[base pairs]`` of each legal pair given its state.
+    """
+    found = Played(np.empty(2 * game.n_base_pairs), np.empty(game.n_base_states), np.empty(game.n_base_states))
+    _play(probability, game.limits[level], game.base_pair_start, *found)
+    return found
+
+
 def mean_following(game: Game, weights: Sequence[Floats], following: Floats) -> Floats:
     """``[S]`` what follows a state on average.
 
@@ -308,4 +346,5 @@ def warm_up(game: Game) -> None:
     _hand_back(room, game.reply_edge[:1], game.edge_attack, state, state)
     _choose(table.reward[:1], table.continuation[:1], *where, room, False, one, *np.empty((2, 1), np.int32))
     _mean(np.zeros(2 * game.n_base_pairs), *where, room, one)
+    _play(np.zeros(game.n_base_pairs), game.limits[0], game.base_pair_start, np.empty(2 * game.n_base_pairs), one, np.empty(1))
     _propagate(np.zeros(2 * game.n_base_pairs), *where, one, room)

@@ -134,10 +134,11 @@ class TabulatedPolicy:
 
     def block_probabilities(self, block: int) -> npt.NDArray[np.float64]:
         """``[base pairs]`` the same in one block of states."""
-        upper = self.cumulative[self.game.block_pairs(block)].astype(np.int64)
-        lower = np.r_[0, upper[:-1]]
-        lower[self.game.base_pair_rank == 0] = 0
-        return (upper - lower) / CHOICE_ONE
+        upper = self.cumulative[self.game.block_pairs(block)]
+        own = np.diff(upper, prepend=upper[:1])
+        first = self.game.base_pair_start[:-1][self.game.playable[: self.game.n_base_states]]
+        own[first] = upper[first]
+        return own / np.float64(CHOICE_ONE)
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
         """``[B, n]`` probability of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""

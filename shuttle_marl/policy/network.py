@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.stroke import Catalogue
@@ -28,12 +27,6 @@ _EXACT_BITS: Final = 53
 _LEAST_EXPONENT: Final = -900
 """Of a factor's largest number: below, its unit would be no number of float64."""
 _HIGHEST: Final = float(np.finfo(np.float32).max)
-_LOG2E: Final = 1.4426950408889634
-_LN2: Final = (0.693147180369123816490, 1.90821492927058770002e-10)
-"""ln 2 as a number of 33 bits, of which small multiples are exact, and the rest."""
-_TERMS: Final = 14
-_SMALLEST: Final = -700.0
-"""Logits so far below the highest one count as this: a probability of 10^-304."""
 
 
 def attribute_rows(catalogue: Catalogue) -> npt.NDArray[np.int64]:
@@ -107,6 +100,8 @@ class PolicyNetwork:
         Raises:
             PolicyError: a number in the network is beyond those of float32.
         """
+        from shuttle_marl.policy.compiled import limits, rectify, shift  # noqa: PLC0415  waits until numba is wanted
+
         base = np.flatnonzero(game.playable[: game.n_base_states])
         own, incoming, contact, duel = game.observation(base).T[:4]
         efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, 1, -1)
@@ -119,15 +114,15 @@ class PolicyNetwork:
             both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
             x = (self.own[own[group]] + both + self.duel[duel[group]] + efforts).reshape(-1, len(both))
             *hidden, (weight, bias) = self.layers
-            with np.errstate(over="ignore", invalid="ignore"):
-                for layer in (*hidden, (weight[legal], bias[legal])):
-                    x = _product(np.maximum(x, 0.0), layer[0]) + layer[1]
-                    # While it learned, the network was one of float32 numbers.
-                    if not (x.max() <= _HIGHEST and x.min() >= -_HIGHEST):
-                        raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
-            total = np.cumsum(_exp(x - x.max(axis=1, keepdims=True)), axis=1)
+            for layer in (*hidden, (weight[legal], bias[legal])):
+                x = _product(x, layer[0], rectify(x))
+                # While it learned, the network was one of float32 numbers.
+                if not shift(x, layer[1]) <= _HIGHEST:
+                    raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
+            found = np.empty(x.shape, np.uint16)
+            limits(x, found)
             pairs = game.base_pair_start[base[group]][:, None] + np.arange(len(legal))
-            cumulative[:, pairs] = np.rint(total / total[:, -1:] * CHOICE_ONE).reshape(game.n_blocks, *pairs.shape)
+            cumulative[:, pairs] = found.reshape(game.n_blocks, *pairs.shape)
         return TabulatedPolicy(game=game, cumulative=cumulative.ravel())
 
 
@@ -135,31 +130,26 @@ def _number(layer: str) -> int:
     return int(layer.rpartition(".")[2])
 
 
-def _product(x: Floats, weight: Floats) -> Floats:
-    """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing."""
+def _product(x: Floats, weight: Floats, highest: float) -> Floats:
+    """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing.
+
+    Args:
+        x: ``[N, W]`` numbers from 0 to ``highest``; overwritten.
+        weight: ``[W', W]``.
+        highest: of x.
+    """
     terms = max(1, weight.shape[1] - 1).bit_length()
-    (x, x_unit), (weight, unit) = _whole(x, _EXACT_BITS - _WEIGHT_BITS - terms), _whole(weight, _WEIGHT_BITS)
+    x_unit = _round(x, highest, _EXACT_BITS - _WEIGHT_BITS - terms)
+    weight = weight.copy()
+    unit = _round(weight, float(np.abs(weight).max(initial=0.0)), _WEIGHT_BITS)
     product: Floats = x @ weight.T
     product *= x_unit * unit
     return product
 
 
-def _whole(values: Floats, bits: int) -> tuple[Floats, float]:
-    """Values as whole numbers of at most some bits, and the power of two that they count."""
-    highest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+def _round(values: Floats, highest: float, bits: int) -> float:
+    """Make values whole numbers of at most some bits, in place; returns the power of two that they count."""
     unit = 2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits)
-    whole = values * (1 / unit)
-    return np.rint(whole, out=whole), unit
-
-
-def _exp(x: Floats) -> Floats:
-    """The exponential of numbers that are not positive, from operations whose results IEEE 754 prescribes."""
-    x = np.maximum(x, _SMALLEST)
-    power = np.rint(x * _LOG2E)
-    rest = x - power * _LN2[0] - power * _LN2[1]
-    total = np.ones_like(rest)
-    for n in range(_TERMS, 0, -1):
-        total *= rest
-        total /= n
-        total += 1.0
-    return np.asarray(np.ldexp(total, power.astype(np.int32)))
+    values *= 1 / unit
+    np.rint(values, out=values)
+    return unit

@@ -23,6 +23,7 @@ from shuttle_marl.game.table import tabulate
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import network, registry, table_cache
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
+from shuttle_marl.policy.compiled import limits
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training import Evaluator
 from shuttle_marl.training.networks import logit_network, make_actor, weights_of
@@ -101,11 +102,12 @@ def test_the_table_does_not_depend_on_the_order_of_sums() -> None:
     tensors = weights_of(make_actor(game, width=64, hidden=1))
     order = rng.permutation(64)
     other = {name: array[..., order] if array.shape[-1] == 64 else array for name, array in tensors.items()}
-    x = rng.normal(size=(50, 64))
+    x = np.abs(rng.normal(size=(50, 64)))
     weight = rng.normal(size=(30, 64))
     assert (x[:, order] @ weight[:, order].T != x @ weight.T).any()
-    assert (network._product(x[:, order], weight[:, order]) == network._product(x, weight)).all()
-    np.testing.assert_allclose(network._product(x, weight), x @ weight.T, atol=1e-5)
+    product = network._product(x.copy(), weight, x.max())
+    assert (network._product(x[:, order], weight[:, order], x.max()) == product).all()
+    np.testing.assert_allclose(product, x @ weight.T, atol=1e-5)
     # Biases of a hidden layer belong to its rows, which stay where they are.
     other["0.layers.1.bias"] = tensors["0.layers.1.bias"]
     other["0.layers.1.weight"], other["1.weight"] = tensors["0.layers.1.weight"][:, order], tensors["1.weight"]
@@ -113,9 +115,15 @@ def test_the_table_does_not_depend_on_the_order_of_sums() -> None:
     assert one.hash == two.hash
 
 
-def test_the_exponential_is_that_of_numpy() -> None:
-    x = -np.geomspace(1e-12, 800, 10_000)
-    np.testing.assert_allclose(network._exp(np.append(x, 0.0)), np.exp(np.maximum(np.append(x, 0.0), -700)), rtol=1e-14)
+def test_limits_are_those_of_a_softmax() -> None:
+    rng = np.random.default_rng(0)
+    logits = rng.normal(size=(2000, 31)) * np.geomspace(1e-12, 1e38, 2000)[:, None]
+    found = np.empty(logits.shape, np.uint16)
+    limits(logits, found)
+    total = np.cumsum(np.exp((logits - logits.max(axis=1, keepdims=True)).astype(np.longdouble)), axis=1)
+    expected = total / total[:, -1:] * 65535
+    assert np.abs(found - expected).max() <= 0.5 + 1e-9
+    assert (found[:, -1] == 65535).all()
 
 
 @pytest.mark.parametrize(
