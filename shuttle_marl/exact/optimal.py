@@ -9,6 +9,7 @@ difference lemma: Kakade & Langford, ICML 2002):
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from shuttle_marl.exact.blocks import BlockLinear, BlockSweep, by_blocks
 from shuttle_marl.exact.fixed_point import TOLERANCE, Linear, largest_continuation, newton
 from shuttle_marl.exact.occupancy import visits
-from shuttle_marl.exact.profile import ProfileValue, StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.profile import InducedChain, ProfileValue, StatePolicy, check_same_layout, induced
 from shuttle_marl.exact.sweeps import Ints, after_block_choices, after_choices, block_choices, choices
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ROOT, Game
@@ -143,14 +144,21 @@ class Response:
     """The best response to a policy.
 
     Attributes:
-        policy: the response, one stroke in every state.
+        game: the tables with which the responder strikes.
+        rank: ``[S]`` which legal stroke the response plays; -1 in a state without any.
         value: of the response as player 0 against the policy as player 1.
         sweeps: how often all legal pairs of the responder were swept.
     """
 
-    policy: TabulatedPolicy
+    game: Game
+    rank: Ints
     value: ProfileValue
     sweeps: int
+
+    @functools.cached_property
+    def policy(self) -> TabulatedPolicy:
+        """The response, one stroke in every state."""
+        return pure_policy(self.game, self.rank)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -176,11 +184,11 @@ class Exploitability:
         return self.nash_conv / 2
 
 
-def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: float = TOLERANCE) -> Response:
+def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = None, tolerance: float = TOLERANCE) -> Response:
     """The best response to a policy.
 
     Args:
-        policy: of the opponent, player 1.
+        policy: of the opponent, player 1; or its chain, if that is there already.
         game: the tables with which the responder, player 0, strikes; None: those of the policy, the symmetric game.
         tolerance: largest error bound that is good enough.
 
@@ -189,7 +197,7 @@ def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: f
     """
     own = game or policy.game
     check_same_layout(own, policy.game)
-    opponent = induced(policy)
+    opponent = policy if isinstance(policy, InducedChain) else induced(policy)
     contraction = largest_continuation(own) * opponent.contraction
 
     def operator(x: Floats) -> tuple[Floats, Linear]:
@@ -204,7 +212,7 @@ def best_response(policy: StatePolicy, *, game: Game | None = None, tolerance: f
     chosen = choices([own], y)
     z[ROOT] = chosen.value[ROOT]
     value = ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-    return Response(policy=pure_policy(own, chosen.rank), value=value, sweeps=swept + sweeps + 1)
+    return Response(game=own, rank=chosen.rank, value=value, sweeps=swept + sweeps + 1)
 
 
 def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:

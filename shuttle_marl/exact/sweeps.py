@@ -128,6 +128,29 @@ def _mean(weights: Floats, pair_start: Ints, first_reply: Ints, following: Float
 
 
 @_compiled
+def _follow(
+    continuation: Singles,
+    pair_start: Ints,
+    first_reply: Ints,
+    reply_edge: Ints,
+    attack: Bools,
+    rank: Ints,
+    picked: Ints,
+    plain: Floats,
+    after_attack: Floats,
+    out: Floats,
+) -> None:
+    """What changes in the value of each state's chosen stroke, from the changes of the states that follow."""
+    for s in range(out.size):
+        out[s] = 0.0
+        if rank[s] >= 0:
+            p, edge = pair_start[s] + rank[s], reply_edge[first_reply[s] + rank[s]]
+            change = after_attack if attack[edge] else plain
+            below, above = continuation[picked[s], 2 * p], continuation[picked[s], 2 * p + 1]
+            out[s] = -(below * change[2 * edge] + above * change[2 * edge + 1]) / 65536.0
+
+
+@_compiled
 def _propagate(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
     for s in range(visits.size):
         if visits[s] == 0.0:
@@ -225,19 +248,14 @@ def block_choices(games: Sequence[Game], block: int, plain: Floats, after_attack
 def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> BlockLinear:
     """The linear part of :func:`block_choices`."""
     game = games[0]
-    playable = np.flatnonzero(chosen.rank >= 0)
-    rank = chosen.rank[playable]
     _, continuation = _stacked(tuple(games), block // game.levels)
-    weight = continuation.reshape(len(games), -1, 2)[chosen.game[playable], game.base_pair_start[playable] + rank] / ONE
-    edge = game.reply_edge[game.first_reply[playable] + rank]
-    attack = game.edge_attack[edge]
+    where = (game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
+    none = np.zeros(game.n_base_states)
 
     def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
-        out = np.zeros(game.n_base_states)
-        for change, which in ((plain, ~attack), (after_attack, attack)):
-            if change is not None:
-                below = 2 * edge[which]
-                out[playable[which]] = -(weight[which, 0] * change[below] + weight[which, 1] * change[below + 1])
+        out = np.empty(game.n_base_states)
+        changes = (none if change is None else change for change in (plain, after_attack))
+        _follow(continuation, *where, chosen.rank, chosen.game, *changes, out)
         return out
 
     return linear
@@ -346,5 +364,7 @@ def warm_up(game: Game) -> None:
     _hand_back(room, game.reply_edge[:1], game.edge_attack, state, state)
     _choose(table.reward[:1], table.continuation[:1], *where, room, False, one, *np.empty((2, 1), np.int32))
     _mean(np.zeros(2 * game.n_base_pairs), *where, room, one)
+    first = np.zeros(1, np.int32)
+    _follow(table.continuation[:1], *where, game.reply_edge, game.edge_attack, first, first, state, state, one)
     _play(np.zeros(game.n_base_pairs), game.limits[0], game.base_pair_start, np.empty(2 * game.n_base_pairs), one, np.empty(1))
     _propagate(np.zeros(2 * game.n_base_pairs), *where, one, room)

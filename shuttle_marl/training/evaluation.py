@@ -70,9 +70,8 @@ class Evaluator:
     def _chains(self) -> list[InducedChain]:
         return [_chain(opponent) for opponent in self._opponents]
 
-    def _odds(self, policy: TabulatedPolicy) -> list[Odds]:
+    def _odds(self, own: InducedChain) -> list[Odds]:
         """Odds of a policy against each opponent."""
-        own = induced(policy)
         return [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
 
     def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
@@ -82,7 +81,8 @@ class Evaluator:
             policy: of the same game.
             exploitability: compute it too, which takes half of the time.
         """
-        odds = self._odds(policy)
+        own = induced(policy)
+        odds = self._odds(own)
         found = [
             normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
             for o, (bc, best) in zip(odds, self._scales, strict=True)
@@ -92,7 +92,7 @@ class Evaluator:
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
             normalised_score=float(np.mean(scores)) if scores else None,
-            exploitability=best_response(policy, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
+            exploitability=best_response(own, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
         )
 
 
