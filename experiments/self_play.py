@@ -1,9 +1,10 @@
 """Ways of self-play compared: exploitability of PPO after training budgets, with several seeds each.
 
-    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
+    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--longest NAME ...] [--out FOLDER]
+                                    [--resume] [--json]
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a long
-one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the run
+one had by then; only some ways are worth the longest one. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the run
 with its evaluations, and depend on the machine. Runs are trained side by side, one process a core.
 """
 
@@ -31,8 +32,8 @@ from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.ppo import Way
 from shuttle_marl.training.study import train_all
 
-STROKES: Final = (60_000_000, 240_000_000, 1_200_000_000)
-"""Budgets: about 15 seconds, a minute and five minutes at four million strokes a second."""
+STROKES: Final = (25_000_000, 100_000_000, 500_000_000)
+"""Budgets: about 15 seconds, a minute and five minutes on a core of its own, with the evaluations."""
 _WIDTH: Final = 110
 
 
@@ -44,6 +45,8 @@ class SelfPlayStudy:
     """Ways of self-play."""
     strokes: tuple[int, ...] = STROKES
     """Strokes of each training run, one budget after another."""
+    longest: tuple[Way, ...] = ("plain",)
+    """Ways that are trained on the last budget too."""
     seeds: int = 5
     """Training runs of every way and budget."""
     quick: bool = False
@@ -69,7 +72,12 @@ class SelfPlayStudy:
 
     def fixed(self) -> dict[str, Any]:
         """Settings that decide the result, as JSON."""
-        return {"ways": list(self.ways), "strokes": list(self.strokes), "seeds": self.seeds}
+        return {
+            "ways": list(self.ways),
+            "strokes": list(self.strokes),
+            "longest": list(self.longest),
+            "seeds": self.seeds,
+        }
 
     def training(self, folder: Path) -> dict[tuple[Way, int], list[PPOConfig]]:
         """The training runs, by way and budget."""
@@ -86,7 +94,7 @@ class SelfPlayStudy:
                 for seed in range(self.seeds)
             ]
             for way in self.ways
-            for strokes in self.strokes
+            for strokes in (self.strokes if way in self.longest or len(self.strokes) == 1 else self.strokes[:-1])
         }
 
 

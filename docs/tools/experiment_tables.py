@@ -30,6 +30,25 @@ def matrix() -> str:
     return markdown(("agent", *opponents), rows, left=("agent",))
 
 
+def self_play() -> str:
+    """Exploitability that ways of self-play leave, from ``experiments/results/self_play.json``."""
+    result = saved("experiments", "self_play")
+    rows = [
+        (
+            f"`{row['variant']}`",
+            f"{row['strokes'] / 1e6:,.0f} M",
+            f"{row['seconds']:.0f}",
+            f"{row['exploitability']['mean']:.4f}",
+            f"{row['exploitability']['worst']:.4f}",
+            f"{row['exploitability_of_the_best']['mean']:.4f}",
+        )
+        for row in result["rows"]
+    ]
+    headings = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
+    table = markdown(headings, rows, left=("way",))
+    return f"{table}\n\nMeans of {result['seeds']} seeds, exact. {_made_by(result)}"
+
+
 def style_figures() -> str:
     """Strokes that agents with a style play, and differences that are not significant."""
     result = saved("experiments", "styles")
