@@ -3,9 +3,10 @@
     python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--longest NAME ...] [--out FOLDER]
                                     [--resume] [--json]
 
-Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a long
-one had by then; only some ways are worth the longest one. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the run
-with its evaluations, and depend on the machine. Runs are trained side by side, one process a core.
+Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
+long one had by then; only some ways are worth the longest one. Exploitability is exact, of the last policy and of the best one
+that was evaluated; seconds are those of the run with its evaluations, and depend on the machine. Runs are trained side by side,
+one process a core.
 """
 
 import dataclasses
