@@ -254,8 +254,8 @@ def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> B
 
     def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
         out = np.empty(game.n_base_states)
-        changes = (none if change is None else change for change in (plain, after_attack))
-        _follow(continuation, *where, chosen.rank, chosen.game, *changes, out)
+        first, second = (none if change is None else change for change in (plain, after_attack))
+        _follow(continuation, *where, chosen.rank, chosen.game, first, second, out)
         return out
 
     return linear
