@@ -11,7 +11,6 @@ from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl import rally_v0
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.env.rally_v0 import ShuttleEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import stroke_features
 from shuttle_marl.game.policy import PolicyError, States
@@ -167,23 +166,23 @@ def test_other_games_are_played() -> None:
     assert env.action_spec.n == versus.action_spec.n == game.n_strokes
 
 
-def compare(env: ShuttleEnv, seen: tuple[np.ndarray, np.ndarray], one_hots: np.ndarray) -> None:
-    """Tokens and mask of a row against what the striker sees in the AEC environment."""
-    tokens, mask = seen
-    observation = env.observe(env.agent_selection)
-    vector = observation["observation"]
-    assert np.array_equal(vector[:27], one_hots[tokens[0]])
-    assert np.array_equal(vector[27:54], one_hots[tokens[1]])
-    highest = max(1, env.game.levels - 1)
-    rest = [tokens[2], tokens[1] == env.game.n_strokes, tokens[3] / 3, tokens[4] / highest, tokens[5] / highest]
-    np.testing.assert_allclose(vector[54:], rest, rtol=1e-6)
-    assert np.array_equal(observation["action_mask"], mask)
+def compare(game: Game, observations: list[dict[str, np.ndarray]], seen: list[tuple[np.ndarray, ...]]) -> None:
+    """What the strikers of a rally saw in the AEC environment against the tokens and masks of a row."""
+    one_hots = stroke_features(game)
+    tokens, mask = (np.array(column) for column in list(zip(*seen, strict=True))[:2])
+    vector = np.array([observation["observation"] for observation in observations])
+    assert np.array_equal(vector[:, :27], one_hots[tokens[:, 0]])
+    assert np.array_equal(vector[:, 27:54], one_hots[tokens[:, 1]])
+    _, incoming, contact, duel, effort, opponent_effort = tokens.T
+    highest = max(1, game.levels - 1)
+    rest = [contact, incoming == game.n_strokes, duel / 3, effort / highest, opponent_effort / highest]
+    np.testing.assert_allclose(vector[:, 54:], np.stack(rest, axis=1), rtol=1e-6)
+    assert np.array_equal(np.array([observation["action_mask"] for observation in observations]), mask)
 
 
 def differ(rallies: int, batch: int, seed: int, game: Game = GAME) -> tuple[int, int]:
     """Play rallies of ``RallyEnv`` in ``rally_v0``, comparing everything; returns rallies and strokes."""
     env = RallyEnv(batch, seed=seed, threads=2, game=game)
-    one_hots = stroke_features(game)
     log: dict[int, list[tuple[np.ndarray, ...]]] = {}
     row_rally = np.arange(batch)
     for now, stepped in steps(env, 10**9):
@@ -199,12 +198,14 @@ def differ(rallies: int, batch: int, seed: int, game: Game = GAME) -> tuple[int,
     for rally in range(rallies):
         raw.reset(seed=seed if rally == 0 else None)
         turns = log.pop(rally)
-        for number, (tokens, mask, action, reward) in enumerate(turns):
-            compare(raw, (tokens, mask), one_hots)
+        observations = []
+        for number, (_, _, action, reward) in enumerate(turns):
             striker = raw.agent_selection
+            observations.append(raw.observe(striker))
             raw.step(int(action))
             assert raw.rewards[striker] == reward[0]
             assert raw.terminations[striker] == (number == len(turns) - 1)
+        compare(game, observations, turns)
         strokes += len(turns)
     return rallies, strokes
 
@@ -230,7 +231,6 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: Tabu
     The learner's rows are those moments of ``rally_v0`` in which the learner is to strike.
     """
     game = opponent.game
-    one_hots = stroke_features(game)
     env = VersusEnv(batch, opponents=opponent, seat=seat, seed=seed, threads=2, game=game)
     log: dict[int, list[tuple[np.ndarray, ...]]] = {}
     now = env.reset()
@@ -248,11 +248,12 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: Tabu
         raw.reset(seed=seed if rally == 0 else None)
         logged = log.pop(rally, [])
         turns, last = iter(logged), 0.0
+        observations = []
         while not raw.terminations[learner]:
             strokes += 1
             if raw.agent_selection == learner:
-                tokens, mask, action, reward = next(turns)
-                compare(raw, (tokens, mask), one_hots)
+                _, _, action, reward = next(turns)
+                observations.append(raw.observe(learner))
                 assert last == 0
                 last = reward[0]
                 raw.step(int(action))
@@ -260,6 +261,8 @@ def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: Tabu
                 first, end = game.pair_start[raw.state_number], game.pair_start[raw.state_number + 1]
                 raw.step(int(game.pair_stroke[first + choose(opponent.cumulative[first:end], raw.choice_draw())]))
         assert next(turns, None) is None
+        if logged:
+            compare(game, observations, logged)
         assert last == (raw.rewards[learner] if logged else 0.0)
     assert not log
     return strokes
