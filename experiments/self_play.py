@@ -33,8 +33,10 @@ from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.ppo import Way
 from shuttle_marl.training.study import train_all
 
-STROKES: Final = (25_000_000, 100_000_000, 500_000_000)
+STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 seconds, a minute and five minutes on a core of its own, with the evaluations."""
+_EVALUATE_EVERY: Final = 100
+"""Iterations between two evaluations, each of which takes most of a second."""
 _WIDTH: Final = 110
 
 
@@ -89,6 +91,7 @@ class SelfPlayStudy:
                     way=way,
                     strokes=strokes,
                     seed=seed,
+                    evaluate_every=_EVALUATE_EVERY,
                     record="none",
                     out=folder / "training" / f"{way}-{strokes}-{seed}",
                 )
