@@ -3,6 +3,7 @@
 It knows what the scenes of this package use: models, boxes, cylinders, lines, texts, and transforms.
 """
 
+import bisect
 import functools
 import io
 import struct
@@ -15,12 +16,13 @@ import numpy.typing as npt
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
 
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.scene import SceneError
+from shuttle_marl.scene.frames import WORLD
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
-from shuttle_marl.scene.moving import WORLD
-from shuttle_marl.staging.rotation import matrix
+from shuttle_marl.staging.rotation import exponential, matrix
 
 Floats = npt.NDArray[np.float64]
 Pose = tuple[Floats, Floats]
@@ -97,15 +99,16 @@ class SceneFile:
     def _draw(self, seconds: float, camera: Camera, width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[Words]]:
         last: dict[str, bytes] = {}
         until = self.start + round(seconds * 1e9)
-        frames: dict[str, tuple[str, Pose]] = {}
         for time, topic, data in self._messages:
             if time > until:
                 break
             last[topic] = data
         newest = [self._decoders[topic](message) for topic, message in last.items()]
+        told: dict[str, list[Any]] = {}
         for message in newest:
             for moved in getattr(message, "transforms", ()):
-                frames[moved.child_frame_id] = (moved.parent_frame_id, _pose(moved.translation, moved.rotation))
+                told.setdefault(moved.child_frame_id, []).append(moved)
+        frames = {name: (moves[0].parent_frame_id, _interpolated(moves, until)) for name, moves in told.items()}
         canvas = Canvas(width, height, camera, BACKGROUND)
         words: list[Words] = []
         late: list[Any] = []
@@ -174,6 +177,17 @@ def _against_world(frames: dict[str, tuple[str, Pose]], name: str) -> Pose:
 
 def _chained(outer: Pose, inner: Pose) -> Pose:
     return outer[0] @ inner[0], outer[0] @ inner[1] + outer[1]
+
+
+def _interpolated(moves: list[Any], time: int) -> Pose:
+    """A frame of reference at a time, between the instants that are told of it."""
+    times = [move.timestamp.ToNanoseconds() for move in moves]
+    after = min(bisect.bisect_right(times, time), len(times) - 1)
+    before = max(after - 1, 0)
+    (turn, place), (next_turn, next_place) = (_pose(moves[i].translation, moves[i].rotation) for i in (before, after))
+    share = min(max((time - times[before]) / max(times[after] - times[before], 1), 0.0), 1.0)
+    way = Rotation.from_matrix(turn.T @ next_turn).as_rotvec()
+    return turn @ exponential(share * way), (1 - share) * place + share * next_place
 
 
 def _pose(place: Any, turn: Any) -> Pose:

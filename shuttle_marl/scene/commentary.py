@@ -11,7 +11,7 @@ from shuttle_marl.game.court import AREAS, area_box
 from shuttle_marl.game.rally import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.moving import PLAY, WORLD
+from shuttle_marl.scene.frames import PLAY, WORLD
 from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
 from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, label, log_line, numbers_on, point, stamp
 from shuttle_marl.staging import ENDS

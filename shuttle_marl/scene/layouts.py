@@ -7,7 +7,7 @@ from typing import Any, Final
 import foxglove.layouts as fox
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.moving import WORLD, bone_frame
+from shuttle_marl.scene.frames import WORLD, bone_frame
 
 _BACKGROUND: Final = "#10141c"
 _RED, _BLUE, _YELLOW, _GREEN = "#e8594f", "#4e98e2", "#f7df71", "#5cd6a9"

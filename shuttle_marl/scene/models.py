@@ -26,8 +26,8 @@ from shuttle_marl.game.court import (
     TAPE,
     WIDTH,
 )
+from shuttle_marl.scene.frames import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
-from shuttle_marl.scene.moving import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.scene.topics import at, box, colour, label, model, point, stamp, vector
 from shuttle_marl.staging import (
     CORK,

@@ -1,4 +1,4 @@
-"""All that moves in a scene: its frames of reference, and the messages of bones, shuttle, trail and states."""
+"""All that moves in a scene: the messages of bones, shuttle, trail and states."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -6,151 +6,31 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from foxglove.messages import (
-    FrameTransform,
-    FrameTransforms,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Quaternion,
-    SceneEntity,
-    Vector3,
-)
+from foxglove.messages import Color, FrameTransform, FrameTransforms, LinePrimitive, LinePrimitiveLineType, SceneEntity, Timestamp
 
 from shuttle_marl.scene import topics
+from shuttle_marl.scene.frames import PLAY, SHUTTLE_PLACE, Track, fixed_frames, tracks_of
 from shuttle_marl.scene.report import StagedRally
-from shuttle_marl.scene.topics import Timed, at, colour, entities_on, numbers_on, point, stamp
-from shuttle_marl.staging import BONES, Motion
-from shuttle_marl.staging.rotation import cross, matrix, quaternion, unit
-from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.scene.topics import Timed, at, colour, entities_on, numbers_on, point, stamp, transform
+from shuttle_marl.staging import Motion
 
 Floats = npt.NDArray[np.float64]
 
-WORLD: Final = "court"
-"""Frame of reference of the court."""
-PLAY: Final = "play"
-"""Frame of reference of players and shuttle: the court as the player at seat 0 began the match on it."""
-SHUTTLE: Final = "shuttle"
-SHADOWS: Final = ("shadow_0", "shadow_1", "shadow_shuttle")
-"""Frames of reference on the floor below the hips of seats 0 and 1, and below the shuttle."""
-_ABOVE_FLOOR: Final = 0.012
-_GRID: Final = 2.0**14
-"""Numbers are rounded to 1/16384: 0.06 mm and 0.007 degrees, and compress to a third."""
-_NAME: Final = 0.42
-"""Height of the names over the heads [m]."""
-_FLIP: Final = 0.06
-"""Time in which a shuttle turns its cork round after it was struck [s]."""
-_TRAIL: Final = 0.45
+_PACKET: Final = 1.0
+"""Time that a message of transforms covers: all that moves until the next one [s]."""
+_TRAIL: Final = 0.48
 """Length of the trail of the shuttle [s]."""
-_TRAIL_POINTS: Final = 16
+_TRAIL_STEP: Final = 0.08
+"""From one point of the trail to the next [s]."""
 _EVERY: Final = 2
-"""Trail and states come with every second frame."""
+"""Trail and states come with every second frame; the trail with every one just after a contact."""
 _TRAIL_COLOUR: Final = (1.0, 0.85, 0.25)
 
 
-def bone_frame(seat: int, bone: str) -> str:
-    """Name of the frame of reference of a bone."""
-    return f"player_{seat}/{bone}"
-
-
-def name_frame(seat: int) -> str:
-    """Name of the frame of reference over the head of a player, which never turns."""
-    return f"player_{seat}/name"
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Poses:
-    """T frames of reference over F instants.
-
-    Attributes:
-        child: T names.
-        parent: T names.
-        translation: ``[F, T, 3]`` where each begins in its parent [m].
-        rotation: ``[F, T, 4]`` quaternions (x, y, z, w) against the parent.
-    """
-
-    child: tuple[str, ...]
-    parent: tuple[str, ...]
-    translation: Floats
-    rotation: Floats
-
-
-def poses_of(motion: Motion, *, ends_changed: bool = False) -> Poses:
-    """Every bone against the one it hangs on, names, the shuttle, and the play on the court.
-
-    Args:
-        motion: what is seen.
-        ends_changed: whether seat 0 plays from the other end of the court.
-    """
-    frames = len(motion.time)
-    child, parent = [PLAY], [WORLD]
-    translation = [np.zeros((frames, 1, 3))]
-    rotation = [np.tile([0.0, 0.0, 1.0, 0.0] if ends_changed else [0.0, 0.0, 0.0, 1.0], (frames, 1, 1))]
-    for seat in (0, 1):
-        above = motion.parents(seat)
-        turn = matrix(motion.rotation[:, seat])
-        place = motion.position[:, seat].astype(np.float64)
-        base = np.where(above >= 0, above, 0)
-        against = np.swapaxes(turn[:, base], -1, -2)
-        offset = (against @ (place - place[:, base])[..., None])[..., 0]
-        turned = against @ turn
-        offset[:, above < 0], turned[:, above < 0] = place[:, above < 0], turn[:, above < 0]
-        name = place[:, [BONE["Head"]]] + np.array([0.0, 0.0, _NAME])
-        translation += [offset, name]
-        rotation += [quaternion(turned), np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1, 1))]
-        child += [*(bone_frame(seat, bone) for bone in BONES), name_frame(seat)]
-        parent += [*(bone_frame(seat, BONES[i]) if i >= 0 else PLAY for i in above), PLAY]
-    shuttle = motion.shuttle.astype(np.float64)[:, None]
-    below = np.concatenate([motion.position[:, :, 0].astype(np.float64), shuttle], axis=1)
-    below[..., 2] = _ABOVE_FLOOR
-    upright = np.tile([0.0, 0.0, 0.0, 1.0], (frames, len(SHADOWS), 1))
-    found = (
-        np.concatenate([*translation, below, shuttle], axis=1),
-        np.concatenate([*rotation, upright, quaternion(_heading(motion))[:, None]], axis=1),
-    )
-    return Poses(
-        child=(*child, *SHADOWS, SHUTTLE),
-        parent=(*parent, *([PLAY] * len(SHADOWS)), PLAY),
-        translation=np.rint(found[0] * _GRID) / _GRID,
-        rotation=np.rint(found[1] * _GRID) / _GRID,
-    )
-
-
-def _heading(motion: Motion) -> Floats:
-    """``[F, 3, 3]`` rotation of the shuttle: its cork flies ahead, but for a moment after it was struck."""
-    velocity = motion.shuttle_velocity.astype(np.float64)
-    speed = np.linalg.norm(velocity, axis=1)
-    way = np.zeros_like(velocity)
-    last = np.array([0.0, 0.0, -1.0])
-    for i in range(len(velocity)):
-        # In the hand the cork points down; on the floor it lies as it came.
-        if i >= motion.contact_frame[0] and speed[i] > 0.3:
-            last = velocity[i] / speed[i]
-        way[i] = last
-    flip = round(_FLIP * motion.fps)
-    for contact in motion.contact_frame:
-        before, after = way[max(contact - 1, 0)], way[min(contact + flip, len(way) - 1)]
-        for k in range(flip):
-            if contact + k < len(way):
-                way[contact + k] = _between(before, after, (k + 0.5) / flip)
-    ended = round(float(motion.trajectory.end_time[-1]) * motion.fps)
-    # A shuttle at rest lies on its side.
-    flat = way[ended:] * np.array([1.0, 1.0, 0.0])
-    share = np.clip(np.arange(len(flat)) / (0.2 * motion.fps), 0, 1)[:, None]
-    way[ended:] = unit((1 - share) * way[ended:] + share * unit(flat + np.array([1e-6, 0, 0])))
-    up = np.where(np.abs(way[:, 2:]) < 0.95, np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 1.0, 0.0]]))
-    x = unit(cross(up, way))
-    return np.stack([x, cross(way, x), way], axis=-1)
-
-
-def _between(a: Floats, b: Floats, share: float) -> Floats:
-    """Direction between two, on the shorter way round; any way if they are opposite."""
-    angle = float(np.arccos(np.clip(a @ b, -1, 1)))
-    aside = b - (a @ b) * a
-    if np.linalg.norm(aside) < 1e-6:
-        aside = np.cross(a, [0.0, 0.0, 1.0] if abs(a[2]) < 0.9 else [1.0, 0.0, 0.0])
-    aside = aside / np.linalg.norm(aside)
-    out: Floats = np.cos(share * angle) * a + np.sin(share * angle) * aside
-    return out
+def joint_message(time: int, motion: Motion) -> FrameTransforms:
+    """Where the joints of both players are on the bones that they hang on; they stay there in the whole scene."""
+    joints = [transform(stamp(time), joint.child, joint.parent, joint.place) for joint in fixed_frames(motion)]
+    return FrameTransforms(transforms=joints)
 
 
 def motion_messages(staged: StagedRally) -> Iterator[Timed]:
@@ -161,64 +41,102 @@ def motion_messages(staged: StagedRally) -> Iterator[Timed]:
 
 
 def _transforms(staged: StagedRally) -> Iterator[Timed]:
-    poses = poses_of(staged.motion, ends_changed=staged.report.ends_changed)
-    place, turn = poses.translation.tolist(), poses.rotation.tolist()
-    for frame, seconds in enumerate(staged.motion.time.tolist()):
-        yield staged.at(seconds), _Transforms(poses.child, poses.parent, place[frame], turn[frame])
+    """Packets of all frames of reference over time to come: viewers interpolate, and one packet is enough after a seek."""
+    motion = staged.motion
+    last, length = len(motion.time) - 1, round(_PACKET * motion.fps)
+    when = [stamp(staged.at(seconds)) for seconds in motion.time.tolist()]
+    told = [_Told.of(track, length) for track in tracks_of(motion, ends_changed=staged.report.ends_changed)]
+    for first in range(0, last, length):
+        yield staged.at(float(motion.time[first])), _Packet(told, when, first, min(first + length, last), last)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Transforms:
-    child: tuple[str, ...]
-    parent: tuple[str, ...]
-    place: list[list[float]]
-    turn: list[list[float]]
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Told:
+    """A frame of reference at the instants that are told of it."""
+
+    track: Track
+    values: dict[int, list[float]]
+
+    @classmethod
+    def of(cls, track: Track, packet: int) -> "_Told":
+        instants = track.instants(packet)
+        return cls(track, dict(zip(instants, track.values[instants].tolist(), strict=True)))
+
+    def within(self, first: int, until: int, last: int) -> list[int]:
+        """Instants that are told in a packet; the first is enough for what rests, unless the rally ends here."""
+        instants = [i for i in range(first, until + 1) if i in self.values]
+        rests = until < last and all(self.values[i] == self.values[first] for i in instants)
+        return instants[:1] if rests else instants
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Packet:
+    told: list[_Told]
+    when: list[Timestamp]
+    first: int
+    until: int
+    last: int
 
     def __call__(self, to: topics.Topics, time: int) -> None:
-        when = stamp(time)
-        rows = zip(self.child, self.parent, self.place, self.turn, strict=True)
-        moved = [
-            FrameTransform(
-                timestamp=when,
-                parent_frame_id=parent,
-                child_frame_id=child,
-                translation=Vector3(x=x, y=y, z=z),
-                rotation=Quaternion(x=i, y=j, z=k, w=w),
-            )
-            for child, parent, (x, y, z), (i, j, k, w) in rows
+        moved: list[FrameTransform] = [
+            transform(self.when[i], told.track.child, told.track.parent, told.values[i])
+            for told in self.told
+            for i in told.within(self.first, self.until, self.last)
         ]
         to.tf.log(FrameTransforms(transforms=moved), log_time=time)
 
 
 def _trail(staged: StagedRally) -> Iterator[Timed]:
-    motion = staged.motion
-    back = max(1, round(_TRAIL * motion.fps / _TRAIL_POINTS))
-    for frame in range(0, len(motion.time), _EVERY):
-        rows = np.arange(max(frame - _TRAIL_POINTS * back, motion.contact_frame[0]), frame + 1)[::-1][::back][::-1]
-        path = np.round(np.asarray(motion.shuttle[rows], dtype=np.float64), 3).astype(np.float64)
+    motion, contacts = staged.motion, staged.motion.contact_frame
+    step, length = max(1, round(_TRAIL_STEP * motion.fps)), round(_TRAIL * motion.fps)
+    just_struck = (contacts[:, None] + np.arange(_EVERY + 1)).ravel()
+    frames = np.union1d(np.arange(0, len(motion.time), _EVERY), just_struck[just_struck < len(motion.time)])
+    was_shown = True
+    for frame in frames.tolist():
+        first = max(frame - length, int(contacts[0]))
+        rows = np.union1d(np.arange(frame, first - 1, -step), contacts[(contacts >= first) & (contacts <= frame)])
+        path = motion.shuttle[rows].astype(np.float64)
         # What no longer moves leaves no trail.
         shown = len(path) > 1 and float(np.ptp(path, axis=0).max()) > 0.05
-        yield staged.at(float(motion.time[frame])), entities_on(topics.SHUTTLE, _Trail(path if shown else path[:0]))
+        if shown or was_shown:
+            fade = 0.95 * np.clip(1 - (frame - rows) / length, 0, 1)
+            earlier = max(frame - _EVERY, int(contacts[contacts <= frame][-1])) if shown else frame
+            gap = (motion.shuttle[earlier] - motion.shuttle[frame]).astype(np.float64)
+            trail = _Trail(path, fade, gap) if shown else _Trail(path[:0], fade[:0], gap)
+            yield staged.at(float(motion.time[frame])), entities_on(topics.SHUTTLE, trail)
+        was_shown = shown
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Trail:
+    """Way of the shuttle so far, and a line behind it that fills the gap which opens until the next message."""
+
     path: Floats
+    fade: Floats
+    gap: Floats
 
     def __call__(self, time: int) -> list[SceneEntity]:
         if not len(self.path):
             return []
-        fade = np.linspace(0.0, 0.95, len(self.path))
-        line = LinePrimitive(
-            type=LinePrimitiveLineType.LineStrip,
-            pose=at((0, 0, 0)),
-            thickness=3.0,
-            scale_invariant=True,
-            points=[point(p) for p in self.path],
-            color=colour(*_TRAIL_COLOUR),
-            colors=[colour(*_TRAIL_COLOUR, round(float(alpha), 2)) for alpha in fade],
-        )
-        return [SceneEntity(id="trail", timestamp=stamp(time), frame_id=PLAY, lines=[line])]
+        faded = [colour(*_TRAIL_COLOUR, round(float(alpha), 2)) for alpha in self.fade]
+        out = [SceneEntity(id="trail", timestamp=stamp(time), frame_id=PLAY, lines=[_strip(self.path, faded)])]
+        if self.gap.any():
+            line = _strip(np.stack([self.gap, np.zeros(3)]), faded[-1:])
+            out.append(SceneEntity(id="gap", timestamp=stamp(time), frame_id=SHUTTLE_PLACE, frame_locked=True, lines=[line]))
+        return out
+
+
+def _strip(path: Floats, colours: list[Color]) -> LinePrimitive:
+    """A line, in one colour or in one for each point."""
+    return LinePrimitive(
+        type=LinePrimitiveLineType.LineStrip,
+        pose=at((0, 0, 0)),
+        thickness=3.0,
+        scale_invariant=True,
+        points=[point(p) for p in np.round(path, 3)],
+        color=colours[-1],
+        colors=colours if len(colours) > 1 else [],
+    )
 
 
 def _states(staged: StagedRally) -> Iterator[Timed]:

@@ -3,7 +3,7 @@
 Here is what the messages of each topic hold, short ways to make them, and what sends them later.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateCha
 from foxglove.messages import (
     Color,
     CubePrimitive,
+    FrameTransform,
     Log,
     LogLevel,
     ModelPrimitive,
@@ -38,6 +39,7 @@ SHUTTLE: Final = "/scene/shuttle"
 STROKE_MARKS: Final = "/scene/stroke"
 BOARD: Final = "/scene/board"
 TF: Final = "/tf"
+TF_STATIC: Final = "/tf_static"
 LOG: Final = "/log"
 SCORE: Final = "/rally/score"
 STROKE: Final = "/rally/stroke"
@@ -54,6 +56,7 @@ _INTEGER: Final = {"type": "integer"}
 _TEXT: Final = {"type": "string"}
 Vector = npt.NDArray[np.floating] | tuple[float, float, float]
 _UPRIGHT: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+_HERE: Final = Vector3(x=0.0, y=0.0, z=0.0)
 
 
 def _object(title: str, **properties: dict[str, Any]) -> dict[str, Any]:
@@ -130,6 +133,7 @@ class Topics:
     def __init__(self, context: Context) -> None:
         self.scenes = {topic: SceneUpdateChannel(topic, context=context) for topic in SCENES}
         self.tf = FrameTransformsChannel(TF, context=context)
+        self.tf_static = FrameTransformsChannel(TF_STATIC, context=context)
         self.log = LogChannel(LOG, context=context)
         self.json = {topic: Channel(topic, schema=schema, context=context) for topic, schema in SCHEMAS.items()}
 
@@ -162,6 +166,15 @@ def vector(v: Vector) -> Vector3:
 def at(v: Vector) -> Pose:
     """A place, not turned."""
     return Pose(position=vector(v), orientation=_UPRIGHT)
+
+
+def transform(when: Timestamp, child: str, parent: str, value: Sequence[float]) -> FrameTransform:
+    """A frame of reference in another: moved if the value is a place [m], turned if it is a quaternion (x, y, z, w)."""
+    if len(value) == 3:
+        place, turn = vector((value[0], value[1], value[2])), _UPRIGHT
+    else:
+        place, turn = _HERE, Quaternion(x=value[0], y=value[1], z=value[2], w=value[3])
+    return FrameTransform(timestamp=when, parent_frame_id=parent, child_frame_id=child, translation=place, rotation=turn)
 
 
 def box(centre: Vector, size: Vector, shade: Color) -> CubePrimitive:

@@ -19,7 +19,7 @@ from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import SceneError, models, topics
 from shuttle_marl.scene.commentary import commentary
 from shuttle_marl.scene.layouts import LAYOUTS
-from shuttle_marl.scene.moving import motion_messages
+from shuttle_marl.scene.moving import joint_message, motion_messages
 from shuttle_marl.scene.report import SECOND, Annotator, Resolve, StagedRally
 from shuttle_marl.scene.topics import update
 from shuttle_marl.staging import stage
@@ -28,6 +28,8 @@ EPOCH: Final = 1_735_689_600 * SECOND
 """Start of every scene: rallies are played at no date, and viewers want one (2025-01-01)."""
 MOST_FPS: Final = 50
 METADATA: Final = "shuttle_marl.scene"
+CUT: Final = SECOND // 1000
+"""From the end of a rally to the next one: too short to see what viewers interpolate between the two [ns]."""
 _CHUNK: Final = 1 << 20
 
 
@@ -110,14 +112,14 @@ def write_scene(
         motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
+            to.tf_static.log(joint_message(start, motion), log_time=start)
             to.scenes[topics.COURT].log(update(start, models.court(start)), log_time=start)
         if not i or names != report.names:
             names = report.names
             to.scenes[topics.PLAYERS].log(update(start, models.players(start, motion, names)), log_time=start)
         for time, send in sorted([*motion_messages(staged), *commentary(staged)], key=lambda timed: timed[0]):
             send(to, time)
-        # The next rally begins a frame later: a cut, as in a broadcast.
-        start = staged.end + round(SECOND / fps)
+        start = staged.end + CUT
     for name, content in LAYOUTS.items():
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=name, media_type="application/json", data=content())
     rows = _rows(log, numbers)

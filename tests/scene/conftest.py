@@ -1,22 +1,31 @@
 """A small log, and scenes made from it once."""
 
+import bisect
 import dataclasses
+import functools
 import io
 import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
 
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
+from shuttle_marl.scene import topics
+from shuttle_marl.scene.frames import WORLD
 from shuttle_marl.scene.write import select, write_scene
 from tests.tournaments import play_league
 
 RALLIES = 2
+Placed = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+"""Rotation and place of a frame of reference on the court."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +44,62 @@ class Reel:
 
     def of(self, topic: str) -> list[tuple[int, Any]]:
         return [(time, message) for time, name, message in self.messages if name == topic]
+
+    def placed(self, time: int) -> dict[str, Placed]:
+        """Every frame of reference as a viewer shows it that has just jumped to a time: from the last message of each topic."""
+        told = self._told[max(when for when in self._told if when <= time)]
+        out: dict[str, Placed] = {WORLD: (np.eye(3), np.zeros(3))}
+
+        def of(name: str) -> Placed:
+            if name not in out:
+                (turn, place), (own_turn, own_place) = of(told[name].parent), told[name].at(time)
+                out[name] = (turn @ own_turn, place + turn @ own_place)
+            return out[name]
+
+        for name in told:
+            of(name)
+        return out
+
+    @functools.cached_property
+    def _told(self) -> dict[int, dict[str, "Told"]]:
+        """By the time of a packet of transforms: what it tells, and what never moves."""
+        ((_, fixed),) = self.of(topics.TF_STATIC)
+        return {time: told_of([*fixed.transforms, *packet.transforms]) for time, packet in self.of(topics.TF)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Told:
+    """A frame of reference: its parent, and quaternions and places in it by time [ns]."""
+
+    parent: str
+    when: list[int]
+    turns: npt.NDArray[np.float64]
+    places: npt.NDArray[np.float64]
+
+    def at(self, time: int) -> Placed:
+        """Rotation and place between the instants that are told."""
+        after = min(bisect.bisect_right(self.when, time), len(self.when) - 1)
+        before = max(after - 1, 0)
+        share = min(max((time - self.when[before]) / max(self.when[after] - self.when[before], 1), 0.0), 1.0)
+        turn, to = (Rotation.from_quat(self.turns[i]) for i in (before, after))
+        way = (turn.inv() * to).as_rotvec()
+        matrix = (turn * Rotation.from_rotvec(share * way)).as_matrix()
+        return matrix, (1 - share) * self.places[before] + share * self.places[after]
+
+
+def told_of(transforms: list[Any]) -> dict[str, Told]:
+    by_name: dict[str, list[Any]] = {}
+    for transform in transforms:
+        by_name.setdefault(transform.child_frame_id, []).append(transform)
+    return {
+        name: Told(
+            parent=own[0].parent_frame_id,
+            when=[t.timestamp.ToNanoseconds() for t in own],
+            turns=np.array([(t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w) for t in own]),
+            places=np.array([(t.translation.x, t.translation.y, t.translation.z) for t in own]),
+        )
+        for name, own in by_name.items()
+    }
 
 
 def read(content: bytes) -> list[tuple[int, str, Any]]:
