@@ -14,7 +14,7 @@ from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.layouts import CAMERAS
+from shuttle_marl.scene.cameras import CAMERAS
 
 PICTURE: Final = IMAGES / "foxglove.png"
 AFTER: Final = 0.06
@@ -32,7 +32,7 @@ def main() -> None:
         recording(["scene", str(log), "--rally", str(number), "--out", str(scene)])
         install(Path(temporary) / "studio")
         at = strokes(scene)[-1][0] + AFTER
-        seen = visit(Path(temporary) / "studio", scene, PICTURE, at, tabs=tuple(CAMERAS))
+        seen = visit(Path(temporary) / "studio", scene, PICTURE, at, tabs=[camera.title for camera in CAMERAS])
     if seen["problems"] != NO_PROBLEMS or seen["errors"]:
         raise SystemExit(f"{seen['problems']} {seen['errors']}")
 

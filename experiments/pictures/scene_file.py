@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.scene import SceneError
+from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.frames import WORLD
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
 from shuttle_marl.staging.rotation import exponential, matrix
@@ -93,8 +94,17 @@ class SceneFile:
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
         for text, (x, y), size, colour in words:
-            axes.text(x, y, text, fontsize=size * 0.72, color=colour, ha="center", va="center", family="DejaVu Sans")
+            box = {"facecolor": "black", "alpha": 0.7, "edgecolor": "none", "pad": 2}
+            axes.text(
+                x, y, text, fontsize=size * 0.72, color=colour, ha="center", va="center", family="DejaVu Sans Mono", bbox=box
+            )
         figure.savefig(path, metadata={"Software": None})
+
+    def _board(self, last: dict[str, bytes], width: int, height: int) -> list[Words]:
+        if BOARDS[0] not in last:
+            return []
+        texts = [text for entity in self._decoders[BOARDS[0]](last[BOARDS[0]]).entities for text in entity.texts]
+        return [(t.text, (0.18 * width, 0.19 * height), t.font_size * height / _WINDOW, _rgb(t.color)) for t in texts]
 
     def _draw(self, seconds: float, camera: Camera, width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[Words]]:
         last: dict[str, bytes] = {}
@@ -103,14 +113,15 @@ class SceneFile:
             if time > until:
                 break
             last[topic] = data
-        newest = [self._decoders[topic](message) for topic, message in last.items()]
+        # Of the scoreboards only the first camera's is drawn, in the corner where its picture has it.
+        newest = [self._decoders[topic](message) for topic, message in last.items() if topic not in BOARDS]
         told: dict[str, list[Any]] = {}
         for message in newest:
             for moved in getattr(message, "transforms", ()):
                 told.setdefault(moved.child_frame_id, []).append(moved)
         frames = {name: (moves[0].parent_frame_id, _interpolated(moves, until)) for name, moves in told.items()}
         canvas = Canvas(width, height, camera, BACKGROUND)
-        words: list[Words] = []
+        words = self._board(last, width, height)
         late: list[Any] = []
         for message in newest:
             for entity in getattr(message, "entities", ()):
@@ -162,7 +173,7 @@ def _words(text: Any, pose: Pose, camera: Camera, width: int, height: int) -> Wo
     # Letters of a fixed size are meant for a window of about this height.
     fixed = text.font_size * height / _WINDOW
     pixels = fixed if text.scale_invariant else text.font_size * height / (2 * np.tan(np.radians(camera.field) / 2) * depth)
-    return text.text, (float(x), float(y)), float(pixels), (text.color.r, text.color.g, text.color.b)
+    return text.text, (float(x), float(y)), float(pixels), _rgb(text.color)
 
 
 def _against_world(frames: dict[str, tuple[str, Pose]], name: str) -> Pose:
@@ -197,6 +208,10 @@ def _pose(place: Any, turn: Any) -> Pose:
 
 def _pose_of(pose: Any) -> Pose:
     return _pose(pose.position, pose.orientation)
+
+
+def _rgb(colour: Any) -> tuple[float, float, float]:
+    return colour.r, colour.g, colour.b
 
 
 def _colour(colour: Any) -> Floats:

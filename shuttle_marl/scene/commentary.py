@@ -11,9 +11,10 @@ from shuttle_marl.game.court import AREAS, area_box
 from shuttle_marl.game.rally import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.frames import PLAY, WORLD
+from shuttle_marl.scene.board import board_text, boards
+from shuttle_marl.scene.frames import PLAY
 from shuttle_marl.scene.report import RallyReport, StagedRally, StrokeAnnotation
-from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, label, log_line, numbers_on, point, stamp
+from shuttle_marl.scene.topics import Send, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp
 from shuttle_marl.staging import ENDS
 from shuttle_marl.staging.trajectory import facing
 
@@ -21,12 +22,6 @@ _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
 _TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
 _LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
-_BOARD_AT: Final = (-2.3, 0.0, 4.3)
-"""Beside the net post that is the far one in the layouts, out of the way of the shuttle [m]."""
-_LINE: Final = 0.42
-"""From one line of the board to the next [m]."""
-_BOARD: Final = colour(0.97, 0.97, 0.97)
-_ACTION: Final = colour(1.0, 0.88, 0.45)
 
 
 def commentary(staged: StagedRally) -> Iterator[Timed]:
@@ -44,13 +39,13 @@ def _strokes(staged: StagedRally) -> Iterator[Timed]:
         content = stroke_message(staged, i)
         yield time, entities_on(topics.STROKE_MARKS, _Marks(staged, i))
         yield time, numbers_on(topics.STROKE, content)
-        yield time, entities_on(topics.BOARD, _Board(score_line(report, after=False), _action(report, i)))
+        yield from ((time, send) for send in boards(board_text(report, _action(report, i), after=False, marked=seat)))
         yield time, log_line(_sentence(content), report.names[seat])
         yield from ((time, send) for send in _probabilities(report, seat, annotation))
     over = staged.at(float(trajectory.end_time[-1]))
     words = f"{report.names[report.winner]} wins the rally: {_ending(staged)}"
     yield over, log_line(words, "umpire")
-    yield over, entities_on(topics.BOARD, _Board(score_line(report, after=True), words))
+    yield from ((over, send) for send in boards(board_text(report, words, after=True)))
     yield over, entities_on(topics.STROKE_MARKS, _Landing(staged))
 
 
@@ -118,7 +113,7 @@ def _score(staged: StagedRally) -> Iterator[Timed]:
     yield start, numbers_on(topics.SCORE, before)
     yield over, numbers_on(topics.SCORE, {**before, **after, "winner": report.winner, "reason": report.reason})
     serves = f"{report.names[report.played.server]} serves"
-    yield start, entities_on(topics.BOARD, _Board(score_line(report, after=False), serves))
+    yield from ((start, send) for send in boards(board_text(report, serves, after=False, marked=report.played.server)))
     yield start, log_line(f"rally {report.number}: {score_line(report, after=False)}, {serves}", "umpire")
     strokes = [stroke_message(staged, i) for i in range(len(report.strokes))]
     summary = {"rally": report.number, "winner": report.names[report.winner], "reason": report.reason, "strokes": strokes}
@@ -143,9 +138,8 @@ def _action(report: RallyReport, i: int) -> str:
     catalogue = played.catalogue
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
-    name = report.names[played.striker[i]]
     lines = [
-        f"{name}: {shot} to {area}, {technique}",
+        f"{shot} to {area}, {technique}",
         f"good {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}",
     ]
     if annotation.efforts is not None:
@@ -178,19 +172,6 @@ def _ending(staged: StagedRally) -> str:
     return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[
         ENDS[trajectory.end[-1]]
     ]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Board:
-    score: str
-    words: str
-
-    def __call__(self, time: int) -> list[SceneEntity]:
-        # Letters are as large on the screen from every camera.
-        x, y, z = _BOARD_AT
-        words = [(self.score, 20, _BOARD), *((line, 16, _ACTION) for line in self.words.split("\n"))]
-        lines = [label(line, (x, y, z - _LINE * k), pixels, shade) for k, (line, pixels, shade) in enumerate(words)]
-        return [SceneEntity(id="board", timestamp=stamp(time), frame_id=WORLD, texts=lines)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -49,6 +49,11 @@ def name_frame(seat: int) -> str:
     return f"{seat}/name"
 
 
+def place_frame(seat: int) -> str:
+    """Name of the frame of reference that moves with the hips of a player and never turns."""
+    return f"player_{seat}"
+
+
 def _joint_frame(seat: int, bone: int) -> str:
     """Name of the frame of reference in which a bone turns; it is fixed in that of the bone's parent."""
     return f"{seat}.{bone}"
@@ -150,13 +155,12 @@ def _player(motion: Motion, seat: int, exact: Bools) -> list[Track]:
     local[:, above < 0] = quaternion(turn[:, above < 0])
     reach = _reach(motion.rest(seat), above)
     place, name = motion.position[:, seat, 0], motion.position[:, seat, BONE["Head"]] + np.array([0.0, 0.0, _NAME])
-    hips = _joint_frame(seat, 0)
     return [
-        Track(child=hips, parent=PLAY, values=_rounded(place), tolerance=TOLERANCE, exact=exact),
+        Track(child=place_frame(seat), parent=PLAY, values=_rounded(place), tolerance=TOLERANCE, exact=exact),
         *(
             Track(
                 child=bone_frame(seat, bone),
-                parent=_joint_frame(seat, i),
+                parent=_joint_frame(seat, i) if above[i] >= 0 else place_frame(seat),
                 values=_rounded(local[:, i]),
                 tolerance=TOLERANCE / reach[i],
                 exact=exact,

@@ -1,4 +1,4 @@
-"""Layouts of the panels of Foxglove and Lichtblick: one for a rally, one for a match, each with three cameras as tabs."""
+"""Layouts of the panels of Foxglove and Lichtblick: one for a rally, one for a match, each with its cameras as tabs."""
 
 import json
 from collections.abc import Callable
@@ -7,29 +7,15 @@ from typing import Any, Final
 import foxglove.layouts as fox
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.frames import WORLD, bone_frame
+from shuttle_marl.scene.cameras import BOARDS, CAMERAS, Camera
+from shuttle_marl.scene.frames import WORLD
 
 _BACKGROUND: Final = "#10141c"
 _RED, _BLUE, _YELLOW, _GREEN = "#e8594f", "#4e98e2", "#f7df71", "#5cd6a9"
-CAMERAS: Final[dict[str, dict[str, Any]]] = {
-    "Broadcast": {"distance": 14.0, "phi": 66.0, "theta": 0.0, "fovy": 36.0, "target": (0.0, -0.6, 0.6), "follow": None},
-    "Side": {"distance": 15.0, "phi": 72.0, "theta": 290.0, "fovy": 34.0, "target": (-0.2, 0.1, 0.9), "follow": None},
-    "Follow": {
-        "distance": 6.5,
-        "phi": 78.0,
-        "theta": 330.0,
-        "fovy": 42.0,
-        "target": (0.0, 0.0, 0.3),
-        "follow": bone_frame(0, "Hips"),
-    },
-}
-"""Cameras by the title of their tab: angles in degrees (theta 0 looks along the court from behind seat 0), lengths in metres, and
-the frame of reference that is followed."""
-
 Plot = tuple[str, tuple[tuple[str, str, str], ...], tuple[float, float] | None]
 _PLOTS: Final[tuple[Plot, ...]] = (
     (
-        "Probability of a win, seat 0",
+        "Seat 0 wins: the rally (red), the match (yellow)",
         (
             (f"{topics.VALUE}.rally_win_0", _RED, "the rally"),
             (f"{topics.VALUE}.match_win_0", _YELLOW, "the match"),
@@ -37,7 +23,7 @@ _PLOTS: Final[tuple[Plot, ...]] = (
         (0.0, 1.0),
     ),
     (
-        "Stroke: good, returned, chosen",
+        "Stroke: good (green), returned (blue), chosen (yellow)",
         (
             (f"{topics.STROKE}.p_succ", _GREEN, "good"),
             (f"{topics.STROKE}.p_ret", _BLUE, "returned if good"),
@@ -46,7 +32,7 @@ _PLOTS: Final[tuple[Plot, ...]] = (
         (0.0, 1.0),
     ),
     (
-        "Shuttle: height [m], speed [m/s]",
+        "Shuttle: height [m] (blue), speed [m/s] (yellow)",
         (
             (f"{topics.STATE}.shuttle.z", _BLUE, "height"),
             (f"{topics.STATE}.shuttle.speed", _YELLOW, "speed"),
@@ -66,7 +52,7 @@ _ROWS: Final = (
 _MATCH_PLOTS: Final[tuple[Plot, ...]] = (
     ("Probability that seat 0 wins the match", ((f"{topics.VALUE}.match_win_0", _YELLOW, "the match"),), (0.0, 1.0)),
     (
-        "Points",
+        "Points: seat 0 (red), seat 1 (blue)",
         ((f"{topics.SCORE}.points_0", _RED, "seat 0"), (f"{topics.SCORE}.points_1", _BLUE, "seat 1")),
         None,
     ),
@@ -83,22 +69,22 @@ def lichtblick(*, match: bool = False) -> bytes:
     """The layout of a rally or of a match as JSON for Lichtblick: import it from its layout menu."""
     plots, rows = (_MATCH_PLOTS, _MATCH_ROWS) if match else (_PLOTS, _ROWS)
     panels: dict[str, Any] = {}
-    for title, camera in CAMERAS.items():
-        panels[f"3D!{title.lower()}"] = {
+    for camera in CAMERAS:
+        panels[f"3D!{camera.title.lower()}"] = {
             "cameraState": {
                 "perspective": True,
-                "distance": camera["distance"],
-                "phi": camera["phi"],
-                "thetaOffset": camera["theta"],
-                "targetOffset": list(camera["target"]),
+                "distance": camera.distance,
+                "phi": camera.phi,
+                "thetaOffset": camera.theta,
+                "targetOffset": list(camera.target),
                 "target": [0, 0, 0],
                 "targetOrientation": [0, 0, 0, 1],
-                "fovy": camera["fovy"],
+                "fovy": camera.fovy,
                 "near": 0.1,
                 "far": 500,
             },
-            "followMode": "follow-position" if camera["follow"] else "follow-none",
-            "followTf": camera["follow"] or WORLD,
+            "followMode": "follow-pose" if camera.follow else "follow-none",
+            "followTf": camera.frame,
             "scene": {
                 "backgroundColor": _BACKGROUND,
                 "enableStats": False,
@@ -107,13 +93,13 @@ def lichtblick(*, match: bool = False) -> bytes:
             },
             "transforms": {},
             "layers": {},
-            "topics": {topic: {"visible": True, "showOutlines": False} for topic in topics.SCENES},
+            "topics": {topic: {"visible": topic in _shown(camera), "showOutlines": False} for topic in topics.SCENES},
             "publish": {},
             "imageMode": {},
         }
     panels["Tab!cameras"] = {
         "activeTabIdx": 0,
-        "tabs": [{"title": title, "layout": f"3D!{title.lower()}"} for title in CAMERAS],
+        "tabs": [{"title": camera.title, "layout": f"3D!{camera.title.lower()}"} for camera in CAMERAS],
     }
     panels["StateTransitions!rally"] = {
         "isSynced": True,
@@ -138,9 +124,7 @@ def lichtblick(*, match: bool = False) -> bytes:
             ],
             "showXAxisLabels": True,
             "showYAxisLabels": True,
-            "showLegend": True,
-            "legendDisplay": "floating",
-            "showPlotValuesInLegend": False,
+            "showLegend": False,
             "isSynced": True,
             "xAxisVal": "timestamp",
             **({"minYValue": bounds[0], "maxYValue": bounds[1]} if bounds else {}),
@@ -168,7 +152,7 @@ def lichtblick(*, match: bool = False) -> bytes:
 def foxglove(*, match: bool = False) -> bytes:
     """The layout of a rally or of a match as JSON for Foxglove."""
     lines, rows = (_MATCH_PLOTS, _MATCH_ROWS) if match else (_PLOTS, _ROWS)
-    cameras = fox.TabContainer(tabs=[fox.TabItem(title=title, content=_view(title)) for title in CAMERAS])
+    cameras = fox.TabContainer(tabs=[fox.TabItem(title=camera.title, content=_view(camera)) for camera in CAMERAS])
     rally = fox.StateTransitionsPanel(
         title="Rally",
         config=fox.StateTransitionsConfig(paths=[fox.StateTransitionsSeries(value=path, label=label) for path, label in rows]),
@@ -180,6 +164,7 @@ def foxglove(*, match: bool = False) -> bytes:
                 paths=[fox.PlotSeries(value=path, color=colour, label=label) for path, colour, label in series],
                 min_y_value=bounds[0] if bounds else None,
                 max_y_value=bounds[1] if bounds else None,
+                show_legend=False,
             ),
         )
         for title, series, bounds in lines
@@ -202,28 +187,32 @@ def foxglove(*, match: bool = False) -> bytes:
     return (json.dumps(json.loads(fox.Layout(content=whole).to_json()), indent=1) + "\n").encode()
 
 
-def _view(title: str) -> fox.ThreeDeePanel:
+def _shown(camera: Camera) -> set[str]:
+    """Topics that the 3D panel of a camera shows: of the scoreboards its own alone."""
+    return {*topics.SCENES} - {*BOARDS} | {camera.board}
+
+
+def _view(camera: Camera) -> fox.ThreeDeePanel:
     """The 3D panel of a tab."""
-    camera = CAMERAS[title]
     state = fox.ThreeDeeCameraState(
         perspective=True,
-        distance=camera["distance"],
-        phi=camera["phi"],
-        theta_offset=camera["theta"],
-        target_offset=camera["target"],
+        distance=camera.distance,
+        phi=camera.phi,
+        theta_offset=camera.theta,
+        target_offset=camera.target,
         target=(0.0, 0.0, 0.0),
         target_orientation=(0.0, 0.0, 0.0, 1.0),
-        fovy=camera["fovy"],
+        fovy=camera.fovy,
         near=0.1,
         far=500.0,
     )
     return fox.ThreeDeePanel(
-        title=title,
+        title=camera.title,
         config=fox.ThreeDeeConfig(
             camera_state=state,
-            follow_tf=camera["follow"] or WORLD,
+            follow_tf=camera.frame,
             fixed_frame=WORLD,
-            follow_mode="follow-position" if camera["follow"] else "follow-none",
+            follow_mode="follow-pose" if camera.follow else "follow-none",
             scene=fox.BaseRendererSceneSettings(
                 background_color=_BACKGROUND,
                 mesh_up_axis="y_up",
@@ -232,7 +221,8 @@ def _view(title: str) -> fox.ThreeDeePanel:
                 ),
             ),
             topics={
-                topic: fox.BaseRendererSceneUpdateTopicSettings(visible=True, show_outlines=False) for topic in topics.SCENES
+                topic: fox.BaseRendererSceneUpdateTopicSettings(visible=topic in _shown(camera), show_outlines=False)
+                for topic in topics.SCENES
             },
         ),
     )

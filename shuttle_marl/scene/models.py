@@ -26,6 +26,7 @@ from shuttle_marl.game.court import (
     TAPE,
     WIDTH,
 )
+from shuttle_marl.scene.board import name_lines
 from shuttle_marl.scene.frames import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
 from shuttle_marl.scene.topics import at, box, colour, label, model, point, stamp, vector
@@ -249,7 +250,9 @@ def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEnti
         found = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
         found = {**found, "Racket": racket(*motion.racket(seat))}
         out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
-        out.append(_carried(time, name_frame(seat), texts=[label(names[seat], (0, 0, 0), 16, NAME_COLOURS[seat])]))
+        out.append(
+            _carried(time, name_frame(seat), texts=[label("\n".join(name_lines(names[seat])), (0, 0, 0), 16, NAME_COLOURS[seat])])
+        )
     return out
 
 

@@ -30,6 +30,7 @@ from foxglove.messages import (
 )
 
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.report import SECOND
 
@@ -37,7 +38,6 @@ COURT: Final = "/scene/court"
 PLAYERS: Final = "/scene/players"
 SHUTTLE: Final = "/scene/shuttle"
 STROKE_MARKS: Final = "/scene/stroke"
-BOARD: Final = "/scene/board"
 TF: Final = "/tf"
 TF_STATIC: Final = "/tf_static"
 LOG: Final = "/log"
@@ -48,7 +48,7 @@ VALUE: Final = "/rally/value"
 STATE: Final = "/rally/state"
 SUMMARY: Final = "/rally/summary"
 
-SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, BOARD)
+SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
 """Topics that the 3D panel shows."""
 
 _NUMBER: Final = {"type": "number"}

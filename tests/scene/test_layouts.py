@@ -5,9 +5,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from shuttle_marl.scene import topics
+from shuttle_marl.scene.board import name_lines
+from shuttle_marl.scene.cameras import BOARDS, CAMERAS, Camera
 from shuttle_marl.scene.layouts import LAYOUTS, lichtblick
 
 DOCS = Path(__file__).parents[2] / "docs" / "layouts"
@@ -50,8 +53,33 @@ def test_lichtblick_finds_every_panel_of_the_arrangement(match: bool) -> None:
 
     assert len(tabs) == 3
     assert sorted(panels(document["layout"]) + tabs) == sorted(document["configById"])
-    for tab in tabs:
-        assert all(setting["visible"] for setting in document["configById"][tab]["topics"].values())
+    for tab, camera in zip(tabs, CAMERAS, strict=True):
+        hidden = {topic for topic, setting in document["configById"][tab]["topics"].items() if not setting["visible"]}
+        assert hidden == set(BOARDS) - {camera.board}
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.title)
+def test_scoreboards_stand_where_their_camera_shows_them(camera: Camera) -> None:
+    """Seen from the camera, as three.js projects it: in the upper left quarter, with room for half a board."""
+    phi, theta = np.radians(camera.phi), np.radians(camera.theta)
+    away = camera.distance * np.array([-np.sin(phi) * np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi)])
+    place = np.array(camera.target) + away
+    seen = np.array(camera.point(-0.95, 0.58)) - place
+    ahead = -away / camera.distance
+    right = np.cross(ahead, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    half = np.tan(np.radians(camera.fovy / 2)) * (seen @ ahead)
+    assert seen @ right / half == pytest.approx(-0.95)
+    assert seen @ np.cross(right, ahead) / half == pytest.approx(0.58)
+
+
+@pytest.mark.parametrize("name", ["bc", "agent:" + "a-long-folder/" * 3 + "player", "x" * 300])
+def test_names_of_any_length_fit(name: str) -> None:
+    lines = name_lines(name)
+    assert all(len(line) <= 22 for line in lines)
+    assert len(lines) <= 3
+    if len(name) < 60:
+        assert "".join(lines) == name
 
 
 def test_a_match_is_shown_without_the_jumps_of_every_rally() -> None:

@@ -13,6 +13,7 @@ from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.simulate import simulated_rallies
 from shuttle_marl.scene import topics
+from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.commentary import percent
 from shuttle_marl.scene.report import Annotator
 from shuttle_marl.scene.write import write_scene
@@ -88,7 +89,8 @@ def test_the_scene_says_how_tired_players_are(path: Path, tables: dict[str, Tabu
     assert [{s["effort"], s["opponent_effort"]} for s in strokes] == [set(a.efforts or ()) for a in annotations]
     assert [s["duel"] for s in strokes] == [a.duel for a in annotations]
     assert strokes[-1]["effort"] + strokes[-1]["opponent_effort"] > 0
-    words = {t.text for _, topic, m in messages if topic == topics.BOARD for e in m.entities for t in e.texts}
+    texts = [t.text for _, topic, m in messages if topic == BOARDS[0] for e in m.entities for t in e.texts]
+    words = " ".join(" ".join(texts).split())
     for annotation in annotations:
         assert annotation.efforts is not None
         assert f"effort {annotation.efforts[0]} - {annotation.efforts[1]}" in words

@@ -93,7 +93,7 @@ def test_a_viewer_plays_seeks_and_pauses(live: LiveScene) -> None:
         viewer.control(play=True, speed=4.0)
         viewer.listen(0.7)
         assert live.playback.speed == 4.0
-        assert viewer.seen.count("/tf") > 20
+        assert viewer.seen.count("/rally/state") > 20
         assert len(viewer.seen) > shown
         target = (live.playback.start + live.playback.end) // 2
         viewer.control(play=False, speed=1.0, seek=target)
