@@ -50,6 +50,7 @@ class Learner:
             the share of the run that remains, from 1 to 0. Returns what to log; raises :class:`DivergedError`.
         modules: networks and losses with weights, by name.
         optimizers: by name.
+        shown: the policy that is evaluated and saved; None: the one that collects.
         remembered: gives everything else that a resumed run needs, as tensors by name.
         remember: takes over what ``remembered`` gave.
     """
@@ -60,8 +61,14 @@ class Learner:
     learn: Callable[[TensorDictBase, float], dict[str, float]]
     modules: dict[str, nn.Module]
     optimizers: dict[str, Optimizer]
+    shown: ProbabilisticActor | None = None
     remembered: Callable[[], Tensors] = dict
     remember: Callable[[Tensors], None] = lambda _: None
+
+    @property
+    def played(self) -> ProbabilisticActor:
+        """The policy that is evaluated and saved."""
+        return self.shown or self.actor
 
     def state(self) -> Tensors:
         """Everything that a resumed run needs, as tensors by name; without randomness of its own."""

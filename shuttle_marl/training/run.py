@@ -267,7 +267,7 @@ class _Run:
 
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
         with self._diverging(self.iteration):
-            policy = tabulated(self.learner.actor, self.game, self.config.play_temperature)
+            policy = tabulated(self.learner.played, self.game, self.config.play_temperature)
         evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
         strokes = self.strokes
         figures = {**dataclasses.asdict(evaluation), **losses}
@@ -334,11 +334,13 @@ class _Run:
         weight = exact.visits(policy, policy).states[0]
         with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight)
+            if self.learner.shown is not None:
+                self.learner.shown.load_state_dict(self.learner.actor.state_dict())
         self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False, markup=False)
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
         if self.evaluation is None:  # a run that had ended before it was resumed
-            policy = tabulated(self.learner.actor, self.game, self.config.play_temperature)
+            policy = tabulated(self.learner.played, self.game, self.config.play_temperature)
             self.evaluation = policy, self.evaluator.evaluate(policy, exploitability=self._exploitability)
         policy, evaluation = self.evaluation
         self._save_agent(AGENT, evaluation)
@@ -358,7 +360,7 @@ class _Run:
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": self.made_with,
         }
-        save_agent(self.folder / name, self.game, save(weights_of(self.learner.actor, self.config.play_temperature)), card)
+        save_agent(self.folder / name, self.game, save(weights_of(self.learner.played, self.config.play_temperature)), card)
 
     def _segment_seed(self, segment: int) -> int:
         return self._seed(_SEGMENT, segment) % SEEDS

@@ -5,6 +5,7 @@ of the policy" is over the legal strokes, so the target is a share of their mean
 reached. In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1.
 """
 
+import copy
 import dataclasses
 import logging
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
@@ -63,6 +64,8 @@ class SACConfig(TrainingConfig):
     """Networks of values, of which the smallest value counts."""
     polyak: FractionOrZero = 0.95
     """Share of the old weights that a target network keeps at each step."""
+    averaging: FractionOrZero = 0.98
+    """Share of the old weights that the agent that is evaluated and saved keeps at each step; 0 for the weights that learn."""
 
     def memory(self, n_strokes: int) -> dict[str, int]:
         """Bytes that a run needs at least, by the flags that decide how many; see :class:`TrainingConfig`."""
@@ -130,6 +133,7 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
 
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports that a buffer was made
     actor = make_actor(game, width=config.width, hidden=config.hidden, log_prob=False).to(config.device)
+    averaged = copy.deepcopy(actor).requires_grad_(False)
     loss = DiscreteSACLoss(
         actor,
         make_q_network(game, width=config.width, hidden=config.hidden).to(config.device),
@@ -176,6 +180,9 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
             optimizer.step()
             temperature.step()
             targets.step()
+            with torch.no_grad():
+                for mean, present in zip(averaged.parameters(), actor.parameters(), strict=True):
+                    mean.lerp_(present, 1 - config.averaging)
             logged.add(terms)
         return logged.values()
 
@@ -204,7 +211,8 @@ def make_sac(config: SACConfig, game: Game) -> "Learner":
         assess=lambda observation: (network(observation), torch.zeros(len(observation))),
         distinct=False,
         learn=learn,
-        modules={"loss": loss},
+        shown=averaged,
+        modules={"loss": loss, "averaged": averaged},
         optimizers={"optimizer": optimizer, "temperature": temperature},
         remembered=remembered,
         remember=remember,

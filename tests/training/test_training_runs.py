@@ -27,7 +27,7 @@ from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.league.mixtures import sharpened
-from shuttle_marl.training.learner import DivergedError, Learner
+from shuttle_marl.training.learner import DivergedError, Learner, last_checkpoint
 from shuttle_marl.training.ppo import Way
 from tests.reduced import reduced_game, reduced_model
 
@@ -273,6 +273,26 @@ def test_no_number_is_taken_that_cannot_be_meant(name: str) -> None:
 def test_the_entropy_may_be_worth_nothing(name: str, tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS[name], entropy=0.0, out=tmp_path / "run")
     assert train(config).iterations == config.iterations
+
+
+def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_learning(tmp_path: Path) -> None:
+    sac = CONFIGS["sac"]
+    assert isinstance(sac, SACConfig)
+
+    def kept(name: str, **changes: Any) -> list[list[bytes]]:
+        """Weights that collect, and weights that are shown."""
+        checkpoint = last_checkpoint(train(dataclasses.replace(sac, **changes, out=tmp_path / name)).folder)
+        assert checkpoint is not None
+        floats = {name: part for name, part in checkpoint[1].items() if part.is_floating_point()}
+        prefixes = "loss.actor", "averaged."
+        return [sorted(part.numpy().tobytes() for name, part in floats.items() if name.startswith(p)) for p in prefixes]
+
+    learned, shown = kept("plain", averaging=0.0)
+    assert learned == shown
+    same, mean = kept("mean", averaging=0.9)
+    assert same == learned != mean
+    before, after = kept("started", strokes=1, warm_up=10_000, warm_start="bc")
+    assert before == after != kept("from nothing", strokes=1, warm_up=10_000)[0]
 
 
 def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:

@@ -260,8 +260,8 @@ class _Turn:
         check_finite(state.values())
         content = save({name: tensor.clone() for name, tensor in state.items()})
         about_path, path = _paths(self.folder, turn.member, turn.round)
-        name = self.tables.keep(tabulated(self.learner.actor, self.game))
-        replace_file(network_path(self.folder, turn.member, turn.round), save_arrays(weights_of(self.learner.actor)))
+        name = self.tables.keep(tabulated(self.learner.played, self.game))
+        replace_file(network_path(self.folder, turn.member, turn.round), save_arrays(weights_of(self.learner.played)))
         replace_file(path, content)
         taken = Taken(member=turn.member, hash=name, strokes=strokes, seconds=seconds, iterations=iterations)
         about = {"turn": turn.as_json(), "taken": dataclasses.asdict(taken), "sha256": hashlib.sha256(content).hexdigest()}
