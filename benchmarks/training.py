@@ -53,10 +53,12 @@ class _Run:
 
     def iterate(self, log: RunLog | None = None, update: int = 0) -> int:
         """One iteration, recorded as a run records it; returns its strokes."""
+        remaining = max(0.02, 1 - self.collector.iteration / self.config.iterations)
+        self.learner.begin(remaining)
         data = self.collector.collect()
         if log is not None:
             log.add(self.collector.sampler, 0, update)
-        self.learner.learn(data, max(0.02, 1 - self.collector.iteration / self.config.iterations))
+        self.learner.learn(data, remaining)
         if log is not None:
             log.settle()
         return self.collector.strokes

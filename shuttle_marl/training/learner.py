@@ -48,6 +48,7 @@ class Learner:
         distinct: whether it learns from distinct states or from strokes one by one (:mod:`shuttle_marl.training.collecting`).
         learn: learns from the strokes of one iteration, as the collector gives them; its second argument is
             the share of the run that remains, from 1 to 0. Returns what to log; raises :class:`DivergedError`.
+        begin: called before the strokes of an iteration are collected, with the share of the run that remains.
         modules: networks and losses with weights, by name.
         optimizers: by name.
         shown: the policy that is evaluated and saved; None: the one that collects.
@@ -62,6 +63,7 @@ class Learner:
     modules: dict[str, nn.Module]
     optimizers: dict[str, Optimizer]
     shown: ProbabilisticActor | None = None
+    begin: Callable[[float], None] = lambda _: None
     remembered: Callable[[], Tensors] = dict
     remember: Callable[[Tensors], None] = lambda _: None
 

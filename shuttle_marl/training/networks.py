@@ -138,9 +138,23 @@ class StateEncoder(nn.Module):
         return encoded
 
 
-def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float) -> nn.Sequential:
-    """A network from observations to ``outputs`` numbers; ``scale`` shrinks the last layer at the start."""
-    last = nn.Linear(width, outputs)
+class Logits(nn.Linear):
+    """The last layer of a policy, with a temperature of its softmax that is no weight.
+
+    Attributes:
+        temperature: divides what the layer gives.
+    """
+
+    temperature: float = 1.0
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """``[..., n]`` logits."""
+        return super().forward(input) / self.temperature
+
+
+def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float, layer: type[nn.Linear] = nn.Linear) -> nn.Sequential:
+    """A network from observations to ``outputs`` numbers; ``scale`` shrinks the last layer, of some type, at the start."""
+    last = layer(width, outputs)
     with torch.no_grad():
         last.weight.mul_(scale)
         last.bias.zero_()
@@ -157,7 +171,7 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
         log_prob: whether it gives the log-probability.
         distinct: whether strokes say by ``row`` in which of some distinct states they were played (:class:`DistinctStrokes`).
     """
-    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01)
+    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01, layer=Logits)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=["observation"], out_keys=["logits"]),
@@ -204,6 +218,13 @@ def logit_network(actor: ProbabilisticActor) -> nn.Module:
     """The part of an actor that turns observations into logits."""
     network: nn.Module = actor.module[0].module
     return network
+
+
+def set_temperature(network: nn.Module, temperature: float) -> None:
+    """Set the temperature at which a network of :func:`logit_network` plays; no weight changes."""
+    for module in network.modules():
+        if isinstance(module, Logits):
+            module.temperature = temperature
 
 
 def divergence(network: nn.Module, reference: nn.Module, data: TensorDictBase) -> torch.Tensor:

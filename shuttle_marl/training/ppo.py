@@ -41,9 +41,13 @@ class PPOConfig(TrainingConfig):
     """Learning rate of Adam; falls linearly to a fiftieth."""
     clip: Fraction = 0.4
     """The ratio of probabilities is clipped to 1 - clip and 1 + clip."""
-    entropy: Annotated[float | None, Within(low=0, high=10, text="a number from 0 to 10")] = None
-    """Weight of the entropy bonus; falls linearly to 0. Default: 0.05, and 0.1 in self-play, which has to come to all that an
-    opponent may try."""
+    entropy: Weight = 0.05
+    """Weight of the entropy bonus; falls linearly to 0."""
+    sharpen_after: Annotated[float | None, Within(low=0, high=1, text="a number from 0 to 1")] = None
+    """Share of the run after which strokes are collected at a temperature below 1, so that states are valued more and more as
+    they are played in the end; 1 for never. Default: 0.2 in self-play, else 1."""
+    last_temperature: Fraction = 0.25
+    """Temperature at which strokes are collected at the end of the run."""
     critic: Positive = 1.0
     """Weight of the value loss."""
     epochs: Count = 1
@@ -66,8 +70,8 @@ class PPOConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.entropy is None:
-            object.__setattr__(self, "entropy", 0.1 if self.self_play else 0.05)
+        if self.sharpen_after is None:
+            object.__setattr__(self, "sharpen_after", 0.2 if self.self_play else 1.0)
         if self.way != "plain" and not self.self_play:
             raise TrainingError(f"--way {self.way}: only in self-play, with --opponent self")
 
@@ -80,17 +84,17 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
 
     from shuttle_marl.training.collecting import minibatches
     from shuttle_marl.training.learner import Learner, Mean, set_rate, weighted_sums
-    from shuttle_marl.training.networks import divergence, logit_network, make_actor, make_critic
+    from shuttle_marl.training.networks import divergence, logit_network, make_actor, make_critic, set_temperature
 
-    entropy = config.entropy
-    assert entropy is not None  # since the configuration was made
+    late = config.sharpen_after
+    assert late is not None  # since the configuration was made
     actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
     critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
     loss = ClipPPOLoss(
         actor,
         critic,
         clip_epsilon=config.clip,
-        entropy_coeff=entropy,
+        entropy_coeff=config.entropy,
         critic_coeff=config.critic,
         loss_critic_type="l2",  # whose gradient at equal states depends on the mean of the returns alone
         normalize_advantage=False,
@@ -100,6 +104,13 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate, fused=True)
 
     reference = copy.deepcopy(network).requires_grad_(False) if config.way in ("magnet", "nash") else None
+
+    def begin(remaining: float) -> None:
+        """Collect and learn at the temperature that it is time for."""
+        done = max(0.0, 1 - remaining - late) / (1 - late) if late < 1 else 0.0
+        for each in (network, reference):
+            if each is not None:
+                set_temperature(each, config.last_temperature**done)
 
     def follow(iteration: int) -> None:
         """Let the reference follow: slowly, or all the way now and then."""
@@ -112,7 +123,7 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
     def learn(data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Pass over the strokes, some of the states at a time."""
         set_rate(optimizer, config.learning_rate, remaining)
-        loss.entropy_coeff.fill_(entropy * remaining)
+        loss.entropy_coeff.fill_(config.entropy * remaining)
         logged = Mean("loss_objective", "loss_critic", "loss_entropy", "clip_fraction", "kl_approx")
         if reference is not None:
             follow(round((1 - remaining) * config.iterations))
@@ -133,6 +144,7 @@ def make_ppo(config: PPOConfig, game: Game) -> "Learner":
         actor=actor,
         assess=lambda observation: (network(observation), value(observation).squeeze(-1)),
         distinct=True,
+        begin=begin,
         learn=learn,
         modules={"loss": loss} if reference is None else {"loss": loss, "reference": reference},
         optimizers={"optimizer": optimizer},

@@ -217,6 +217,8 @@ class _Run:
         self.collector.begin(seed)
         begins = True
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
+            remaining = 1 - self.iteration / config.iterations
+            self.learner.begin(remaining)
             with self._diverging(self.iteration):
                 if self.partners is not None:
                     self.partners.prepare(self.iteration, first=begins, seed=seed)
@@ -225,7 +227,7 @@ class _Run:
             if log is not None:
                 log.add(self.collector.sampler, segment, self.iteration)
             with self._diverging(self.iteration + 1):
-                losses = self.learner.learn(data, 1 - self.iteration / config.iterations)
+                losses = self.learner.learn(data, remaining)
                 self.learner.check_weights()
             if log is not None:
                 log.settle()

@@ -52,9 +52,9 @@ class SACConfig(TrainingConfig):
     """Temperature alpha at the start."""
     entropy_share: Fraction = 0.3
     """Target entropy, as a share of the mean entropy of choosing equally among the legal strokes; falls linearly to 0.02."""
-    buffer: Count = 500_000
+    buffer: Count = 4_000_000
     """Strokes that the replay buffer holds."""
-    minibatch: Count = 8192
+    minibatch: Count = 16_384
     """Strokes in one gradient step; those that are alike are learned from together."""
     updates: Count = 4
     """Gradient steps an iteration."""

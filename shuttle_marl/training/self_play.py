@@ -56,10 +56,13 @@ class SelfPlay:
         """
         way, now = self._config.way, iteration % self._config.renew == 0
         if way == "pool" and now:
-            weights = {name: torch.from_numpy(part) for name, part in weights_of(self._learner.actor).items()}
+            weights = {
+                name: torch.from_numpy(part)
+                for name, part in weights_of(self._learner.actor, self._config.play_temperature).items()
+            }
             self._keep(iteration // self._config.renew % self._config.pool, weights)
         elif way in ("best-response", "restarts") and (now or first):
-            policy = tabulated(self._learner.actor, self._game)
+            policy = tabulated(self._learner.actor, self._game, self._config.play_temperature)
             answer = exact.best_response(policy, tolerance=_TOLERANCE).policy
             if way == "best-response":
                 self._sampler.replace_opponent(0, answer)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from safetensors.numpy import load
 from tensordict import TensorDictBase
 
@@ -28,7 +29,8 @@ from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.learner import DivergedError, Learner, last_checkpoint
-from shuttle_marl.training.ppo import Way
+from shuttle_marl.training.networks import tabulated
+from shuttle_marl.training.ppo import Way, make_ppo
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -354,3 +356,22 @@ def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> No
         assert (weights_4[name] == weight * (4 if name.startswith("1.") else 1)).all()
     expected = sharpened(plain, 0.25)
     assert np.abs(sharp.pair_probabilities() - expected.pair_probabilities()).max() < 1e-3
+
+
+def test_ppo_collects_more_and_more_sharply() -> None:
+    config = dataclasses.replace(PPOConfig(**SMALL), strokes=256, sharpen_after=0.5, last_temperature=0.25)
+    seen = torch.tensor(GAME.observation(np.array([5, 6, 7])))
+    learner = make_ppo(config, GAME)
+    soft, _ = learner.assess(seen)
+    for remaining, temperature in ((1.0, 1.0), (0.5, 1.0), (0.25, 0.5), (0.0, 0.25)):
+        learner.begin(remaining)
+        torch.testing.assert_close(learner.assess(seen)[0], soft / temperature)
+    played = tabulated(learner.actor, GAME, config.last_temperature)
+    states = np.array([5, 6, 7], np.int32)
+    logits = torch.where(torch.from_numpy(GAME.mask(states)), learner.assess(seen)[0], -torch.inf)
+    wanted = logits.softmax(-1).detach().numpy()
+    np.testing.assert_allclose(played.probabilities(States(game=GAME, state=states)), wanted, atol=2e-5)
+    never = make_ppo(dataclasses.replace(config, sharpen_after=1.0), GAME)
+    before, _ = never.assess(seen)
+    never.begin(0.0)
+    torch.testing.assert_close(never.assess(seen)[0], before)

@@ -166,6 +166,8 @@ def learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Training
     changed: dict[str, Any] = {"width": config.width, "opponent": (SELF,) if self_play else ("bc",)}
     if config.algorithm != "sac":
         changed["entropy"] = config.entropy
+    if config.algorithm == "ppo":
+        changed["sharpen_after"] = 1.0  # a policy is frozen in every round, and played at the temperature that suits it best
     if config.learning_rate is not None:
         changed["learning_rate"] = config.learning_rate
     if config.batch:
@@ -205,10 +207,12 @@ class _Turn:
                 if turn.responses and iterations % self.config.renew == 0:
                     # Solved beside learning, and used a fixed number of iterations later, however long it takes.
                     pending = self._renew(solver, pending)
+                first, last = turn.remaining
+                remaining = first + (last - first) * share
+                self.learner.begin(remaining)
                 try:
                     data = self.collector.collect()
-                    first, last = turn.remaining
-                    self.learner.learn(data, first + (last - first) * share)
+                    self.learner.learn(data, remaining)
                     self.learner.check_weights()
                 except DivergedError as error:
                     raise DivergedError(
