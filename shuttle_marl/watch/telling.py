@@ -86,6 +86,11 @@ def _athlete(name: str, right_handed: bool) -> dict[str, Any]:
     }
 
 
+def rounded(value: float) -> float:
+    """A probability as it is sent: of seven digits, which is closer than anyone can tell apart."""
+    return round(float(value), 7)
+
+
 def stroke_facts(game: Game, stroke: int, seat: int) -> dict[str, Any]:
     """Words for a stroke of the catalogue, and the area on the court that it is meant for: ``[x0, x1, y0, y1]`` [m]."""
     catalogue, sign = game.catalogue, facing(seat)
@@ -125,7 +130,7 @@ def _turn(game: Game, rally: Rally, state: int) -> dict[str, Any]:
     strokes = game.legal_strokes(state)
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
-        {**stroke_facts(game, stroke, seat), "p_succ": float(good[k]), "p_ret": float(returned[k])}
+        {**stroke_facts(game, stroke, seat), "p_succ": rounded(good[k]), "p_ret": rounded(returned[k])}
         for k, stroke in enumerate(strokes.tolist())
     ]
     return {"seat": seat, "number": len(rally.stroke), "height": HEIGHTS[int(game.contact(state))], "strokes": legal}
@@ -141,7 +146,7 @@ def _score_facts(rally: Rally) -> dict[str, Any]:
 def _stroke(game: Game, rally: Rally, motion: Motion, i: int) -> dict[str, Any]:
     trajectory, state, seat = motion.trajectory, rally.state[i], rally.striker(i)
     pair = int(game.pair(state, rally.stroke[i]))
-    good, returned, _ = (float(p) for p in game.stroke_probabilities(pair))
+    good, returned, _ = (rounded(p) for p in game.stroke_probabilities(pair))
     own, other = int(game.effort(state)), int(game.opponent_effort(state))
     return {
         **stroke_facts(game, rally.stroke[i], seat),

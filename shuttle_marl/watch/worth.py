@@ -20,7 +20,7 @@ from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.watch.match import Rally, Score
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.tables import Kept, Tables
-from shuttle_marl.watch.telling import stroke_facts
+from shuttle_marl.watch.telling import rounded, stroke_facts
 
 Floats = npt.NDArray[np.float64]
 
@@ -132,11 +132,11 @@ class Worth:
         regret = float(decision.regret[rank])
         better = int(np.argmax(decision.best))
         return {
-            "win": first,
-            "chosen": chosen if seat == 0 else 1 - chosen,
-            "match": odds[1] + first * (odds[0] - odds[1]),
-            "probability": float(decision.probability[rank]),
-            "regret": regret,
+            "win": rounded(first),
+            "chosen": rounded(chosen if seat == 0 else 1 - chosen),
+            "match": rounded(odds[1] + first * (odds[0] - odds[1])),
+            "probability": rounded(decision.probability[rank]),
+            "regret": rounded(regret),
             "mark": self._mark(regret, int(decision.pairs[rank])),
             "better": int(decision.strokes[better]),
             "options": self.options(decision, seat, always=(rank, better)),
@@ -159,13 +159,13 @@ class Worth:
         return [
             {
                 **stroke_facts(self._game, int(decision.strokes[k]), seat),
-                "p_succ": float(good[k]),
-                "p_ret": float(returned[k]),
+                "p_succ": rounded(good[k]),
+                "p_ret": rounded(returned[k]),
                 "support": None if support is None else round(float(support[k]), 1),
-                "probability": float(decision.probability[k]),
-                "win": float(decision.win[k]),
-                "best": float(decision.best[k]),
-                "regret": float(decision.regret[k]),
+                "probability": rounded(decision.probability[k]),
+                "win": rounded(decision.win[k]),
+                "best": rounded(decision.best[k]),
+                "regret": rounded(decision.regret[k]),
             }
             for k in sorted(kept, key=order.index)
         ]

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
-from shuttle_marl.watch.building import BuildError, build, node
+from shuttle_marl.watch.building import SOURCE, BuildError, build, node
 from shuttle_marl.watch.video import browser_flags
 
 START = 240.0
@@ -40,6 +40,21 @@ def page_folder() -> Path:
     except BuildError as error:
         missing(str(error))
         raise
+
+
+def run_script(name: str, folder: Path, *arguments: str) -> bytes:
+    """What a script of tests prints that uses the source of the page; it is built into a folder."""
+    program, built = str(node()), folder / f"{name}.mjs"
+    options = {
+        "entryPoints": [str(HERE / "scripts" / name)],
+        "outfile": str(built),
+        "bundle": True,
+        "platform": "node",
+        "format": "esm",
+    }
+    code = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)});"
+    subprocess.run([program, "--input-type=module", "-e", code], cwd=SOURCE, check=True, capture_output=True)
+    return subprocess.run([program, str(built), *arguments], check=True, capture_output=True).stdout
 
 
 @dataclasses.dataclass

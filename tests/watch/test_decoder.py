@@ -10,6 +10,7 @@ import pytest
 
 from shuttle_marl.staging.packing import from_parents
 from shuttle_marl.watch.building import SOURCE, node
+from tests.watch.conftest import run_script
 
 GOLDEN = Path(__file__).parents[1] / "staging" / "golden"
 
@@ -17,13 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 def decoded(page_folder: Path, tmp_path: Path, frames: list[int]) -> Any:
-    script = Path(__file__).parent / "decoder" / "read.ts"
-    program, built = str(node()), tmp_path / "read.mjs"
-    options = {"entryPoints": [str(script)], "outfile": str(built), "bundle": True, "platform": "node", "format": "esm"}
-    code = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)});"
-    subprocess.run([program, "--input-type=module", "-e", code], cwd=SOURCE, check=True, capture_output=True)
-    command = [program, str(built), str(GOLDEN / "rally.smot"), *map(str, frames)]
-    return json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+    return json.loads(run_script("read.ts", tmp_path, str(GOLDEN / "rally.smot"), *map(str, frames)))
 
 
 def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path, tmp_path: Path) -> None:

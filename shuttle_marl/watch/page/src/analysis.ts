@@ -110,6 +110,7 @@ export class MoveList {
   readonly element = h("section", { class: "panel moves", "aria-label": "Strokes of the rally" });
   private rows: HTMLButtonElement[] = [];
   private current = -2;
+  private moved = false;
 
   constructor(private readonly seek: (stroke: number) => void) {}
 
@@ -147,9 +148,15 @@ export class MoveList {
     }
     this.rows[this.current]?.removeAttribute("aria-current");
     this.current = stroke;
-    const row = this.rows[stroke];
+    this.rows[stroke]?.setAttribute("aria-current", "true");
+    this.moved = true;
+  }
+
+  /** Scrolls to the stroke that is marked; to be called before anything changes in a frame, because the page is measured for it. */
+  keepInView(): void {
+    const row = this.moved ? this.rows[this.current] : undefined;
+    this.moved = false;
     if (row) {
-      row.setAttribute("aria-current", "true");
       const [top, bottom] = [row.offsetTop - 40, row.offsetTop + row.offsetHeight + 10];
       if (top < this.element.scrollTop || bottom > this.element.scrollTop + this.element.clientHeight) {
         this.element.scrollTop = top - 40;

@@ -1,6 +1,7 @@
 // The hall: floor, court, net, boards, stands and lights. All that does not move.
 
 import * as THREE from "three";
+import { BEHIND } from "./backdrop";
 import type { HallFacts } from "./wire";
 
 /** A point of the court in the axes of the drawing. */
@@ -8,6 +9,8 @@ export function at(x: number, y: number, z: number): THREE.Vector3 {
   return new THREE.Vector3(-x, z, y);
 }
 
+/** Colour of what is farther than the light of the hall reaches. */
+export const DARK = 0x05080f;
 const FLOOR = 0x16305c;
 const MAT_COLOUR = "#12785a";
 
@@ -32,13 +35,13 @@ function* numbers(seed: number): Generator<number, never> {
 }
 
 export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): void {
-  scene.background = new THREE.Color(0x05080f);
-  scene.fog = new THREE.Fog(0x05080f, 26, 60);
-  addLights(scene, lite);
+  scene.fog = new THREE.Fog(DARK, 26, 60);
   addFloor(scene, facts);
-  addNet(scene, facts);
   addBoards(scene);
   addStands(scene, lite);
+  scene.traverse((part) => part.layers.set(BEHIND));
+  addNet(scene, facts);
+  addLights(scene, lite);
   if (lite) {
     simplify(scene);
   }
@@ -61,7 +64,7 @@ export function simplify(parts: THREE.Object3D): void {
 }
 
 function addLights(scene: THREE.Scene, lite: boolean): void {
-  scene.add(new THREE.HemisphereLight(0xe8f0ff, 0x27584a, 1.15));
+  const sky = new THREE.HemisphereLight(0xe8f0ff, 0x27584a, 1.15);
   const key = new THREE.DirectionalLight(0xfff6e8, 2.1);
   key.position.set(-4, 13, -3);
   if (!lite) {
@@ -72,10 +75,12 @@ function addLights(scene: THREE.Scene, lite: boolean): void {
     key.shadow.normalBias = 0.02;
     key.shadow.radius = 4;
   }
-  scene.add(key);
   const rim = new THREE.DirectionalLight(0xa9c8ff, 1.0);
   rim.position.set(6, 7, 9);
-  scene.add(rim);
+  for (const light of [sky, key, rim]) {
+    light.layers.enable(BEHIND);
+    scene.add(light);
+  }
 }
 
 function addFloor(scene: THREE.Scene, { court }: HallFacts): void {

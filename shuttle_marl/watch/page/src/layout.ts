@@ -56,7 +56,7 @@ export class Layout {
   readonly court = h("div", { class: "court" });
   readonly notice = h("div", { class: "notice hidden", role: "alert" });
   readonly banner = h("div", { class: "banner hidden" });
-  readonly told = h("ol", { class: "told", "aria-live": "polite", "aria-label": "The rally in words", tabindex: 0 });
+  private readonly told = h("ol", { "aria-live": "polite" });
   readonly what = h("p", { class: "what" });
   readonly clock = h("span", { class: "clock" });
   readonly scrubber: HTMLInputElement;
@@ -89,7 +89,7 @@ export class Layout {
     parts.curve.append(this.transport());
     const canvas = parts.canvas ?? h("p", { class: "end" }, "This browser draws no 3D; the rally is told in words.");
     this.court.append(canvas, ...parts.overlays, this.banner, this.notice);
-    this.words = h("section", { class: "panel", "aria-label": "In words" }, h("h2", {}, "In words"), this.told);
+    this.words = h("section", { class: "panel", "aria-label": "In words" }, h("h2", {}, "In words"), h("div", { class: "told", role: "region", "aria-label": "The rally in words", tabindex: 0 }, this.told));
     const keys = h("section", { class: "panel", "aria-label": "Keys" }, h("h2", {}, "Keys"), h("div", { class: "keys" }, ...keyList().map(([key, what]) => h("span", {}, h("kbd", {}, key), ` ${what}`))));
     const share = canShare
       ? h(
@@ -204,9 +204,14 @@ export class Layout {
     }
   }
 
+  /** Begins to tell another rally. */
+  tellAnew(words: string): void {
+    this.told.replaceChildren();
+    this.tell(words);
+  }
+
   tell(words: string): void {
     this.told.append(h("li", {}, words));
-    this.told.scrollTop = this.told.scrollHeight;
   }
 }
 

@@ -3,9 +3,10 @@
 import "./style.css";
 import { App } from "./app";
 import { h } from "./dom";
+import { expanded, isCondensed } from "./condensed";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
-import { openShared, packShared, readShared, sharedPage, ungzipped, type Shared } from "./share";
+import { openShared, readShared, sharedPage, ungzipped, type Shared } from "./share";
 import { Connection, type Hello, type RallyFacts } from "./wire";
 
 declare global {
@@ -19,7 +20,7 @@ function body({ plan, rally, person, tried }: Wanted): object {
 }
 
 async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: ArrayBuffer }, before: Motion | null = null) {
-  return { rally: facts.rally, motion: await Motion.unpack(body, before) };
+  return { rally: facts.rally, motion: isCondensed(body) ? expanded(body) : await Motion.unpack(body, before) };
 }
 
 /** Everything from a server. */
@@ -36,11 +37,12 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
     options: async (wanted) => (await server.ask<{ options: never }>("options", body(wanted))).facts.options,
     styles: async (wanted) => (await server.ask<never>("styles", body(wanted))).facts,
     model,
-    share: async (rallies, title, hash) => {
-      const [script, style] = await Promise.all(["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()));
+    share: async (rallies, title, hash, progress) => {
+      const [script = "", style = ""] = await Promise.all(["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()));
       const replies = new Map<string, ArrayBuffer>();
       const athletes = new Set<string>();
-      for (const wanted of rallies) {
+      for (const [i, wanted] of rallies.entries()) {
+        progress(i);
         const reply = await server.ask<{ rally: RallyFacts }>("rally", body(wanted));
         reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
         replies.set(`rally ${wanted.rally}`, reply.raw);
@@ -50,7 +52,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
         }
       }
       const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await model(name)] as const)));
-      return sharedPage(script!, style!, await packShared(raw, replies, models), title, hash);
+      return sharedPage({ script, style, hello: raw, replies, models }, rallies.map(({ rally }) => `rally ${rally}`), title, hash);
     },
   };
   return { hello, source };

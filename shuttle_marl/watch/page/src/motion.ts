@@ -11,7 +11,6 @@ const SHUTTLE_STEP = 5e-4;
 const FLIP = 0.06; // time in which a shuttle turns its cork round after it was struck [s]
 
 interface Launch {
-  name: string;
   frame: number;
   end_frame: number;
   start: Vec3;
@@ -24,6 +23,14 @@ export interface Head {
   frames: number;
   players: [{ athlete: string; hand: string }, { athlete: string; hand: string }];
   strokes: Launch[];
+}
+
+/** What is kept of every frame. */
+export interface Frames {
+  hips: Float32Array; // [frames, 2, 3]
+  local: Float32Array; // [frames, 2, BONES, 4]
+  feet: Uint8Array; // [frames]
+  loose: Float32Array; // [frames, 3], outside flights
 }
 
 async function inflated(content: Uint8Array<ArrayBuffer>): Promise<Uint8Array> {
@@ -62,23 +69,17 @@ class Reader {
 }
 
 export class Motion {
-  readonly head: Head;
   readonly fps: number;
   readonly frames: number;
-  private readonly hips: Float32Array; // [frames, 2, 3]
-  private readonly local: Float32Array; // [frames, 2, BONES, 4]
-  private readonly feet: Uint8Array; // [frames]
-  private readonly loose: Float32Array; // [frames, 3], outside flights
   private readonly flights: Flight[];
 
-  private constructor(head: Head, hips: Float32Array, local: Float32Array, feet: Uint8Array, loose: Float32Array) {
-    this.head = head;
+  /** @param kept has all frames, those before the first one of the head too. */
+  constructor(
+    readonly head: Head,
+    readonly kept: Frames,
+  ) {
     this.fps = head.fps;
     this.frames = head.first + head.frames;
-    this.hips = hips;
-    this.local = local;
-    this.feet = feet;
-    this.loose = loose;
     this.flights = head.strokes.map((s) => new Flight(s.start, s.velocity, (s.end_frame - s.frame) / head.fps));
   }
 
@@ -108,7 +109,7 @@ export class Motion {
     if (before) {
       for (const name of ["hips", "local", "feet", "loose"] as const) {
         const per = out[name].length / total;
-        out[name].set(before[name].subarray(0, first * per));
+        out[name].set(before.kept[name].subarray(0, first * per));
       }
     }
     const reader = new Reader(data.subarray(4 + size));
@@ -126,7 +127,7 @@ export class Motion {
     const places = new Float32Array(free.length * 3);
     reader.columns(free.length, SHUTTLE_STEP, places, 0, 3);
     free.forEach((frame, i) => out.loose.set(places.subarray(3 * i, 3 * i + 3), 3 * frame));
-    return new Motion(head, out.hips, out.local, out.feet, out.loose);
+    return new Motion(head, out);
   }
 
   get duration(): number {
@@ -135,7 +136,7 @@ export class Motion {
 
   /** Whether the left and the right foot of a player stand. */
   plantedAt(frame: number, seat: number): [boolean, boolean] {
-    const bits = this.feet[frame]! >> (2 * seat);
+    const bits = this.kept.feet[frame]! >> (2 * seat);
     return [(bits & 1) === 1, (bits & 2) === 2];
   }
 
@@ -148,10 +149,11 @@ export class Motion {
 
   hipsAt(time: number, seat: number, out: Vec3): Vec3 {
     const [frame, share] = this.at(time);
+    const { hips } = this.kept;
     const a = frame * 6 + seat * 3;
     const b = Math.min(frame + 1, this.frames - 1) * 6 + seat * 3;
     for (let k = 0; k < 3; k++) {
-      out[k] = this.hips[a + k]! + share * (this.hips[b + k]! - this.hips[a + k]!);
+      out[k] = hips[a + k]! + share * (hips[b + k]! - hips[a + k]!);
     }
     return out;
   }
@@ -162,7 +164,7 @@ export class Motion {
     const size = BONES * 4;
     const a = (frame * 2 + seat) * size;
     const b = (Math.min(frame + 1, this.frames - 1) * 2 + seat) * size;
-    const q = this.local;
+    const q = this.kept.local;
     for (let i = 0; i < size; i += 4) {
       let dot = 0;
       for (let k = 0; k < 4; k++) {
@@ -210,7 +212,8 @@ export class Motion {
     if (this.flightAt(frame / this.fps) >= 0) {
       return this.shuttleAt(frame / this.fps, [0, 0, 0]);
     }
-    return [this.loose[3 * frame]!, this.loose[3 * frame + 1]!, this.loose[3 * frame + 2]!];
+    const { loose } = this.kept;
+    return [loose[3 * frame]!, loose[3 * frame + 1]!, loose[3 * frame + 2]!];
   }
 
   /** Direction in which the cork points: ahead, but for a moment after it was struck. */

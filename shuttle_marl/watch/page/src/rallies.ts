@@ -25,8 +25,8 @@ export interface Source {
   options(wanted: Wanted): Promise<Option[]>;
   styles(wanted: Wanted): Promise<Styles>;
   model(athlete: string): Promise<ArrayBuffer>;
-  /** A page that opens from disk with these rallies; null where the page itself is one. */
-  share: ((wanted: Wanted[], title: string, hash: string) => Promise<Blob>) | null;
+  /** A page that opens from disk with these rallies, told of each as it is fetched; null where the page itself is one. */
+  share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;
 }
 
 const KEPT = 10;

@@ -69,7 +69,9 @@ export class Saving {
     const numbers = match && course.plan ? Array.from({ length: course.number + 1 }, (_, i) => i) : [course.number];
     const name = match ? "match.html" : `rally-${course.number + 1}.html`;
     try {
-      const page = await source.share(numbers.map((number) => course.wanted(number)), `${names[0]} v ${names[1]}`, this.link);
+      const wanted = numbers.map((number) => course.wanted(number));
+      const progress = (done: number) => layout.say(`making the page … rally ${done + 1} of ${numbers.length}`);
+      const page = await source.share(wanted, `${names[0]} v ${names[1]}`, this.link, progress);
       save(page, name);
       layout.say(`saved, ${(page.size / 1e6).toFixed(1)} MB; it opens from disk`);
     } catch (error) {

@@ -26,6 +26,7 @@ export interface Acts extends Hooks {
 }
 
 const SETTLING = 45; // frames in which cameras and poses come to rest
+const RESTING = 300; // between two pictures of players who wait, where the processor draws them: a choice then waits for none [ms]
 const BEFORE = 0.03; // how long before a decision it is asked about [s]
 
 export class Screen {
@@ -58,6 +59,8 @@ export class Screen {
   private version = 0; // of what is shown
   private seen = "";
   private unsettled = 0;
+  private drawnAt = 0;
+  private drawnTime = 0;
 
   /** @param live whether a server stands behind the page. */
   constructor(
@@ -108,6 +111,7 @@ export class Screen {
     const { clientWidth, clientHeight } = this.layout.court;
     if (clientWidth && clientHeight) {
       this.stage?.resize(clientWidth, clientHeight);
+      this.seen = "";
     }
   }
 
@@ -137,7 +141,7 @@ export class Screen {
     this.layout.scrubber.max = String(this.player.duration);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
-    replaceChildren(this.layout.told, h("li", {}, startSentence(rally)));
+    this.layout.tellAnew(startSentence(rally));
     this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
     this.showWorth();
@@ -187,6 +191,7 @@ export class Screen {
     if (!rally || !motion) {
       return;
     }
+    this.moves.keepInView();
     if (!document.body.classList.contains("text")) {
       this.drawCourt(rally, motion);
     }
@@ -223,14 +228,16 @@ export class Screen {
       return;
     }
     stage.raised = this.board.turn ? 0.2 : 0;
-    const { clientWidth, clientHeight } = this.layout.court;
-    const seen = [this.version, player.time, stage.camera, stage.flipped, stage.raised, this.aim, clientWidth, clientHeight].join();
+    const now = performance.now();
+    const resting = stage.lite && player.waits && now - this.drawnAt < RESTING;
+    const seen = [this.version, resting ? this.drawnTime : player.time, stage.camera, stage.flipped, stage.raised, this.aim].join();
     if (seen !== this.seen) {
       this.seen = seen;
-      this.unsettled = SETTLING;
+      this.unsettled = stage.lite ? 1 : SETTLING;
     }
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
+      [this.drawnAt, this.drawnTime] = [now, player.time];
       stage.draw(rally, motion, player.time, this.aim);
     }
   }

@@ -1,8 +1,15 @@
 // A rally or a match as one page that opens from disk, and a picture of the moment.
 
-import { parseMessage } from "./wire";
+import { condense } from "./condensed";
+import { fromLetters, toLetters } from "./letters";
+import { Motion } from "./motion";
+import { parseMessage, type RallyFacts } from "./wire";
 
-/** What a shared page holds: replies of the server by request, and models; all packed with gzip and written as base64. */
+/** Seconds of play above which motions are condensed the more coarsely, the more there are, so that the page stays small. */
+const FINE = 1000;
+const COARSEST = 4;
+
+/** What a shared page holds: replies of the server by request, and models; all packed with gzip and written as letters. */
 export interface Shared {
   hello: string;
   replies: Record<string, string>;
@@ -11,27 +18,53 @@ export interface Shared {
 
 async function gzipped(content: ArrayBuffer): Promise<string> {
   const stream = new Blob([content]).stream().pipeThrough(new CompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  let text = "";
-  for (let i = 0; i < bytes.length; i += 0x8000) {
-    text += String.fromCharCode(...bytes.subarray(i, i + 0x8000));
-  }
-  return btoa(text);
+  return toLetters(new Uint8Array(await new Response(stream).arrayBuffer()));
 }
 
 export async function ungzipped(text: string): Promise<ArrayBuffer> {
-  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+  return new Response(new Blob([fromLetters(text)]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
 
-export async function packShared(hello: ArrayBuffer, replies: Map<string, ArrayBuffer>, models: Map<string, ArrayBuffer>): Promise<Shared> {
-  const all = async (parts: Map<string, ArrayBuffer>) =>
-    Object.fromEntries(await Promise.all([...parts].map(async ([key, content]) => [key, await gzipped(content)] as const)));
-  return { hello: await gzipped(hello), replies: await all(replies), models: await all(models) };
+/** What a page is made of: its script and style, and replies of the server. */
+export interface Content {
+  script: string;
+  style: string;
+  hello: ArrayBuffer;
+  replies: Map<string, ArrayBuffer>;
+  models: Map<string, ArrayBuffer>;
+}
+
+/**
+ * A page that opens from disk; the motions of a match are condensed.
+ * @param rallies names of the replies with rallies.
+ */
+export async function sharedPage({ script, style, hello, replies, models }: Content, rallies: string[], title: string, hash: string): Promise<Blob> {
+  if (rallies.length > 1) {
+    const lasting = rallies.map((key) => Number((parseMessage(replies.get(key)!).facts as { rally: RallyFacts }).rally.strokes.at(-1)?.end_time ?? 0));
+    const seconds = lasting.reduce((sum, time) => sum + time, 0);
+    for (const key of rallies) {
+      replies.set(key, await condensedReply(replies.get(key)!, seconds));
+    }
+  }
+  const all = async (parts: Map<string, ArrayBuffer>) => {
+    const packed: Record<string, string> = {};
+    for (const [key, content] of parts) {
+      packed[key] = await gzipped(content);
+    }
+    return packed;
+  };
+  return written(script, style, { hello: await gzipped(hello), replies: await all(replies), models: await all(models) }, title, hash);
+}
+
+/** A reply with a rally, its motion condensed; `seconds` is how long all rallies of the page play. */
+async function condensedReply(reply: ArrayBuffer, seconds: number): Promise<ArrayBuffer> {
+  const { body } = parseMessage(reply);
+  const motion = condense(await Motion.unpack(body), Math.min(COARSEST, Math.max(1, seconds / FINE)));
+  return new Blob([reply.slice(0, reply.byteLength - body.byteLength), motion]).arrayBuffer();
 }
 
 /** The page itself, with script, style and what it shows inside. */
-export function sharedPage(script: string, style: string, shared: Shared, title: string, hash: string): Blob {
+function written(script: string, style: string, shared: Shared, title: string, hash: string): Blob {
   const safe = (text: string) => text.replaceAll("<", "\\u003c");
   const plain = title.replace(/[<>&"]/g, "");
   return new Blob(

@@ -5,7 +5,8 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
-import { at, buildHall, simplify } from "./hall";
+import { Backdrop, BEHIND } from "./backdrop";
+import { at, buildHall, DARK, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire";
@@ -47,6 +48,7 @@ export class Stage {
   raised = 0;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
+  private readonly backdrop: Backdrop;
   private readonly eye = new THREE.PerspectiveCamera(40, 1, 0.1, 120);
   private readonly controls: OrbitControls;
   private readonly shuttle: Shuttle;
@@ -77,8 +79,11 @@ export class Stage {
       throw new Error("this browser draws no 3D (WebGL 2); the rally is told in words below");
     }
     this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context });
+    this.eye.layers.enable(BEHIND);
+    this.backdrop = new Backdrop(this.renderer);
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.toneMappingExposure = 1.08;
+    this.renderer.setClearColor(DARK);
     this.renderer.shadowMap.enabled = !this.lite;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
@@ -178,7 +183,12 @@ export class Stage {
     } else {
       this.eye.clearViewOffset();
     }
-    this.renderer.render(this.scene, this.eye);
+    // Where the processor draws, what lies behind all that moves is drawn once for each view.
+    if (this.lite && this.camera !== "free" && this.camera !== "follow") {
+      this.backdrop.render(this.scene, this.eye);
+    } else {
+      this.renderer.render(this.scene, this.eye);
+    }
     if (this.lite && this.hurried) {
       this.easeOff();
     }
@@ -243,7 +253,7 @@ export class Stage {
       }
       default: {
         const shuttle = motion.shuttleAt(time, [0, 0, 0]);
-        const sway = rally.strokes.length ? 0.1 * shuttle[0] : 0;
+        const sway = rally.strokes.length && !this.lite ? 0.1 * shuttle[0] : 0;
         return { eye: at(sway, -end * 12.6, 6.2), look: at(0.4 * sway, -end * 0.55, 0.8), fov: 35 * Math.min(wide, 1.5) };
       }
     }
