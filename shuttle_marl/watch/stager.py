@@ -12,7 +12,7 @@ from shuttle_marl.watch.match import Person, Rally
 from shuttle_marl.watch.tables import Kept
 
 FPS: Final = 50
-_MOST_MOTIONS: Final = 48
+_MOST_MOTIONS: Final = 16
 
 
 class Stager:

@@ -55,18 +55,28 @@ def test_playing_pausing_seeking_and_stepping(viewer: Any, served: Any) -> None:
     assert viewer.state("time") == stopped
     for number, camera in enumerate(("broadcast", "side", "corner", "follow", "top", "free"), start=1):
         assert viewer.press(str(number)).state("camera") == camera
+    assert viewer.press("f").state("flipped") is True
+    assert viewer.press("f").state("flipped") is False
+    assert viewer.press("h").page.get_by_role("dialog", name="Keys").is_visible()
+    assert viewer.press("h").page.get_by_role("dialog", name="Keys").is_visible() is False
     viewer.press("r")
     assert viewer.state("playing", "speed") == [True, 0.25]
     viewer.press("ArrowDown")
     viewer.until(lambda: viewer.state("rally") == 1)
 
 
-def test_a_rally_is_followed_by_the_next_and_its_score(viewer: Any, served: Any) -> None:
+def test_a_rally_is_looped_or_followed_by_the_next_and_its_score(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1").press(" ")
     points, winner, duration = viewer.state("points", "winner", "duration")
     assert points == [0, 0]
+    loop = viewer.page.get_by_role("button", name="loop rally")
+    loop.click()
     viewer.page.evaluate("(t) => window.viewer.seek(t)", duration - 0.1)
-    viewer.press(" ")
+    viewer.page.evaluate("window.viewer.key(' ')")
+    viewer.until(lambda: viewer.state("time") < duration - 0.2)
+    assert viewer.state("rally", "playing") == [0, True], "the same one again"
+    loop.click()
+    viewer.page.evaluate("(t) => window.viewer.seek(t)", duration - 0.1)
     viewer.until(lambda: viewer.state("rally") == 1)
     assert viewer.state("points") == [int(winner == 0), int(winner == 1)]
     assert viewer.state("server") == winner
@@ -86,12 +96,17 @@ def test_both_agents_are_switched_in_mid_match_and_the_link_reproduces_it(viewer
     viewer.page.evaluate("window.viewer.go(2)")
     viewer.until(lambda: viewer.state("rally") == 2)
     assert viewer.state("names") == ["attacking", "defensive@0.5"]
-    strokes, link = viewer.state("strokes", "link")
+    strokes = viewer.state("strokes")
+    viewer.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    viewer.page.get_by_text("Share", exact=True).click()
+    viewer.page.get_by_role("button", name="Copy link").click()
+    viewer.until(lambda: viewer.state("link") in viewer.page.evaluate("navigator.clipboard.readText()"))
+    link = viewer.page.evaluate("navigator.clipboard.readText()")
     viewer.page.evaluate("window.viewer.go(1)")
     viewer.until(lambda: viewer.state("rally") == 1)
     assert viewer.state("names", "strokes") == [["bc", "minimax"], played]
     context = browser.new_context()
-    other = type(viewer)(context.new_page()).open(served.address + link)
+    other = type(viewer)(context.new_page()).open(link)
     assert other.state("rally", "names", "strokes") == [2, ["attacking", "defensive@0.5"], strokes]
     context.close()
 
@@ -167,6 +182,29 @@ AREA_KEYS = {
 }  # fmt: skip
 
 
+def aim_by_clicking(viewer: Any) -> None:
+    """Click another target of the shot that is chosen, on the court."""
+    turn, selected = viewer.state("turn", "selected")
+    box = viewer.page.locator(".court canvas").bounding_box()
+    board = viewer.page.locator(".board").bounding_box()
+    for part in range(1, 200):  # from the top of the picture to the board
+        x, y = box["x"] + box["width"] * (0.3 + 0.4 * (part % 10) / 10), box["y"] + (board["y"] - box["y"]) * part / 200
+        script = "([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS' ? window.viewer.floorAt(x, y) : null"
+        place = viewer.page.evaluate(script, [x, y])
+        there = [
+            stroke["area"]
+            for stroke in turn["strokes"]
+            for x0, x1, y0, y1 in [stroke["box"]]
+            if stroke["shot"] == selected["shot"] and place is not None and x0 < place[0] < x1 and y0 < place[1] < y1
+        ]
+        if there and there[0] != selected["area"]:
+            viewer.page.mouse.click(x, y)
+            viewer.until(lambda: viewer.state("selected")["area"] != selected["area"], 20)
+            assert viewer.state("selected")["area"] == there[0]
+            return
+    raise AssertionError("no other target is seen")
+
+
 def choose(viewer: Any, stroke: dict[str, Any]) -> None:
     """Choose a stroke by keys alone."""
     for _ in range(3):
@@ -185,10 +223,14 @@ def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any,
     viewer.page.evaluate("window.viewer.key('t'); window.viewer.seek(1e3)")
     viewer.until(lambda: viewer.state("turn") is not None, 30)
     assert viewer.state("rally") == 0
+    # The other side, from the other end of the court, and back to the policies.
+    viewer.press("T").until(lambda: viewer.state("person") is not None and viewer.state("person")["seat"] == 1)
+    viewer.until(lambda: viewer.state("flipped") is True)
+    viewer.press("T").until(lambda: viewer.state("names", "flipped") == [["bc", "bc"], False])
 
 
 def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_motion_is_wished(viewer: Any, served: Any) -> None:
-    viewer.page.set_viewport_size({"width": 480, "height": 320})
+    viewer.page.set_viewport_size({"width": 1000, "height": 640})
     viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1").press("t")
     viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
     assert len({viewer.state("time") for _ in range(5)}) == 1
@@ -201,6 +243,7 @@ def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_mo
     viewer.until(lambda: viewer.state("time") < waited - 0.05)
     viewer.until(lambda: viewer.state("time") > waited - 0.03)
     assert viewer.press(" ").state("playing") is False, "the serve is the person's"
+    aim_by_clicking(viewer)
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     viewer.press("Enter")
     viewer.until(lambda: len(viewer.state("strokes")) >= 1)

@@ -61,10 +61,11 @@ export class Curve {
   readonly element = h("div", { class: "panel bottom" });
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
   private readonly cursor = s("line", { y1: 0, y2: 96, stroke: "#ffffff", "stroke-width": 2, "vector-effect": "non-scaling-stroke" });
+  private readonly names = h("div", { "aria-hidden": "true" });
   private duration = 1;
 
   constructor(seek: (time: number) => void) {
-    this.element.append(h("h2", {}, h("span", {}, "Win probability of the rally (A) · click to seek")), this.drawing);
+    this.element.append(h("h2", {}, h("span", {}, "Win probability of the rally (A) · click to seek")), h("div", { class: "timeline" }, this.drawing, this.names));
     this.drawing.addEventListener("click", (event) => {
       const box = this.drawing.getBoundingClientRect();
       seek((((event as MouseEvent).clientX - box.left) / box.width) * this.duration);
@@ -78,7 +79,16 @@ export class Curve {
     const parts: SVGElement[] = [
       s("line", { x1: 0, x2: 1000, y1: y(0.5), y2: y(0.5), stroke: "#2b3c5c", "stroke-dasharray": "6 6", "vector-effect": "non-scaling-stroke" }),
     ];
-    for (const stroke of rally.strokes) {
+    this.names.replaceChildren();
+    let free = 0; // where the next name has room
+    for (const [i, stroke] of rally.strokes.entries()) {
+      const name = `${i + 1} ${words(stroke.shot)}`;
+      const end = (rally.strokes[i + 1]?.time ?? duration) / duration;
+      const width = 0.012 * (name.length + 1);
+      if (stroke.time / duration >= free && stroke.time / duration + width < end + 0.01) {
+        free = stroke.time / duration + width;
+        this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));
+      }
       const colour = COLOURS[stroke.seat]!;
       parts.push(s("line", { x1: x(stroke.time), x2: x(stroke.time), y1: 2, y2: 94, stroke: colour, "stroke-opacity": 0.55, "vector-effect": "non-scaling-stroke" }));
     }

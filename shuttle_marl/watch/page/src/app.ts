@@ -160,7 +160,7 @@ export class App {
       return;
     }
     if (before === "play") {
-      course.person = null;
+      this.leave();
     }
     void this.go(course.number, mode === "analyse" ? Math.max(this.player.stroke, 0) : null, mode === "watch");
   }
@@ -213,6 +213,7 @@ export class App {
     const played = this.course.person !== null;
     this.course.visit(place);
     if (played && !this.course.person) {
+      this.seeFrom(0);
       this.enter("watch");
     }
     void this.go(place.rally, place.stroke);
@@ -244,7 +245,7 @@ export class App {
       return;
     }
     if (course.person?.seat === seat) {
-      course.person = null;
+      this.leave();
       this.enter("watch");
       await this.go(course.number, null, true);
       layout.say(shown.rally.winner === null ? "The policy plays this rally from its start" : "The policy plays on");
@@ -256,8 +257,22 @@ export class App {
     this.enter("play");
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (taken) {
+      this.seeFrom(seat);
       this.show(taken, Math.min(time, taken.motion.duration), true);
-      layout.say(`You play side ${"AB"[seat]}: choose a stroke, then Enter`);
+      layout.say(`You play side ${"AB"[seat]}: choose a stroke and hit`);
+    }
+  }
+
+  /** The person plays no more. */
+  private leave(): void {
+    this.course.person = null;
+    this.seeFrom(0);
+  }
+
+  /** Shows the court from the end of a seat. */
+  private seeFrom(seat: number): void {
+    if (this.stage) {
+      this.stage.flipped = seat === 1;
     }
   }
 

@@ -87,6 +87,7 @@ try {
     key: (key: string) => app.key(key),
     draw: () => app.draw(),
     film: () => app.film(),
+    floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
   };
 } catch (error) {
   document.body.append(h("p", { role: "alert", style: "padding:20px" }, (error as Error).message));

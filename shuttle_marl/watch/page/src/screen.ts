@@ -68,7 +68,7 @@ export class Screen {
     private readonly player: Player,
     private readonly stage: Stage | null,
     private readonly acts: Acts,
-    live: boolean,
+    private readonly live: boolean,
   ) {
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
@@ -268,7 +268,7 @@ export class Screen {
       this.layout.banner,
       h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
       ` ${won}`,
-      h("small", {}, `${after.points[0]} – ${after.points[1]}`),
+      h("small", {}, `${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`),
     );
     this.layout.banner.classList.remove("hidden");
     this.layout.tell(endSentence(rally));

@@ -75,6 +75,10 @@ function bar(name: string, values: [number, number], reference: number | null, m
 export class StylePanel {
   readonly element = h("section", { class: "panel", "aria-label": "Style of both players" });
 
+  constructor() {
+    this.show(null);
+  }
+
   show(styles: Styles | null): void {
     if (!styles) {
       replaceChildren(this.element, h("h2", {}, "Style"), h("p", { class: "quiet" }, "being computed …"));

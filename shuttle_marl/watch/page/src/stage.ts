@@ -20,6 +20,7 @@ const KITS: [Kit, Kit] = [
   { shirt: 0xc1122f, shorts: 0x14141c, racket: 0xfb7185 },
 ];
 
+const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
 const LATE = 80; // time between two pictures above which fewer pixels are drawn, where the processor draws them [ms]
 const FEWER = 0.6; // pixels of the picture to pixels of the page then, along each side
@@ -214,7 +215,9 @@ export class Stage {
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
     const changed = this.shownCamera !== this.camera;
     this.shownCamera = this.camera;
-    this.controls.enabled = true;
+    // A finger on the picture scrolls a page that is longer than its window, unless it is to turn the view.
+    this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
+    this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
     if (this.camera === "free") {
       if (changed) {
         this.controls.target.copy(this.aim.look);
@@ -254,7 +257,7 @@ export class Stage {
       default: {
         const shuttle = motion.shuttleAt(time, [0, 0, 0]);
         const sway = rally.strokes.length && !this.lite ? 0.1 * shuttle[0] : 0;
-        return { eye: at(sway, -end * 12.6, 6.2), look: at(0.4 * sway, -end * 0.55, 0.8), fov: 35 * Math.min(wide, 1.5) };
+        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: 35.5 * Math.min(wide, 1.5) };
       }
     }
   }

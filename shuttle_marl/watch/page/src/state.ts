@@ -31,6 +31,7 @@ export function state(shown: Shown | null, course: Course, player: Player, scree
     person: course.person,
     asked: screen.learn.current,
     camera: stage?.camera,
+    flipped: stage?.flipped,
     lite: stage?.lite,
     target: stage?.targetArea ?? null,
     shuttle: shown ? shown.motion.shuttleAt(player.time, [0, 0, 0]) : null,
