@@ -21,6 +21,7 @@ from shuttle_marl.watch.telling import hall_facts, message, rally_facts
 from shuttle_marl.watch.worth import ELITE, Players, Worth
 
 _MOST_MATCHES: Final = 64
+_MOST_PACKED: Final = 8
 
 Facts = dict[str, Any]
 
@@ -69,7 +70,7 @@ class Answers:
         self._game, self._tables = tables.game, tables
         self._sides, self._seed, self._recorded, self._first_shown = sides, seed, recorded, first
         self._worth, self._stager, self._diary = Worth(tables), stager, diary
-        self._matches = Kept(_MOST_MATCHES)
+        self._matches, self._packed = Kept(_MOST_MATCHES), Kept(_MOST_PACKED)
         self._known: dict[str, Callable[[Mapping[str, Any]], tuple[Facts, list[bytes]]]] = {
             "hello": self._hello,
             "rally": self._rally,
@@ -119,7 +120,8 @@ class Answers:
             self._diary.keep(wanted.plan, rally)
         # A page that has the motion up to the branch needs only what follows.
         first = self._first(wanted, rally, motion) if request.get("have") is True else 0
-        return {"rally": rally_facts(self._game, rally, motion)}, [motion.pack(first)]
+        packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
+        return {"rally": rally_facts(self._game, rally, motion)}, [packed]
 
     def _analysis(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
         wanted = _wanted(request)

@@ -1,14 +1,19 @@
 """Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rally import RETURNED_BELOW, ROOT, strike
+from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import Match, Person
 from shuttle_marl.watch.plan import Change, Plan, Side
+from shuttle_marl.watch.recorded import LogRallies
 from shuttle_marl.watch.tables import Tables
 
 BC = {"policy": "bc"}
@@ -138,3 +143,19 @@ def test_a_page_may_not_name_code_or_files(tables: Tables) -> None:
         plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})
         with pytest.raises(Exception, match="no modules and no files"):
             Match(plan, tables.game, tables).rally(0)
+
+
+@pytest.mark.slow
+def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: Tables, tmp_path: Path) -> None:
+    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=2, out=tmp_path / "run"))
+    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "python -m shuttle_marl.watch --replay rallies.mcap --rally N" in report
+    table = report.split("first rally")[-1].split("</table>")[0]
+    rows = [re.sub(r"<[^>]+>", "|", row).split("|") for row in table.split("<tr")[1:]]
+    cells = [[cell for cell in row if cell.strip()] for row in rows]
+    assert len(cells) == 3
+    shown = LogRallies(tmp_path / "run" / "rallies.mcap", tables.game)
+    for row in cells:
+        rally = shown.rally(int(row[-1]))
+        assert set(rally.names) <= set(row), "both players"
+        assert rally.score.points == (0, 0)

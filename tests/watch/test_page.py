@@ -188,7 +188,8 @@ def aim_by_clicking(viewer: Any) -> None:
     box = viewer.page.locator(".court canvas").bounding_box()
     board = viewer.page.locator(".board").bounding_box()
     for part in range(1, 200):  # from the top of the picture to the board
-        x, y = box["x"] + box["width"] * (0.3 + 0.4 * (part % 10) / 10), box["y"] + (board["y"] - box["y"]) * part / 200
+        x = round(box["x"] + box["width"] * (0.3 + 0.4 * (part % 10) / 10))
+        y = round(box["y"] + (board["y"] - box["y"]) * part / 200)
         script = "([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS' ? window.viewer.floorAt(x, y) : null"
         place = viewer.page.evaluate(script, [x, y])
         there = [

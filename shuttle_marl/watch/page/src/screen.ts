@@ -99,7 +99,7 @@ export class Screen {
     this.layout.showText(!stage);
     stage?.canvas.addEventListener("click", (event) => {
       const place = stage.floorAt(event.clientX, event.clientY);
-      if (place && this.board.turn) {
+      if (place && this.board.turn && !stage.dragged) {
         this.board.aimAt(...place);
       }
     });

@@ -22,6 +22,7 @@ const KITS: [Kit, Kit] = [
 
 const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
+const CLICK = 5; // how far a pointer moves in a click at most [px]
 const LATE = 80; // time between two pictures above which fewer pixels are drawn, where the processor draws them [ms]
 const FEWER = 0.6; // pixels of the picture to pixels of the page then, along each side
 
@@ -47,6 +48,8 @@ export class Stage {
   flipped = false;
   /** Share of the height by which the picture is moved up, to make room below. */
   raised = 0;
+  /** Whether the pointer was last used to turn the view. */
+  dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly backdrop: Backdrop;
@@ -96,7 +99,7 @@ export class Stage {
     this.controls.maxPolarAngle = 0.495 * Math.PI;
     this.controls.minDistance = 2;
     this.controls.maxDistance = 22;
-    this.controls.addEventListener("start", () => (this.camera = "free"));
+    this.watchPointer();
     if (this.lite) {
       this.shades = [0, 1].map(() => {
         const shade = new THREE.Mesh(
@@ -107,6 +110,23 @@ export class Stage {
         return shade;
       });
     }
+  }
+
+  /** Lets the view be turned: by a drag or a wheel, not by a click, which aims. */
+  private watchPointer(): void {
+    const { canvas } = this;
+    let from: [number, number] | null = null;
+    canvas.addEventListener("pointerdown", ({ clientX, clientY }) => {
+      from = [clientX, clientY];
+      this.dragged = false;
+    });
+    canvas.addEventListener("pointermove", ({ buttons, clientX, clientY }) => {
+      if (buttons && from && this.controls.enabled && Math.hypot(clientX - from[0], clientY - from[1]) > CLICK) {
+        this.dragged = true;
+        this.camera = "free";
+      }
+    });
+    canvas.addEventListener("wheel", () => (this.camera = "free"), { passive: true });
   }
 
   /** Puts the right athletes on the court; to be awaited before their first rally is drawn. */
@@ -244,8 +264,10 @@ export class Stage {
     switch (this.camera) {
       case "side":
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
-      case "corner":
-        return { eye: at(-end * 6.2, -end * 9.2, 3.6), look: at(end * 0.5, end * 0.6, 0.9), fov: 40 * Math.min(wide, 1.6) };
+      case "corner": {
+        const back = 0.7 + 0.3 * Math.min(wide, 1.9);
+        return { eye: at(-end * 6.2, -end * 9.2, 3.6).multiplyScalar(back), look: at(end * 0.5, end * 0.6, 0.9), fov: 40 * Math.min(wide, 1.6) };
+      }
       case "top":
         return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
       case "follow": {
