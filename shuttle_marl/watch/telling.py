@@ -146,7 +146,7 @@ def _score_facts(rally: Rally) -> dict[str, Any]:
 def _stroke(game: Game, rally: Rally, motion: Motion, i: int) -> dict[str, Any]:
     trajectory, state, seat = motion.trajectory, rally.state[i], rally.striker(i)
     pair = int(game.pair(state, rally.stroke[i]))
-    good, returned, _ = (rounded(p) for p in game.stroke_probabilities(pair))
+    good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     own, other = int(game.effort(state)), int(game.opponent_effort(state))
     return {
         **stroke_facts(game, rally.stroke[i], seat),
