@@ -27,7 +27,7 @@ TRAINING: dict[str, tuple[TrainingConfig, str]] = {
     "ppo": (PPOConfig(**SMALL), "8451f6b1f6d0978d"),
     "a2c": (A2CConfig(**SMALL), "60c81ee8a9a2c14f"),
     "sac": (SACConfig(**SMALL, warm_up=600, minibatch=64, buffer=1000), "bd99f4b93af28269"),
-    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "df01cefd10ff64d9"),
+    "self-play": (PPOConfig(**SMALL, opponent=("self",)), "3c18114caa1e055b"),
 }
 """Settings of a run, and the digest of its strokes."""
 
