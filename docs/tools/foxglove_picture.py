@@ -1,10 +1,11 @@
 """Makes ``docs/images/foxglove.png`` and the court by each of its cameras: ``python -m docs.tools.foxglove_picture``.
 
 A lively rally of two imitated players becomes a scene file, and Foxglove Studio (:mod:`experiments.studio`) opens it at its last
-stroke, a smash.
+stroke, a smash; then the whole match does, and is opened at a smash in its middle (``foxglove_match.png``).
 """
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.cameras import CAMERAS
 
 PICTURE: Final = IMAGES / "foxglove.png"
+MATCH: Final = IMAGES / "foxglove_match.png"
 AFTER: Final = 0.06
 """From the contact to the picture [s]."""
 
@@ -24,15 +26,26 @@ AFTER: Final = 0.06
 def main() -> None:
     """Play, stage, look."""
     with tempfile.TemporaryDirectory() as temporary:
-        run, scene = Path(temporary) / "run", Path(temporary) / "rally.mcap"
+        folder, run = Path(temporary), Path(temporary) / "run"
         run_league(LeagueConfig(pool=PLAYERS, matches=10, out=run))
         log = run / "rallies.mcap"
         with RallyLog(log) as opened:
             number = lively(opened)
+            match = int(opened.rally(number).match[0])
+        install(folder / "studio")
+        scene = folder / "rally.mcap"
         recording(["scene", str(log), "--rally", str(number), "--out", str(scene)])
-        install(Path(temporary) / "studio")
-        at = strokes(scene)[-1][0] + AFTER
-        seen = visit(Path(temporary) / "studio", scene, PICTURE, at, tabs=[camera.title for camera in CAMERAS])
+        look(folder / "studio", scene, PICTURE, strokes(scene)[-1][0], tabs=[camera.title for camera in CAMERAS])
+        scene = folder / "match.mcap"
+        recording(["scene", str(log), "--match", str(match), "--out", str(scene)])
+        struck = strokes(scene)
+        middle = next(seconds for seconds, shot in struck[len(struck) // 2 :] if shot == "smash")
+        look(folder / "studio", scene, MATCH, middle, match=True)
+
+
+def look(studio: Path, scene: Path, picture: Path, contact: float, *, match: bool = False, tabs: Sequence[str] = ()) -> None:
+    """Take a picture of a scene just after a contact, which is given in seconds since its start."""
+    seen = visit(studio, scene, picture, contact + AFTER, match=match, tabs=tabs)
     if seen["problems"] != NO_PROBLEMS or seen["errors"]:
         raise SystemExit(f"{seen['problems']} {seen['errors']}")
 

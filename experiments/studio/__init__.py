@@ -42,7 +42,14 @@ def install(folder: Path) -> None:
 
 
 def visit(
-    folder: Path, scene: Path, picture: Path, seconds: float = 2.0, *, match: bool = False, tabs: Sequence[str] = ()
+    folder: Path,
+    scene: Path,
+    picture: Path,
+    seconds: float = 2.0,
+    *,
+    match: bool = False,
+    tabs: Sequence[str] = (),
+    scale: float = 1.0,
 ) -> dict[str, Any]:
     """Open a scene with its layout, take a picture, and play a second.
 
@@ -53,6 +60,7 @@ def visit(
         seconds: when it is taken, from the beginning of the scene.
         match: whether the layout of a match is used, not that of a rally.
         tabs: cameras of which a picture of the court alone is taken too, beside ``picture``: ``NAME_tab.png``.
+        scale: pixels of the picture for one of the window, which is 1500 wide and 1000 high; less is drawn faster.
 
     Returns:
         ``problems``: what the viewer says of the file, :data:`NO_PROBLEMS` if nothing; ``topics``: number of messages of each;
@@ -70,7 +78,7 @@ def visit(
     layout.write_bytes(lichtblick(match=match))
     time = EPOCH // 10**6 + round(1000 * seconds)
     paths = (str(path.resolve()) for path in (scene, layout, picture))
-    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), *tabs, folder=folder))
+    seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), str(scale), *tabs, folder=folder))
     return seen
 
 

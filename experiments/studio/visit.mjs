@@ -2,9 +2,10 @@
 // problems (what Studio says of the file and the layout), topics (number of messages of each), panels (text of each), clock
 // (in seconds: before and after it was played), errors (of the page).
 //
-//   node visit.mjs SCENE LAYOUT PICTURE TIME [TAB …]
+//   node visit.mjs SCENE LAYOUT PICTURE TIME SCALE [TAB …]
 //
-// PICTURE is taken at TIME, in milliseconds since 1970 as the scene counts them; of every further tab of the court one more, whose
+// PICTURE is taken at TIME, in milliseconds since 1970 as the scene counts them, of a window of 1500 × 1000 with SCALE pixels for
+// each of its own, so that less than 1 draws the same with less work; of every further tab of the court one more, whose
 // name ends with that of the tab, of the panel alone. Everything is served on 127.0.0.1; nothing else is asked.
 import { once } from "node:events";
 import { writeFile } from "node:fs/promises";
@@ -23,7 +24,7 @@ const HERE = dirname(fileURLToPath(import.meta.url));
 const LIMIT = 120_000; // for each thing that is waited for [ms]
 const PLAYED = 1; // what is played [s of the scene]
 const PANELS = "[data-testid^=panel-mouseenter-container]";
-const [scene, layout, file, time, ...tabs] = process.argv.slice(2);
+const [scene, layout, file, time, scale, ...tabs] = process.argv.slice(2);
 
 // Studio asks for parts of the scene as it needs them.
 const setHeaders = (response) => response.setHeader("Accept-Ranges", "bytes");
@@ -133,7 +134,7 @@ const browser = await puppeteer.launch({
   executablePath: await chromium.executablePath(),
   headless: "shell",
   args: [...chromium.args, "--lang=en-US"],
-  defaultViewport: { width: 1500, height: 1000 },
+  defaultViewport: { width: 1500, height: 1000, deviceScaleFactor: Number(scale) },
   protocolTimeout: LIMIT,
 });
 try {

@@ -1,6 +1,7 @@
 """Scoreboard of a scene, one in the picture of every camera; names of any length as lines that fit."""
 
 import dataclasses
+import math
 import textwrap
 from typing import Final
 
@@ -23,8 +24,10 @@ _SHADE: Final = colour(0.97, 0.97, 0.97)
 
 
 def name_lines(name: str, width: int = 22) -> list[str]:
-    """A name in at most three lines of a width; only a longer one loses its end."""
-    return textwrap.wrap(name, width, max_lines=_MOST_LINES, placeholder="…", break_on_hyphens=False) or [""]
+    """A name in equal parts of at most a width, three at most; only a longer name loses its end."""
+    shown = name if len(name) <= _MOST_LINES * width else f"{name[: _MOST_LINES * width - 1]}…"
+    length = math.ceil(len(shown) / math.ceil(max(len(shown), 1) / width)) or 1
+    return [shown[i : i + length] for i in range(0, len(shown), length)] or [""]
 
 
 def board_text(report: RallyReport, words: str, *, after: bool, marked: int | None = None) -> str:

@@ -18,8 +18,15 @@ from experiments.studio import NO_PROBLEMS, StudioError, install, visit
 from experiments.studio.__main__ import main
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.write import select, write_scene
+from shuttle_marl.scene import topics
+from shuttle_marl.scene.report import SECOND
+from shuttle_marl.scene.write import EPOCH, select, write_scene
+from tests.scene.conftest import read
 
+HALF = 0.5
+"""Pixels for one of the window: the browser draws without a graphics card, which takes most of the time."""
+ROWS = 30
+"""Rows of a table on its first page."""
 COURT = np.array([34, 115, 83]) / 255
 """Colour of the mat as Studio lights it."""
 
@@ -61,7 +68,7 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
         content, _ = write_scene(log, select(log, match=0), default_game())
     path = tmp_path / "match.mcap"
     path.write_bytes(content)
-    seen = visit(folder, path, tmp_path / "match.png", 5.0)
+    seen = visit(folder, path, tmp_path / "match.png", 5.0, match=True, scale=HALF)
     assert seen["problems"] == NO_PROBLEMS
     assert seen["errors"] == []
     assert seen["topics"] == counted(content)
@@ -70,13 +77,15 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
     assert after >= before + 1, "it does not play"
     assert court_share(plt.imread(tmp_path / "match.png")) > 0.05
     assert re.search(r"#\d+ [a-z-]+ to [a-z-]+", seen["panels"]["RosOut!log"])
-    assert len(re.findall(r"[a-z-]+:[a-z-]+:(?:above|below):[a-z-]+", seen["panels"]["Table!top"])) == 5
+    summaries = [message for time, topic, message in read(content) if topic == topics.SUMMARY and time <= EPOCH + 5 * SECOND]
+    listed = re.findall(r"[a-z-]+:[a-z-]+:(?:above|below):[a-z-]+", seen["panels"]["Table!top"])
+    assert listed == [stroke["stroke"] for stroke in summaries[-1]["strokes"]][:ROWS]
 
 
 def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, picture = tmp_path / "cut off.mcap", tmp_path / "cut.png"
     path.write_bytes(reel.content[: len(reel.content) * 2 // 3])
-    assert main([str(path), "--folder", str(folder), "--picture", str(picture)]) == 1
+    assert main([str(path), "--folder", str(folder), "--picture", str(picture), "--scale", str(HALF)]) == 1
     said = capsys.readouterr()
     assert "cut off.mcap: This file is unindexed" in said.err
     assert json.loads(said.out)["topics"]["/tf"] > 0
