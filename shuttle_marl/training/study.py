@@ -2,6 +2,8 @@
 
 import dataclasses
 import multiprocessing
+import os
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -87,7 +89,8 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
         jobs: how many run at once.
         console: shows progress.
     """
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
         waiting = [pool.submit(_train, config) for config in configs]
         try:
             for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
@@ -95,6 +98,18 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def end_with_parent() -> None:
+    """Let a worker end when the process that started it does, however that ends."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _train(config: TrainingConfig) -> None:

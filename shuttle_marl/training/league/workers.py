@@ -4,9 +4,7 @@ On a cluster no folder is shared: the files that a turn reads travel with it, an
 """
 
 import multiprocessing
-import os
 import tempfile
-import threading
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -18,6 +16,7 @@ from shuttle_marl.files import open_file, problem, replace_file
 from shuttle_marl.game.rally import Game
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.turns import Taken, Turn, made, needed, results, take_turn
+from shuttle_marl.training.study import end_with_parent
 
 _ATTEMPTS: Final = 3
 """Times that workers may die in one round before the run gives up."""
@@ -90,7 +89,7 @@ class Workers:
         if self._pool is None:
             self._others = {child.pid for child in multiprocessing.active_children()}
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=_end_with_parent)
+            self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=end_with_parent)
         return self._pool
 
 
@@ -122,15 +121,3 @@ def _read(path: Path) -> bytes:
             return file.read()
     except OSError as error:
         raise LeagueTrainingError(f"{path}: cannot be used ({problem(error)}); train again with --overwrite") from error
-
-
-def _end_with_parent() -> None:
-    """Let a worker end when the process that started it does, however that ends."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
