@@ -62,7 +62,7 @@ class PPOConfig(TrainingConfig):
     share: FractionOrZero = 0.2
     """Share of the rallies of self-play that are not plain."""
     renew: Count = 40
-    """Iterations after which the best response, the pool or the reference of self-play is made anew."""
+    """Iterations after which the best response, the pool or the reference of self-play is made again."""
     pool: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
     """Earlier policies that are kept to be met in self-play."""
     magnet: Weight = 0.05
