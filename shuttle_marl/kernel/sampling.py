@@ -137,6 +137,7 @@ class RallySampler:
         self._starts = Starts(np.zeros(0, np.int32), np.zeros(1, np.int64))
         self._now = 0
         self._known = np.zeros(0, np.int32)
+        self._untaken = False
         self.strokes = no_strokes()
         self.reset(0)
 
@@ -155,6 +156,7 @@ class RallySampler:
         Raises:
             KernelError: a state that does not exist.
         """
+        self._discard()
         self._seed_key = draws.stream(seed)[0]
         self._next, self._played, self._rallies = 0, 0.0, 0
         self._learned.written[:] = 0
@@ -205,7 +207,7 @@ class RallySampler:
         put(self._learned.players, number + 1, policy, self.game)
 
     def collect(self, count: int, assess: Assess, *, keep: bool = False) -> None:
-        """Play rallies to their end until the learner has played a number of strokes.
+        """Play rallies to their end until the learner has played a number of strokes; drops what was not taken before.
 
         Args:
             count: least number of strokes.
@@ -215,7 +217,9 @@ class RallySampler:
         Raises:
             KernelError: the network gives numbers that are not finite.
         """
+        self._discard()
         self._now += 1
+        self._untaken = True
         self._begin(count, keep=keep)
         self._first = self._next
         self._refresh(self._known, assess)
@@ -229,6 +233,14 @@ class RallySampler:
             self._played += self._sums.total[0] - before[0]
             self._rallies += self._sums.total[1] - before[1]
         self._end()
+
+    def _discard(self) -> None:
+        """Drop what was collected and not taken, also by a network that failed."""
+        if self._untaken:
+            visited = self._sums.visited[: int(self._sums.total[6])]
+            self._sums.state[visited] = 0
+            self._sums.pair[self.game.pairs(visited)[1]] = 0
+            self._untaken = False
 
     def _begin(self, count: int, *, keep: bool) -> None:
         """Make room for an iteration of about ``count`` strokes."""
@@ -290,7 +302,7 @@ class RallySampler:
         Args:
             order: ``[U]`` numbers from 0 to U - 1, the order in which the states of :attr:`known` come; None: by number of state.
         """
-        known = self._known
+        known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
         room = 2 * min(int(self.game.legal_count(states).sum()), int(self._sums.total[0]))
         row, stroke = np.empty(room, np.int64), np.empty(room, np.int64)

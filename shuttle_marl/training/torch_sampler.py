@@ -178,6 +178,9 @@ class TorchSampler(RallySampler):
 
     # Play.
 
+    def _discard(self) -> None:
+        """Nothing is added up before it is taken."""
+
     def _begin(self, count: int, *, keep: bool) -> None:
         super()._begin(count, keep=False)
         self._keep, self._parts = keep, []

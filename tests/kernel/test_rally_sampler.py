@@ -71,6 +71,28 @@ def test_what_is_won_and_played_is_what_the_tables_say() -> None:
     )
 
 
+def test_strokes_that_are_not_taken_are_dropped() -> None:
+    calls = itertools.count()
+
+    def failing(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if next(calls) == 3:
+            raise FloatingPointError
+        return network(2)(states)
+
+    found = []
+    for disturbed in (False, True):
+        sampler = RallySampler(GAME, [RANDOM])
+        if disturbed:
+            sampler.collect(2000, network(0))
+            with pytest.raises(FloatingPointError):
+                sampler.collect(2000, failing)
+        sampler.reset(3, np.array([ROOT]))
+        sampler.collect(500, network(1))
+        found.append(vars(sampler.take()))
+    for name, one in found[0].items():
+        assert np.array_equal(one, found[1][name]), name
+
+
 def gae_by_hand(sampler: RallySampler, assess: Assess, decay: float, both: bool) -> dict[int, float]:
     """Sum of the advantages by legal pair, rally by rally from the log."""
     played = sampler.record(sampler.numbers)
