@@ -202,7 +202,8 @@ def scene(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.scene.live import bind, show_live  # noqa: PLC0415
+    from shuttle_marl.scene.admission import bind  # noqa: PLC0415
+    from shuttle_marl.scene.live import show_live  # noqa: PLC0415
     from shuttle_marl.scene.write import select, write_scene  # noqa: PLC0415
 
     if (out is None) != live:

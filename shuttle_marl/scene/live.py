@@ -1,8 +1,7 @@
 """Serves a scene through Foxglove's WebSocket protocol (``foxglove.sdk.v1``), with the controls of its playback bar.
 
 The server of Foxglove's SDK cannot check who connects, so the protocol, as far as a scene needs it, stands here on top of
-:mod:`websockets`. A scene is served to programs and pages of this machine: the address is a loopback one, a request for another
-host name is refused (DNS rebinding: a foreign name that leads here), and so is a page of an unknown origin.
+:mod:`websockets`; :mod:`shuttle_marl.scene.admission` says who may connect.
 """
 
 import asyncio
@@ -16,7 +15,6 @@ import os
 import socket
 import struct
 import threading
-import urllib.parse
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
@@ -26,17 +24,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from shuttle_marl.errors import printable
 from shuttle_marl.scene import SceneError
+from shuttle_marl.scene.admission import HOST, ORIGINS, refusal
 from shuttle_marl.scene.playback import Message, Playback, Status, Topic
 
-HOST: Final = "127.0.0.1"
-"""Scenes are served to this machine only."""
-ORIGINS: Final = ("https://app.foxglove.dev", "https://studio.foxglove.dev", "file://")
-"""Pages that may connect, beside those of this machine: Foxglove's, and those of desktop programs (Foxglove, Lichtblick)."""
 SUBPROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
 
-_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 _SECOND: Final = 1_000_000_000
 _TICK: Final = 0.01
 _BACKLOG: Final = 8192
@@ -49,7 +42,6 @@ _FAREWELL: Final = 1.0
 """Time that viewers have to close their connections when the server stops [s]."""
 _MOST_REASONS: Final = 16
 """Different refusals that are reported; a page could send any number."""
-_LONGEST_NAME: Final = 100
 _MESSAGE, _TIME, _STATE = 1, 2, 5
 """First bytes of binary messages to viewers."""
 _CONTROL: Final = 3
@@ -69,7 +61,7 @@ class LiveScene:
 
     Args:
         content: a scene file.
-        listener: from :func:`bind`; closed in the end.
+        listener: from :func:`~shuttle_marl.scene.admission.bind`; closed in the end.
         origins: further pages that may connect, such as ``https://viewer.example.org``.
         say: called with the reason of a refusal, once for each reason.
 
@@ -300,44 +292,12 @@ def _channel(number: int, topic: Topic) -> dict[str, Any]:
     }
 
 
-def refusal(hosts: Sequence[str], origins: Sequence[str], allowed: Sequence[str]) -> str | None:
-    """Why a connection is refused, None if it is not.
-
-    Args:
-        hosts: the Host headers of its request.
-        origins: the Origin headers, which every web page has to send and no other program does.
-        allowed: origins of pages that may connect, beside those of this machine.
-    """
-    if len(hosts) != 1 or _name(f"//{hosts[0]}") not in _LOOPBACK:
-        return (
-            f"refused a connection to the host {printable(', '.join(hosts))[:_LONGEST_NAME] or 'of no name'}: expected localhost"
-        )
-    if len(origins) > 1:
-        return "refused a connection with several origins"
-    if origins and origins[0] not in allowed and not _is_local(origins[0]):
-        origin = printable(origins[0])[:_LONGEST_NAME]
-        return f"refused a page of {origin}: --origin {origin} would let it connect"
-    return None
-
-
-def _is_local(origin: str) -> bool:
-    return origin.startswith(("http://", "https://")) and _name(origin) in _LOOPBACK
-
-
-def _name(url: str) -> str | None:
-    """The host name of a URL, None if it has none."""
-    try:
-        return urllib.parse.urlsplit(url).hostname
-    except ValueError:
-        return None
-
-
 def show_live(content: bytes, listener: socket.socket, console: Console, *, origins: Sequence[str] = ()) -> None:
     """Serve a scene until an interrupt.
 
     Args:
         content: a scene file.
-        listener: from :func:`bind`.
+        listener: from :func:`~shuttle_marl.scene.admission.bind`.
         console: says where it is to be seen, and who is refused; one that reads no markup.
         origins: further pages that may connect.
     """
@@ -347,25 +307,3 @@ def show_live(content: bytes, listener: socket.socket, console: Console, *, orig
         address = f"ws://{HOST}:{live.port}"
         console.print(f"{address} serves the scene: open this connection in Foxglove; Ctrl-C ends it", soft_wrap=True)
         live.run()
-
-
-def bind(port: int) -> socket.socket:
-    """Take a port, before any work is done; nothing is answered on it until a scene is served.
-
-    Args:
-        port: to take, 0 for a free one.
-
-    Raises:
-        SceneError: it is taken, or cannot be served on.
-    """
-    if not 0 <= port < 1 << 16:
-        raise SceneError(f"port {port}: expected 0 (any free one) to 65535")
-    listener = socket.socket()
-    if os.name == "posix":  # connections that were just closed do not keep the port
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((HOST, port))
-    except OSError as error:
-        listener.close()
-        raise SceneError(f"port {port}: {error.strerror}; choose another with --port, or 0 for any free one") from error
-    return listener

@@ -6,7 +6,7 @@ receiver can run to is taken; if none does, the one that comes closest, its flig
 """
 
 import dataclasses
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.rally import PlayedRally
 from shuttle_marl.staging.stands import OVERHEADS
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, facing, net_height
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,7 +39,6 @@ _SHORT_SERVE: Final = SHOTS.index("short-serve")
 _BACKHAND: Final = TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
 """Shot types by which the next striker is expected to play, by height (below, above) and depth of the area."""
-_BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
 _SLOT: Final = 8
 """Draws set aside for each try of a stroke."""
 
@@ -169,7 +168,7 @@ class _TrajectoryBuilder:
                 stances.append(choice.stance)
                 times.append(times[i] + choice.seconds)
         new = _trajectory(rally, drawn, first, contacts, stances, times, base, before)
-        return _behind(known.trajectory, new, first) if known and first else new
+        return behind(known.trajectory, new, first) if known and first else new
 
     def _walk(self, known: Known, before: Floats) -> float:
         """Seconds until both stand where they have to for the serve, from where they wait."""
@@ -387,22 +386,6 @@ def _trajectory(
         base=np.array(base[first:n]).reshape(-1, 2, 2),
         before=before,
         reply=stances[n] if rally.open else None,
-    )
-
-
-def _behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
-    """The first strokes of one trajectory, and another one behind them."""
-
-    def whole(a: Floats, b: Floats) -> Floats:
-        return np.concatenate([a[:first], b])
-
-    names = [f.name for f in dataclasses.fields(Flights)]
-    rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
-    return dataclasses.replace(
-        new,
-        **rows,
-        flight=Flights(**{name: whole(getattr(old.flight, name), getattr(new.flight, name)) for name in names}),
-        stance=(*old.stance[:first], *new.stance),
     )
 
 

@@ -10,26 +10,18 @@ import numpy.typing as npt
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.motions import (
-    AIM,
     AROUND,
-    CONTACT,
     DEFENCE,
     DEFENCE_BACKHAND,
-    KEYS,
-    LOSES,
     LUNGE,
     LUNGE_BACKHAND,
     MOTIONS,
     OVERHEAD,
     OVERHEAD_BACKHAND,
-    READY,
-    REST,
     SIDE,
     SIDE_BACKHAND,
-    WAIT,
-    WINS,
-    Key,
 )
+from shuttle_marl.staging.poses import AIM, CONTACT, KEYS, LOSES, READY, REST, WAIT, WINS, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     HIPS_HEIGHT,

@@ -15,15 +15,8 @@ from shuttle_marl.staging.impact import RATIOS, SOFT
 from shuttle_marl.staging.keys import Hit, Keys, Past, Timeline, own_frame
 from shuttle_marl.staging.leaps import half_time, leap
 from shuttle_marl.staging.library import TRUNK, Library, bent, pointed
-from shuttle_marl.staging.motions import (
-    CONTACT,
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    KILL,
-    LUNGE,
-    LUNGE_BACKHAND,
-    Stance,
-)
+from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND, KILL, LUNGE, LUNGE_BACKHAND, Stance
+from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned, unit
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.stands import OVERHEADS, Stand, feet_at, landing, split, waiting

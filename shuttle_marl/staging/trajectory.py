@@ -1,7 +1,7 @@
 """Trajectory of a rally: times and places of all strokes, and the flights of the shuttle."""
 
 import dataclasses
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ LEAD_IN: Final = 1.2
 RETURN, WIN, OUT, NET, OPEN = range(5)
 ENDS: Final = ("returned", "winner", "out", "net", "open")
 """Ends of a stroke in the staging; *open*: it will be returned, but the reply is not chosen yet."""
+
+_BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,6 +73,22 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, Floats]) -> Trajec
     for name, value in fields.items():
         value[rows] = getattr(again, name)
     return dataclasses.replace(trajectory, contact=contact, end_point=end_point, flight=Flights(**fields))
+
+
+def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
+    """The first strokes of one trajectory, and another one behind them."""
+
+    def whole(a: Floats, b: Floats) -> Floats:
+        return np.concatenate([a[:first], b])
+
+    names = [f.name for f in dataclasses.fields(Flights)]
+    rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
+    return dataclasses.replace(
+        new,
+        **rows,
+        flight=Flights(**{name: whole(getattr(old.flight, name), getattr(new.flight, name)) for name in names}),
+        stance=(*old.stance[:first], *new.stance),
+    )
 
 
 def facing(seat: int) -> float:

@@ -20,7 +20,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from shuttle_marl.scene import SceneError
-from shuttle_marl.scene.live import HOST, SUBPROTOCOL, LiveScene, bind, refusal
+from shuttle_marl.scene.admission import HOST, bind, refusal
+from shuttle_marl.scene.live import SUBPROTOCOL, LiveScene
 from shuttle_marl.scene.playback import Playback, Status
 
 PLAYBACK_STATE = 5
@@ -210,9 +211,10 @@ def test_it_stops_at_once_and_the_port_can_be_taken_again(reel: Any) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="sends an interrupt as a terminal does")
 def test_an_interrupt_ends_it_although_a_connection_is_open(scene_file: Path) -> None:
     code = (
-        "import pathlib, signal, sys; from shuttle_marl.commands.cli import console; from shuttle_marl.scene import live\n"
+        "import pathlib, signal, sys; from shuttle_marl.commands.cli import console\n"
+        "from shuttle_marl.scene import admission, live\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if this runs in the background of a shell\n"
-        "live.show_live(pathlib.Path(sys.argv[1]).read_bytes(), live.bind(0), console())"
+        "live.show_live(pathlib.Path(sys.argv[1]).read_bytes(), admission.bind(0), console())"
     )
     command = [sys.executable, "-c", code, str(scene_file)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:

@@ -84,7 +84,9 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
 
 def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, picture = tmp_path / "cut off.mcap", tmp_path / "cut.png"
-    path.write_bytes(reel.content[: len(reel.content) * 2 // 3])
+    summary = make_reader(io.BytesIO(reel.content)).get_summary()
+    assert summary is not None
+    path.write_bytes(reel.content[: max(chunk.chunk_start_offset for chunk in summary.chunk_indexes) + 100])
     assert main([str(path), "--folder", str(folder), "--picture", str(picture), "--scale", str(HALF)]) == 1
     said = capsys.readouterr()
     assert "cut off.mcap: This file is unindexed" in said.err
