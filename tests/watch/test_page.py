@@ -327,6 +327,17 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     shared = type(viewer)(context.new_page()).open(file.as_uri())
     assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]
     shared.analysed()
+    with viewer.page.expect_download() as download:
+        viewer.page.get_by_role("button", name="Save the match so far").click()
+    download.value.save_as(tmp_path / "match.html")
+    shared.page.set_default_timeout(120_000)
+    shared.open((tmp_path / "match.html").as_uri())
+    assert shared.state("strokes", "rally") == [strokes, 2]
+    for contact, striker in zip(*shared.state("contacts", "strikers"), strict=True):
+        seek(shared, contact)
+        shuttle, rackets = shared.state("shuttle", "rackets")
+        assert distance(shuttle, rackets[striker]) < 0.01, "condensed, and still met"
+    shared.press("ArrowUp").until(lambda: shared.state("rally") == 1)
     assert shared.errors == []
     assert shared.outside == []
     context.close()

@@ -65,7 +65,7 @@ export class Curve {
   private duration = 1;
 
   constructor(seek: (time: number) => void) {
-    this.element.append(h("h2", {}, h("span", {}, "Win probability of the rally (A) · click to seek")), h("div", { class: "timeline" }, this.drawing, this.names));
+    this.element.append(h("h2", {}, h("span", {}, "Win probability (A) · click to seek")), h("div", { class: "timeline" }, this.drawing, this.names));
     this.drawing.addEventListener("click", (event) => {
       const box = this.drawing.getBoundingClientRect();
       seek((((event as MouseEvent).clientX - box.left) / box.width) * this.duration);

@@ -98,7 +98,7 @@ export class Board {
         "button",
         { disabled: !mine.length, "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
         words(shot),
-        h("small", {}, mine.length ? `${KEYS[shot]}  ${this.best(mine)}` : "not from here"),
+        h("small", {}, mine.length ? `${KEYS[shot]}  ${this.best(mine)}` : "–"),
       );
     });
     const ofShot = strokes.filter((s) => s.shot === this.shot);
