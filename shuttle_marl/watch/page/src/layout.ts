@@ -205,7 +205,7 @@ export class Layout {
   }
 
   /** Begins to tell another rally. */
-  tellAnew(words: string): void {
+  tellFromStart(words: string): void {
     this.told.replaceChildren();
     this.tell(words);
   }

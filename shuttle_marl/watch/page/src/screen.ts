@@ -141,7 +141,7 @@ export class Screen {
     this.layout.scrubber.max = String(this.player.duration);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
-    this.layout.tellAnew(startSentence(rally));
+    this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
     this.showWorth();
