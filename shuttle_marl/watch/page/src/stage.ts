@@ -265,8 +265,8 @@ export class Stage {
       case "side":
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
       case "corner": {
-        const back = 0.7 + 0.3 * Math.min(wide, 1.9);
-        return { eye: at(-end * 6.2, -end * 9.2, 3.6).multiplyScalar(back), look: at(end * 0.5, end * 0.6, 0.9), fov: 40 * Math.min(wide, 1.6) };
+        const back = 0.88 + 0.12 * Math.min(wide, 1.9); // not behind the boards of the stands
+        return { eye: at(-end * 7.4, -end * 11, 4.3).multiplyScalar(back), look: at(end * 0.8, -end * 0.5, 0.9), fov: 40 * Math.min(wide, 1.6) };
       }
       case "top":
         return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
