@@ -82,7 +82,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def problem(error: BaseException) -> str:
-    """Why a file cannot be used, without its name: the words of the operating system, where it has some."""
+    """Reason why a file cannot be used, without its name: the words of the operating system, where it has some."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

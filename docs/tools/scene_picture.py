@@ -30,7 +30,7 @@ BESIDE: Final = Camera(place=(10.4, -4.0, 3.0), target=(0.0, 0.45, 1.35), field=
 _EVERY: Final = 0.08
 """Time between two pictures of the film: four frames of the staging [s]."""
 _AROUND: Final = (0.7, 1.3)
-"""How long before the serve the film begins, and how long after the last contact it ends [s]."""
+"""Time from the film's beginning to the serve, and from the last contact to its end [s]."""
 _QUALITY: Final = 55
 
 

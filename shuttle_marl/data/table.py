@@ -76,7 +76,7 @@ DROP_REASONS: Final = {
     "landing missing": "No landing point, of a stroke that is no fault.",
     "landing on the striker's side": "A returned or winning stroke that seems to have landed in the striker's own half.",
 }
-"""Why a row can be dropped, in the order in which the reasons are tried."""
+"""Reasons to drop a row, in the order in which they are tried."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -140,7 +140,7 @@ def _follow(
     after_attack: Floats,
     out: Floats,
 ) -> None:
-    """What changes in the value of each state's chosen stroke, from the changes of the states that follow."""
+    """Change in the value of each state's chosen stroke, from the changes of the states that follow."""
     for s in range(out.size):
         out[s] = 0.0
         if rank[s] >= 0:
@@ -301,7 +301,7 @@ class Played(NamedTuple):
 
 
 def played(game: Game, level: int, probability: Floats) -> Played:
-    """What a policy makes of the states of one block.
+    """Weights and rewards of one block of states under a policy.
 
     Args:
         game: the tables with which the player strikes.

@@ -297,7 +297,7 @@ class RallySampler:
                 raise KernelError(f"the network gives no finite numbers in state: {self.game.describe(int(part[wrong]))}")
 
     def take(self, order: npt.NDArray[np.integer] | None = None) -> Distinct:
-        """What was collected, as distinct states; the sums begin again at zero.
+        """Hand over the strokes as distinct states; the sums begin again at zero.
 
         Args:
             order: ``[U]`` numbers from 0 to U - 1, the order in which the states of :attr:`known` come; None: by number of state.

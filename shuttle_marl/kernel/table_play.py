@@ -53,7 +53,7 @@ class Learned(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What was played, by state and stroke.
+    """Sums of an iteration, by state and stroke.
 
     Attributes:
         pair: ``[P, 3]`` number of strokes, sum of their positive advantages, and of their negative ones.

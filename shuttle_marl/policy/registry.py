@@ -112,7 +112,7 @@ def names(game: Game) -> tuple[str, ...]:
 
 
 def described_names(game: Game) -> dict[str, str]:
-    """What each of :func:`names` means, in one line."""
+    """Meaning of each of :func:`names`, in one line."""
     return {name: family.about(name) for family in _families() for name in family.names(game)}
 
 

@@ -44,7 +44,7 @@ def bind(port: int) -> socket.socket:
 
 
 def refusal(hosts: Sequence[str], origins: Sequence[str], allowed: Sequence[str]) -> str | None:
-    """Why a connection is refused, None if it is not.
+    """Reason to refuse a connection, None if there is none.
 
     Args:
         hosts: the Host headers of its request.

@@ -57,7 +57,7 @@ def board_text(report: RallyReport, words: str, *, after: bool, marked: int | No
 
 
 def boards(text: str) -> list[Send]:
-    """What sends the board to the picture of every camera."""
+    """Sender of the board to the picture of every camera."""
     return [entities_on(camera.board, _Board(camera, text)) for camera in CAMERAS]
 
 

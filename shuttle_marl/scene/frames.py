@@ -31,7 +31,7 @@ _NAME: Final = 0.42
 _FLIP: Final = 0.06
 """Time in which a shuttle turns its cork round after it was struck [s]."""
 TOLERANCE: Final = 0.008
-"""How far off the far end of all that hangs on a joint may be between two instants that are told [m]."""
+"""Largest error between two instants that are told, at the far end of all that hangs on a joint [m]."""
 _COARSE: Final = 0.02
 """The same for names and shadows [m]."""
 _SHUTTLE_REACH: Final = 0.1

@@ -11,7 +11,7 @@ Bools = npt.NDArray[np.bool_]
 
 @compiled
 def _off(a: Floats, b: Floats, share: float, value: Floats) -> float:
-    """How far a value is from the interpolated one: metres for places ``[3]``, radians for quaternions ``[4]``."""
+    """Distance of a value from the interpolated one: metres for places ``[3]``, radians for quaternions ``[4]``."""
     width = len(a)
     here, there = 1 - share, share
     if width == 4:

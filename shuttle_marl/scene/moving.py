@@ -28,7 +28,7 @@ _TRAIL_COLOUR: Final = (1.0, 0.85, 0.25)
 
 
 def joint_message(time: int, motion: Motion) -> FrameTransforms:
-    """Where the joints of both players are on the bones that they hang on; they stay there in the whole scene."""
+    """Places of the joints of both players on the bones that they hang on; they stay there in the whole scene."""
     joints = [transform(stamp(time), joint.child, joint.parent, joint.place) for joint in fixed_frames(motion)]
     return FrameTransforms(transforms=joints)
 

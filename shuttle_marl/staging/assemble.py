@@ -37,7 +37,7 @@ _TAIL: Final = 2.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Branch:
-    """Where a motion is continued: the motion, how many strokes have been struck, and the last frame that stays."""
+    """Place where a motion is continued: the motion, how many strokes have been struck, and the last frame that stays."""
 
     motion: Motion
     strokes: int
@@ -126,7 +126,7 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
 
 
 def _branch(rally: PlayedRally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
-    """Where a motion is continued, checked."""
+    """Place where a motion is continued, checked."""
     if motion is None:
         if from_stroke is not None or at is not None:
             raise StagingError("from_stroke and at say where a motion is continued: give that motion as continuing")

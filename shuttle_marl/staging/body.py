@@ -83,7 +83,7 @@ class Course:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Player:
-    """How a player moves over F frames: what the bones follow from, and what a continued motion is joined to.
+    """Motion of a player over F frames: what the bones follow from, and what a continued motion is joined to.
 
     Attributes:
         course: hips, pose, feet and gaze.
@@ -106,7 +106,7 @@ class Player:
     rhythm: int
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
-        """What stays as it is up to a frame, by which ``strokes`` strokes have been struck; and the plants until then."""
+        """The part up to a frame, by which ``strokes`` strokes have been struck; and the plants until then."""
         keys = self.keys
         n = int(np.searchsorted(keys.frame, frame))
         if 0 < n < len(keys.frame):
@@ -204,7 +204,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Float
 
 
 def _joined(before: Floats, after: Floats) -> Floats:
-    """What follows ``[B, k]``, from ``[1 + N, k]`` whose first row is its last: place and speed change over a few frames."""
+    """Continuation of ``[B, k]`` from ``[1 + N, k]`` whose first row is its last: place and speed change over a few frames."""
     n = len(after) - 1
     u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
     off = before[-1] - after[0]

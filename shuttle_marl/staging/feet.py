@@ -71,7 +71,7 @@ class Feet:
         return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
 
     def joined(self, after: "Feet") -> "Feet":
-        """What follows these frames, from ``after``, whose first one is the last of these; feet in the air change their way."""
+        """Continuation of these frames from ``after``, whose first one is the last of these; feet in the air change their way."""
         out = after.part(slice(1, None))
         for foot in (LEFT, RIGHT):
             flying = np.flatnonzero(np.r_[out.planted[foot], True])[0]

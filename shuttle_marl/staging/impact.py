@@ -45,7 +45,7 @@ SOFT: Final[dict[str, float]] = {
 """Strokes for which the racket is held out early and then hardly moves: share of its way that it has made at the take-back."""
 
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
-"""How unwillingly each joint turns: collar bone little, shoulder, elbow and forearm most, the grip not at all."""
+"""Unwillingness of each joint to turn: collar bone little, shoulder, elbow and forearm most, the grip not at all."""
 _FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])
 """Greatest speed of each joint [rad/s]; internal rotation of the shoulder and pronation are the fastest in smashes."""
 _ROOM: Final = 2.2

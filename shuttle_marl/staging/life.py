@@ -189,7 +189,7 @@ def _vertical(motion: Motion, seat: int, frame: int) -> float:
 
 
 def _sink(motion: Motion, seat: int, frame: int) -> float:
-    """How far the hips sink after the jump in which the player is at a contact; NaN if they do not land [m]."""
+    """Depth to which the hips sink after the jump in which the player is at a contact; NaN if they do not land [m]."""
     down = np.flatnonzero((_off_floor(motion, seat)[frame:] < _TOUCHING).any(axis=1))
     after = round(_ABSORBED * motion.fps)
     if not len(down) or frame + down[0] + after >= len(motion.time):

@@ -36,11 +36,11 @@ _LEAST_JUMP: Final = 0.12
 _TIME_TO_JUMP: Final = 0.6
 """Seconds since the opponent's contact from which an attack is jumped [s]."""
 _STRETCH: Final = 0.08
-"""How much higher than is natural an overhead is met from the toes [m]."""
+"""Height gained in an overhead that is met from the toes [m]."""
 _SINK: Final = 0.14
-"""How far the hips sink after a jumped stroke [m]."""
+"""Depth to which the hips sink after a jumped stroke [m]."""
 _LEANT: Final = 2.0
-"""How far the racket leans back in an overhead, for each sine of the angle at which the shuttle leaves upwards."""
+"""Lean of the racket in an overhead, for each sine of the angle at which the shuttle leaves upwards."""
 _FULL_SWING: Final = 38.0
 """Speed of the shuttle from which on a stroke is swung in full [m/s]."""
 

@@ -26,7 +26,7 @@ _HIGHEST_TEMPERATURE: Final = 100.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Side:
-    """Who plays for a seat.
+    """The player of a seat.
 
     Attributes:
         policy: its name.
@@ -112,7 +112,7 @@ class Plan:
         )
 
     def sides_in(self, rally: int) -> tuple[Side, Side]:
-        """Who plays a rally, seats 0 and 1."""
+        """Players of a rally, seats 0 and 1."""
         sides = [*self.sides]
         for change in self.changes:
             if change.rally <= rally:

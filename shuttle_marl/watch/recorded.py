@@ -34,7 +34,7 @@ class Recorded(Protocol):
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of rallies."""
         ...
 
     @property
@@ -51,7 +51,7 @@ class Recorded(Protocol):
         ...
 
     def players(self, number: int) -> Players | None:
-        """Who played it; None: not known."""
+        """Its players; None: not known."""
         ...
 
 
@@ -76,7 +76,7 @@ class LogRallies:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of rallies."""
         return self._log.n_rallies
 
     def rally(self, number: int) -> Rally:
@@ -110,7 +110,7 @@ class LogRallies:
         )
 
     def players(self, number: int) -> Players | None:
-        """Who played it; see :class:`Recorded`."""
+        """Its players; see :class:`Recorded`."""
         with self._lock:
             first, second = (self._log.policies[int(policy)] for policy in self._log.rally(number).policy[0])
             tables = [self._annotator.table(player) for player in (first, second)]
@@ -191,7 +191,7 @@ class RealRallies:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of rallies."""
         return len(self._rallies)
 
     def players(self, number: int) -> None:

@@ -111,7 +111,7 @@ def _with_headers(send: Send) -> Send:
 
 
 def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...]) -> str | None:
-    """Why a request is refused, None if it is not.
+    """Reason to refuse a request, None if there is none.
 
     Args:
         hosts: its Host headers.
@@ -205,7 +205,7 @@ class _Pages:
 
 @dataclasses.dataclass
 class _Budget:
-    """How many requests a page may still send."""
+    """Number of requests that a page may still send."""
 
     at: float
     left: float = _BURST

@@ -171,7 +171,7 @@ class Worth:
         ]
 
     def styles(self, sides: tuple[Side, Side]) -> dict[str, Any]:
-        """How two play against each other, exactly, beside imitated elite players against each other."""
+        """Exact play of two against each other, beside imitated elite players against each other."""
         return self._styles.get(sides, lambda: self._styles_of(sides))
 
     def _styles_of(self, sides: tuple[Side, Side]) -> dict[str, Any]:
@@ -257,7 +257,7 @@ def _shares(endings: dict[str, float], states: tuple[Floats, Floats], seat: int)
 
 
 def _sure(support: Floats | None) -> str:
-    """How much real data stands behind the comparison of two strokes, in a sentence."""
+    """Amount of real data behind the comparison of two strokes, in a sentence."""
     if support is None:
         return "How many real strokes stand behind this is not known."
     least = round(float(support.min()))

@@ -167,7 +167,7 @@ def test_other_games_are_played() -> None:
 
 
 def compare(game: Game, observations: list[dict[str, np.ndarray]], seen: list[tuple[np.ndarray, ...]]) -> None:
-    """What the strikers of a rally saw in the AEC environment against the tokens and masks of a row."""
+    """Compare what the strikers of a rally saw in the AEC environment with the tokens and masks of a row."""
     one_hots = stroke_features(game)
     tokens, mask = (np.array(column) for column in list(zip(*seen, strict=True))[:2])
     vector = np.array([observation["observation"] for observation in observations])

@@ -61,7 +61,7 @@ def test_rows_play_the_matches_of_the_environment_of_one(reward: str, seat: int,
 
 
 def begin(env: SingleMatchEnv, ahead: int, rows: int, seed: int | None = None) -> Any:
-    """What the learner sees first in the next episode of a row that comes to it."""
+    """First observation of the learner in the next episode of a row that comes to it."""
     raw, agent = env.raw, env._agent
     if seed is not None:
         raw.reset(seed=seed)

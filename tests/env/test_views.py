@@ -25,7 +25,7 @@ VIEWS = [("observation", None), ("observation", "none"), ("info", None), ("info"
 
 
 def played(env: OrderEnforcingWrapper, mask: str, strokes: int) -> list[tuple[Any, ...]]:
-    """What agents see of a number of strokes; each is the first legal one, taken from a plain twin."""
+    """Observations of agents over a number of strokes; each is the first legal one, taken from a plain twin."""
     twin = env.unwrapped
     env.reset(seed=5)
     found = []

@@ -65,7 +65,7 @@ def test_the_page_is_told_the_same_sizes() -> None:
 
 
 def test_the_page_has_no_sizes_of_its_own() -> None:
-    """Where court, racket and shuttle are drawn, their sizes are read from what the page is told."""
+    """Sizes of court, racket and shuttle are read from what the page is told, wherever they are drawn."""
     own = {court.LENGTH, court.WIDTH, court.HALF_WIDTH, court.NET_HEIGHT, court.NET_HEIGHT_CENTRE, court.SHORT_SERVICE}
     own |= {court.LONG_SERVICE, court.TAPE, RACKET_LENGTH, SWEET_SPOT, *RACKET_HEAD, *FEATHER[1]}
     drawn = {"hall.ts": own, "athlete.ts": {RACKET_LENGTH, *RACKET_HEAD}, "shuttle.ts": {CORK, FEATHER[1][2], SHUTTLE_SCALE}}

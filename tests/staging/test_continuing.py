@@ -107,7 +107,7 @@ def test_a_continued_motion_is_packed_from_the_branch(played: list[PlayedRally])
 
 
 def test_a_jump_at_the_branch_would_be_seen(played: list[PlayedRally]) -> None:
-    """What `joins` asks for is not fulfilled by staging the longer rally by itself."""
+    """Staging the longer rally by itself does not fulfil what `joins` asks for."""
     rally = next(rally for rally in played if len(rally) > 5)
     motion = stage(prefix(rally, 3), seed=4)
     with pytest.raises(AssertionError):

@@ -1,4 +1,4 @@
-"""Where tensors lie in training: on a pretended CUDA device nothing is mixed, and the weights are those of the CPU."""
+"""Devices of tensors in training: on a pretended CUDA device nothing is mixed, and the weights are those of the CPU."""
 
 import dataclasses
 from collections.abc import Callable

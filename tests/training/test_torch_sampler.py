@@ -40,7 +40,7 @@ def network(seed: int, game: Game = GAME) -> Assess:
 
 
 def compare(kernel: RallySampler, device: TorchSampler) -> None:
-    """What both have played in their last iteration: whole numbers are equal, and sums up to rounding."""
+    """Compare the last iterations of both: whole numbers are equal, and sums up to rounding."""
     assert (kernel.known == device.known).all()
     assert (kernel.numbers == device.numbers).all()
     order = np.random.default_rng(0).permutation(len(kernel.known))

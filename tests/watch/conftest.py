@@ -43,7 +43,7 @@ def page_folder() -> Path:
 
 
 def run_script(name: str, folder: Path, *arguments: str) -> bytes:
-    """What a script of tests prints that uses the source of the page; it is built into a folder."""
+    """Output of a script of tests that uses the source of the page; it is built into a folder."""
     program, built = str(node()), folder / f"{name}.mjs"
     options = {
         "entryPoints": [str(HERE / "scripts" / name)],

@@ -28,7 +28,7 @@ from shuttle_marl.staging.compiled.linear import (
 Floats = npt.NDArray[np.float64]
 
 _OUT: Final = 0.10
-"""How far knees point outwards."""
+"""Outward turn of the knees."""
 _FOLDED: Final = 0.45
 """Least share of the length of a leg between hip and ankle."""
 
