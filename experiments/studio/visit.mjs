@@ -21,7 +21,7 @@ process.env.AWS_EXECUTION_ENV = "AWS_Lambda_nodejs20.x";
 const { default: chromium } = await import("@sparticuz/chromium");
 
 const HERE = dirname(fileURLToPath(import.meta.url));
-const LIMIT = 120_000; // for each thing that is waited for [ms]
+const LIMIT = 300_000; // for each thing that is waited for [ms]
 const PLAYED = 1; // what is played [s of the scene]
 const PANELS = "[data-testid^=panel-mouseenter-container]";
 const [scene, layout, file, time, scale, ...tabs] = process.argv.slice(2);

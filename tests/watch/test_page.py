@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
@@ -294,7 +295,8 @@ def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None
     run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=tmp_path / "run"))
     path = tmp_path / "run" / "rallies.mcap"
     with RallyLog(path) as log:
-        number, rally = max(enumerate(log), key=lambda numbered: numbered[1].length)
+        number = int(np.argmax(log.rally_table()["length"]))
+        rally = log.rally(number)
     with serving("--replay", str(path), "--rally", str(number)) as server:
         viewer.open(server.address).press(" ").analysed()
         assert viewer.state("rally", "strokes") == [number, rally.stroke.tolist()]
