@@ -46,7 +46,7 @@ def self_play() -> str:
     ]
     headings = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
     table = markdown(headings, rows, left=("way",))
-    return f"{table}\n\nMeans of {result['seeds']} seeds, exact. {_made_by(result)}"
+    return f"{table}\n\nMeans of {result['seeds']} seeds, exact: {_made_by(result)}."
 
 
 def style_figures() -> str:

@@ -43,6 +43,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "next_stroke": experiment_tables.next_strokes,
     "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,
+    "self_play": experiment_tables.self_play,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,
     "startup": benchmark_tables.startup,
