@@ -13,7 +13,7 @@ import dataclasses
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
 
@@ -37,6 +37,7 @@ STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 seconds, a minute and five minutes on a core of its own, with the evaluations."""
 _EVALUATE_EVERY: Final = 100
 """Iterations between two evaluations, each of which takes most of a second."""
+HEADINGS: Final = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
 _WIDTH: Final = 110
 
 
@@ -125,6 +126,14 @@ def measure(training: dict[tuple[Way, int], list[PPOConfig]]) -> list[dict[str, 
     return rows
 
 
+def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Cells of the table, below :data:`HEADINGS`."""
+    for row in result["rows"]:
+        found, best = row["exploitability"], row["exploitability_of_the_best"]
+        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.4f}", f"{found['worst']:.4f}", f"{best['mean']:.4f}")
+        yield row["variant"], f"{row['strokes'] / 1e6:,.0f} M", *figures
+
+
 def self_play(
     config: tyro.conf.OmitArgPrefixes[SelfPlayStudy], as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
 ) -> None:
@@ -148,11 +157,9 @@ def self_play(
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
         return
     out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
-    table = Table("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint", title="Exploitability, exact")
-    for row in result["rows"]:
-        found, best = row["exploitability"], row["exploitability_of_the_best"]
-        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.4f}", f"{found['worst']:.4f}", f"{best['mean']:.4f}")
-        table.add_row(row["variant"], f"{row['strokes'] / 1e6:.0f} M", *figures)
+    table = Table(*HEADINGS, title="Exploitability, exact")
+    for cells in table_rows(result):
+        table.add_row(*cells)
     out.print(table)
     out.print(f"everything is in {folder}")
 

@@ -7,6 +7,7 @@ from docs.tools.markdown import markdown, saved
 from experiments import human as human_play
 from experiments import league_training as league_study
 from experiments import next_stroke, styles, win_rates
+from experiments import self_play as self_play_study
 
 
 def _made_by(result: dict[str, Any]) -> str:
@@ -33,19 +34,8 @@ def matrix() -> str:
 def self_play() -> str:
     """Exploitability that ways of self-play leave, from ``experiments/results/self_play.json``."""
     result = saved("experiments", "self_play")
-    rows = [
-        (
-            f"`{row['variant']}`",
-            f"{row['strokes'] / 1e6:,.0f} M",
-            f"{row['seconds']:.0f}",
-            f"{row['exploitability']['mean']:.4f}",
-            f"{row['exploitability']['worst']:.4f}",
-            f"{row['exploitability_of_the_best']['mean']:.4f}",
-        )
-        for row in result["rows"]
-    ]
-    headings = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
-    table = markdown(headings, rows, left=("way",))
+    rows = [(f"`{way}`", *figures) for way, *figures in self_play_study.table_rows(result)]
+    table = markdown(self_play_study.HEADINGS, rows, left=("way",))
     return f"{table}\n\nMeans of {result['seeds']} seeds, exact: {_made_by(result)}."
 
 
