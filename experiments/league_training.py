@@ -1,11 +1,11 @@
 """Ways to train a league compared on the same budget: exact exploitability of the main agent, with several seeds each.
 
-    python -m experiments.league_training [--budget 5m] [--seeds N] [--ways NAME ...] [--out FOLDER] [--resume] [--json FILE]
+    python -m experiments.league_training [--budget 5m] [--seeds N] [--ways NAME ...] [--jobs N] [--out FOLDER] [--json FILE]
 
-Every run has the whole budget and the same workers, one run after the other, so that a budget of time is the same for all. The
-reference is psro with the exact best response as oracle: iterated best responses, without any learning. Exploitability is
-exact, of the main agent that was least exploitable after a round, and of the one after the last round; intervals are those of
-the interquartile mean over the seeds. A run that was broken off is continued with --resume.
+Every run has the whole budget and one worker, and as many runs as there are cores run side by side, so that a budget of time is
+the same for all. The reference is psro with the exact best response as oracle: iterated best responses, without any learning.
+Exploitability is exact, of the main agent that was least exploitable after a round, and of the one after the last round;
+intervals are those of the interquartile mean over the seeds. A run that was broken off is continued with --resume.
 """
 
 import dataclasses
@@ -45,8 +45,10 @@ class LeagueStudy:
     """Time for each run."""
     seeds: int = 3
     """Runs of every way; psro with the exact best response draws nothing, so it runs once."""
-    workers: int = min(2, os.cpu_count() or 1)
+    workers: int = 1
     """Processes of each run."""
+    jobs: int = min(2, os.cpu_count() or 1)
+    """Runs side by side: jobs times workers should not exceed the cores."""
     game: str = "default"
     """Model whose game is played."""
     quick: bool = False
@@ -59,16 +61,18 @@ class LeagueStudy:
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        if not self.ways or self.seeds < 2 or self.workers < 1:
-            raise ShuttleError("--ways, --seeds, --workers: expected one way or more, 2 seeds or more and 1 worker or more")
+        if not self.ways or self.seeds < 2 or min(self.workers, self.jobs) < 1:
+            raise ShuttleError(
+                "--ways, --seeds, --workers, --jobs: expected one way or more, 2 seeds or more, and 1 or more of the others"
+            )
 
     def sized(self) -> "LeagueStudy":
         """These settings with what --quick changes."""
-        return dataclasses.replace(self, seeds=2, workers=1) if self.quick else self
+        return dataclasses.replace(self, seeds=2) if self.quick else self
 
     def fixed(self) -> dict[str, Any]:
         """Settings that decide the result, as JSON."""
-        fields = {name: getattr(self, name) for name in ("budget", "seeds", "workers", "game", "quick")}
+        fields = {name: getattr(self, name) for name in ("budget", "seeds", "workers", "jobs", "game", "quick")}
         return {"ways": list(self.ways), **fields}
 
     def training(self, folder: Path) -> dict[Variant, list[LeagueTrainingConfig]]:
@@ -89,12 +93,12 @@ class LeagueStudy:
         return LeagueTrainingConfig(**settings, out=folder / "training" / f"{way}-{seed}")
 
 
-def train_one(config: LeagueTrainingConfig, console: Console) -> None:
+def train_one(config: LeagueTrainingConfig) -> None:
     """Start or continue a run."""
     from shuttle_marl.training.league.run import train_league  # noqa: PLC0415  torch
 
     assert config.out is not None
-    train_league(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()), console)
+    train_league(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
 
 
 def measure(training: dict[Variant, list[LeagueTrainingConfig]]) -> list[dict[str, Any]]:
@@ -159,16 +163,15 @@ def league_training(
         config: what to train.
         save: also write the results here.
     """
+    from shuttle_marl.training.study import side_by_side  # noqa: PLC0415  torch
+
     config = config.sized()
     console = Console(stderr=True, highlight=False, markup=False)
     with runs.open_run(config.out, "league_training", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
         # One seed of every way after another, so that what is there after a part of the time can be compared.
-        for seed in range(config.seeds):
-            for way, configs in training.items():
-                if seed < len(configs):
-                    console.print(f"{way}, seed {seed}")
-                    train_one(configs[seed], console)
+        ordered = [configs[seed] for seed in range(config.seeds) for configs in training.values() if seed < len(configs)]
+        side_by_side(train_one, ordered, config.jobs, console)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}
         result = save_results(folder, json.loads(json.dumps(result)), save)
     table = Table(*HEADINGS, title=f"Exploitability after {config.budget}, exact")

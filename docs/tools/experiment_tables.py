@@ -84,7 +84,8 @@ def league_training() -> str:
     except FileNotFoundError:
         return "Not measured yet: `python -m experiments.league_training --json experiments/results/league_training.json`."
     table = markdown(league_study.HEADINGS, league_study.table_rows(result), left=("way",))
-    told = f"{result['budget']} and {result['workers']} workers each, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
+    side = f"{result['jobs']} at once on {result['workers']} core each"
+    told = f"{result['budget']} a run, {side}, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
     return f"{table}\n\n{told}: {_made_by(result)}."
 
 

@@ -4,10 +4,10 @@ import dataclasses
 import multiprocessing
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from rich.console import Console
 from rich.progress import track
@@ -20,6 +20,7 @@ from shuttle_marl.training.run import AGENT, train
 
 RESULTS: Final = "results.json"
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+_Config = TypeVar("_Config")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,9 +90,21 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
         jobs: how many run at once.
         console: shows progress.
     """
+    side_by_side(_train, configs, jobs, console)
+
+
+def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jobs: int, console: Console) -> None:
+    """Call a function with each of the configurations, in processes that end with this one.
+
+    Args:
+        work: a function of a module; it gets one configuration.
+        configs: in the order in which they are started.
+        jobs: how many run at once.
+        console: shows progress.
+    """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
-        waiting = [pool.submit(_train, config) for config in configs]
+        waiting = [pool.submit(work, config) for config in configs]
         try:
             for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
                 done.result()

@@ -20,7 +20,7 @@ def test_losses_add_up_to_the_exploitability(game: Game, seed: int) -> None:
     found = holes(policy, top=game.n_states)
     assert found.loss - found.given_up == pytest.approx(found.exploitability, abs=3 * found.error_bound + 1e-9)
     assert sum(hole.loss for hole in found.holes) == pytest.approx(found.loss, abs=1e-9 * game.n_states)
-    assert found.share == pytest.approx(1) or found.loss < 1e-6
+    assert found.share * found.loss == pytest.approx(found.loss, abs=1e-9 * game.n_states)
     assert found.loss >= found.exploitability - 1e-9
     assert found.given_up >= -1e-9
 
