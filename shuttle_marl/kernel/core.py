@@ -195,16 +195,33 @@ def uniform_choice(count: Any, bits: Any) -> Any:
 @inlined
 def table_choice(players: Any, player: Any, s: Any, start: Any, bits: Any) -> Any:
     """The stroke that a tabulated policy plays, by the upper half of a draw: the first entry above it."""
-    u = np.uint16(((bits >> np.uint64(32)) * _CHOICE_ONE) >> np.uint64(32))
+    return table_rank(players, player, start, first_guess(players, player, s, bits), bits)
+
+
+@inlined
+def first_guess(players: Any, player: Any, s: Any, bits: Any) -> Any:
+    """No stroke before this one is the choice of a tabulated policy."""
+    return np.int64(players.guide[np.uint64(player), np.uint64(s), _sixteen(bits) >> _GUIDE_SHIFT])
+
+
+@inlined
+def table_rank(players: Any, player: Any, start: Any, guess: Any, bits: Any) -> Any:
+    """:func:`table_choice` from its first guess on."""
+    u, k = _sixteen(bits), np.uint64(guess)
     # Indices without a sign need not be checked for counting from the end.
     who, first = np.uint64(player), np.uint64(start)
-    k = np.uint64(players.guide[who, np.uint64(s), u >> _GUIDE_SHIFT])
     # Seven in eight choices need two steps or fewer; as additions they cost no mispredicted branch.
     k += np.uint64(players.cumulative[who, first + k] <= u)
     k += np.uint64(players.cumulative[who, first + k] <= u)
     while players.cumulative[who, first + k] <= u:
         k += np.uint64(1)
     return np.int64(k)
+
+
+@inlined
+def _sixteen(bits: Any) -> Any:
+    """Number from 0 to 65534 by the upper half of a draw."""
+    return np.uint16(((bits >> np.uint64(32)) * _CHOICE_ONE) >> np.uint64(32))
 
 
 class Players(NamedTuple):

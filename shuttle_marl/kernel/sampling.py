@@ -22,24 +22,8 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import Players, pack, put, tables_of
-from shuttle_marl.kernel.table_play import (
-    NO_ROOM,
-    START,
-    TOO_LONG,
-    Ints,
-    Learned,
-    Longs,
-    Rally,
-    Singles,
-    Starts,
-    Strokes,
-    Sums,
-    collect,
-    no_strokes,
-    record,
-    take,
-    write,
-)
+from shuttle_marl.kernel.table_play import NO_ROOM, Learned, Singles, Strokes, Sums, collect, no_strokes, record, take, write
+from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Ints, Longs, Starts, no_starts, room_for
 from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, checked_array, stroke_type
 
 Assess = Callable[[Ints], tuple[Singles, Singles]]
@@ -48,6 +32,8 @@ Assess = Callable[[Ints], tuple[Singles, Singles]]
 _WHOLE: Final = 1 << 16
 _GUESS: Final = 4.0
 """Strokes of the learner in a rally, before the first is played."""
+_LONG: Final = 256
+"""Strokes of a rally for which there is room at first."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,9 +118,9 @@ class RallySampler:
         )
         none = np.zeros(0, np.float32)
         self._shaping = none if shaping is None else checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))
-        self._rally = Rally(*(np.empty(256, np.int32) for _ in range(3)))
+        self._room = room_for(_LONG)
         self._opponents = np.arange(1, len(opponents) + 1, dtype=np.int32) if opponents else np.full(1, -1, np.int32)
-        self._starts = Starts(np.zeros(0, np.int32), np.zeros(1, np.int64))
+        self._starts = no_starts()
         self._now = 0
         self._known = np.zeros(0, np.int32)
         self._untaken = False
@@ -266,7 +252,7 @@ class RallySampler:
                 self._oldest,
                 self._decay,
                 self._shaping,
-                self._rally,
+                self._room,
                 self._sums,
                 self.strokes,
                 self._used,
@@ -274,7 +260,7 @@ class RallySampler:
                 asked,
             )
             if small == TOO_LONG:
-                self._rally = Rally(*(np.empty(2 * len(part), np.int32) for part in self._rally))
+                self._room = room_for(2 * self._room.rallies.state.shape[1])
             if small == NO_ROOM:
                 self.strokes = Strokes._make([np.resize(column, 2 * len(column)) for column in self.strokes])
             self._refresh(asked[:states], assess)
@@ -371,8 +357,8 @@ class RallySampler:
         while True:
             stroke = np.empty(room, stroke_type(self.game))
             extra = np.empty((2 if figures else 0, room), np.float32)
-            args = (number, self._rally, lengths, ended, stroke, extra)
-            used = record(self._tables, self._learned, self._opponents, self._seed_key, *args)
+            args = (number, self._room, lengths, ended, stroke, extra)
+            used = record(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, *args)
             if used >= 0:
                 break
             room = -used

@@ -11,28 +11,12 @@ import numpy.typing as npt
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.core import (
-    Players,
-    Tables,
-    arrival_of,
-    block_of,
-    draw,
-    extend,
-    first_server,
-    next_state,
-    outcome_of,
-    table_choice,
-)
+from shuttle_marl.kernel.core import BLOCK, Players, Tables, block_of
+from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, Ints, Longs, Room, Starts, play
 
-Ints = npt.NDArray[np.int32]
-Longs = npt.NDArray[np.int64]
 Singles = npt.NDArray[np.float32]
 
-OPEN: Final = 2
-"""Outcome of a rally that is not over."""
-STALE, TOO_LONG, NO_ROOM = -1, -2, -3
-START: Final = np.uint64(1 << 40)
-"""Names the draw that says where a rally begins; no rally has so many strokes."""
+NO_ROOM: Final = -3
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
 
 
@@ -87,70 +71,9 @@ class Strokes(NamedTuple):
     advantage: Singles
 
 
-class Rally(NamedTuple):
-    """Room for the strokes of a rally."""
-
-    state: Ints
-    pair: Ints
-    limit: Ints
-
-
 def no_strokes(room: int = 0) -> Strokes:
     """Room for a list of strokes."""
     return Strokes(*(np.empty(room, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
-
-
-class Starts(NamedTuple):
-    """States in which some rallies of self-play begin.
-
-    Attributes:
-        states: ``[M]`` one of them, equally likely.
-        share: ``[1]`` of the rallies, in units of 1/65536.
-    """
-
-    states: Ints
-    share: Longs
-
-
-@inlined
-def _start(starts: Any, opponent: Any, key: Any) -> Any:
-    """State in which a rally begins: the serve, or one that is drawn."""
-    if starts.states.size == 0 or opponent >= 0:
-        return np.int64(0)
-    bits = draw(key, START)
-    if np.int64(bits & np.uint64(0xFFFF)) >= starts.share[0]:
-        return np.int64(0)
-    return np.int64(starts.states[np.int64(((bits >> np.uint64(32)) * np.uint64(starts.states.size)) >> np.uint64(32))])
-
-
-@inlined
-def _play(tables: Any, learned: Any, opponent: Any, start: Any, key: Any, oldest: Any, rally: Any) -> Any:
-    """Play a rally from a state on; returns its length, its server and the outcome of its last stroke.
-
-    The length is STALE where an entry is missing, whose state is then the server; TOO_LONG where there is no room for it.
-    """
-    bits = draw(key, 0)
-    server = first_server(bits)
-    striker, s, t = server, np.int64(start), np.int64(0)
-    while True:
-        player = opponent if opponent >= 0 and striker == 1 else 0
-        if player == 0 and learned.written[s] < oldest:
-            return np.int64(STALE), s, np.int64(OPEN)
-        if t == rally.state.size:
-            return np.int64(TOO_LONG), s, np.int64(OPEN)
-        of = block_of(tables, s)
-        head = tables.head[np.uint64(s - tables.first[of, 0])]
-        first = head[0] + tables.first[of, 1]
-        k = table_choice(learned.players, player, s, first, bits)
-        limit = head[0] + k + tables.first[of, 2]
-        rally.state[t], rally.pair[t], rally.limit[t] = s, first + k, limit
-        t += 1
-        outcome = outcome_of(tables.limits[np.uint64(limit)], bits)
-        if outcome < OPEN:
-            return t, server, outcome
-        s = np.int64(next_state(arrival_of(tables, of, np.uint64(head[2] + k)), outcome))
-        striker ^= 1
-        bits = draw(key, t)
 
 
 @inlined
@@ -175,31 +98,30 @@ def _add(learned: Any, sums: Any, strokes: Any, at: Any, s: Any, pair: Any, foll
 
 
 @inlined
-def _credit_both(learned: Any, sums: Any, strokes: Any, first: Any, rally: Any, length: Any, reward: Any, decay: Any) -> None:
+def _credit_both(learned: Any, sums: Any, strokes: Any, first: Any, rallies: Any, i: Any, reward: Any, decay: Any) -> None:
     """Add all strokes of a rally in which both players learn; each value is that of its striker."""
-    a, after, following = 0.0, 0.0, -1
-    for t in range(length - 1, -1, -1):
-        s = rally.state[t]
-        won = reward if t == length - 1 else 0.0
+    a, after, following, won = 0.0, 0.0, -1, reward
+    for t in range(rallies.length[i] - 1, -1, -1):
+        s = rallies.state[i, t]
         a = won - after - learned.value[s] - decay * a
-        _add(learned, sums, strokes, first + t if first >= 0 else -1, s, rally.pair[t], following, won, a)
-        after, following = learned.value[s], s
+        _add(learned, sums, strokes, first + t if first >= 0 else -1, s, rallies.pair[i, t], following, won, a)
+        after, following, won = learned.value[s], s, 0.0
 
 
 @inlined
 def _credit(
-    learned: Any, sums: Any, strokes: Any, first: Any, rally: Any, begin: Any, length: Any, reward: Any, decay: Any, shaping: Any
+    learned: Any, sums: Any, strokes: Any, first: Any, rallies: Any, i: Any, reward: Any, decay: Any, shaping: Any
 ) -> None:
-    """Add the learner's strokes of a rally, every other one from ``begin`` on."""
+    """Add the learner's strokes of a rally, every other one: from the second on where the opponent serves."""
     a, after, following, won = 0.0, 0.0, -1, reward
-    last = (length - 1 - begin) // 2
-    for j in range(last, -1, -1):
+    begin = rallies.server[i]
+    for j in range((rallies.length[i] - 1 - begin) // 2, -1, -1):
         t = begin + 2 * j
-        s = rally.state[t]
+        s = rallies.state[i, t]
         if shaping.size > 0:
-            won += shaping[rally.limit[t]]
+            won += shaping[rallies.limit[i, t]]
         a = won + after - learned.value[s] + decay * a
-        _add(learned, sums, strokes, first + j if first >= 0 else -1, s, rally.pair[t], following, won, a)
+        _add(learned, sums, strokes, first + j if first >= 0 else -1, s, rallies.pair[i, t], following, won, a)
         after, following, won = learned.value[s], s, 0.0
 
 
@@ -214,7 +136,7 @@ def collect(
     oldest: int,
     decay: float,
     shaping: Singles,
-    rally: Rally,
+    room: Room,
     sums: Sums,
     strokes: Strokes,
     used: int,
@@ -224,37 +146,38 @@ def collect(
     """Play rallies and add them up; returns how many were put aside, how many states are asked for, how many places of the
     list are used, and what room is too small: TOO_LONG, NO_ROOM or 0."""
     waiting, states, small = 0, 0, 0
-    for r in range(numbers.size):
-        number = numbers[r]
-        opponent = opponents[number % opponents.size]
-        key = extend(seed_key, number)
-        length, server, outcome = _play(tables, learned, opponent, _start(starts, opponent, key), key, oldest, rally)
-        begin = 0 if opponent < 0 else server
-        own = length if opponent < 0 else (length - begin + 1) // 2
-        listed = strokes.state.size > 0
-        if length < 0 or (listed and used + own > strokes.state.size):
-            aside[waiting] = number
-            waiting += 1
-            if length == STALE:
-                if learned.written[server] >= 0:
-                    asked[states] = server
-                    states += 1
-                    learned.written[server] = -1
+    listed = strokes.state.size > 0
+    rallies = room.rallies
+    for first in range(0, numbers.size, BLOCK):
+        block = numbers[first : first + BLOCK]
+        play(tables, learned, opponents, starts, seed_key, block, oldest, room)
+        for i in range(block.size):
+            number, length, server = block[i], rallies.length[i], rallies.server[i]
+            opponent = opponents[number % opponents.size]
+            own = length if opponent < 0 else (length - server + 1) // 2
+            if length < 0 or (listed and used + own > strokes.state.size):
+                aside[waiting] = number
+                waiting += 1
+                if length == STALE:
+                    if learned.written[server] >= 0:
+                        asked[states] = server
+                        states += 1
+                        learned.written[server] = -1
+                else:
+                    small = TOO_LONG if length == TOO_LONG else NO_ROOM
+                continue
+            reward = 2.0 * rallies.outcome[i] - 1.0
+            sums.total[1] += 1
+            sums.total[5] += length
+            at = used if listed else -1
+            if opponent < 0:
+                _credit_both(learned, sums, strokes, at, rallies, i, reward, decay)
             else:
-                small = TOO_LONG if length == TOO_LONG else NO_ROOM
-            continue
-        reward = 2.0 * outcome - 1.0
-        sums.total[1] += 1
-        sums.total[5] += length
-        first = used if listed else -1
-        if opponent < 0:
-            _credit_both(learned, sums, strokes, first, rally, length, reward, decay)
-        else:
-            if (server + length - 1) & 1:
-                reward = -reward
-            sums.total[2] += reward > 0
-            _credit(learned, sums, strokes, first, rally, begin, length, reward, decay, shaping)
-        used += own if listed else 0
+                if (server + length - 1) & 1:
+                    reward = -reward
+                sums.total[2] += reward > 0
+                _credit(learned, sums, strokes, at, rallies, i, reward, decay, shaping)
+            used += own if listed else 0
     return waiting, states, used, small
 
 
@@ -335,26 +258,30 @@ def record(
     tables: Tables,
     learned: Learned,
     opponents: Ints,
+    starts: Starts,
     seed_key: np.uint64,
     numbers: Longs,
-    rally: Rally,
+    room: Room,
     lengths: Ints,
     ended: npt.NDArray[np.uint8],
     stroke: npt.NDArray[np.unsignedinteger],
     figures: Singles,
 ) -> int:
     """Play rallies again for a log; returns their strokes, or what they would need beyond the room there is, negative."""
-    n, room = 0, stroke.size
-    for r in range(numbers.size):
-        opponent = opponents[numbers[r] % opponents.size]
-        key = extend(seed_key, numbers[r])
-        length, server, outcome = _play(tables, learned, opponent, np.int64(0), key, np.int32(-(1 << 30)), rally)
-        lengths[r] = length
-        last = (server + length - 1) & 1
-        ended[0, r], ended[1, r], ended[2, r] = server, last ^ (1 - outcome), WINNER if outcome else FAULT
-        for t in range(length):
-            if n + t < room:
-                s, pair = rally.state[t], rally.pair[t]
+    n = 0
+    rallies = room.rallies
+    for first in range(0, numbers.size, BLOCK):
+        block = numbers[first : first + BLOCK]
+        play(tables, learned, opponents, starts, seed_key, block, np.int32(-(1 << 30)), room)
+        for i in range(block.size):
+            opponent = opponents[block[i] % opponents.size]
+            length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
+            lengths[first + i] = length
+            last = (server + length - 1) & 1
+            ended[0, first + i], ended[1, first + i] = server, last ^ (1 - outcome)
+            ended[2, first + i] = WINNER if outcome else FAULT
+            for t in range(length if n + length <= stroke.size else 0):
+                s, pair = rallies.state[i, t], rallies.pair[i, t]
                 of = block_of(tables, s)
                 head = tables.head[np.uint64(s - tables.first[of, 0])]
                 stroke[n + t] = tables.stroke[np.uint64(head[2] + pair - head[0] - tables.first[of, 1])]
@@ -362,5 +289,5 @@ def record(
                 if figures.shape[0] > 0:
                     figures[0, n + t] = learned.log_probability[pair] if own else np.nan
                     figures[1, n + t] = learned.value[s] if own else np.nan
-        n += length
-    return n if n <= room else -n
+            n += length
+    return n if n <= stroke.size else -n

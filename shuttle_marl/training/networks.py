@@ -149,7 +149,8 @@ class Logits(nn.Linear):
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """``[..., n]`` logits."""
-        return super().forward(input) / self.temperature
+        logits = super().forward(input)
+        return logits if self.temperature == 1 else logits / self.temperature
 
 
 def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float, layer: type[nn.Linear] = nn.Linear) -> nn.Sequential:

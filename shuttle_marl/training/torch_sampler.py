@@ -17,7 +17,8 @@ from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel import Distinct, RallySampler
 from shuttle_marl.kernel.sampling import Assess
-from shuttle_marl.kernel.table_play import START, Ints, Longs, Strokes, no_strokes
+from shuttle_marl.kernel.table_play import Strokes, no_strokes
+from shuttle_marl.kernel.table_rallies import START, Ints, Longs
 from shuttle_marl.training.torch_numbers import draw, extend, shifted, signed, sums, whole
 
 _WAITS: Final = 0

@@ -230,10 +230,10 @@ def test_some_rallies_may_begin_anywhere() -> None:
 def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = RallySampler(GAME, [RANDOM])
     usual.collect(4000, network(0), keep=True)
-    narrow = RallySampler(GAME, [RANDOM])
-    narrow._rally = narrow._rally._make([np.empty(1, np.int32)] * 3)
     from shuttle_marl.kernel import sampling
 
+    monkeypatch.setattr(sampling, "_LONG", 1)
+    narrow = RallySampler(GAME, [RANDOM])
     monkeypatch.setattr(
         sampling, "no_strokes", lambda room=0: sampling.Strokes._make([np.empty(min(room, 9), t) for t in "iiiff"])
     )
