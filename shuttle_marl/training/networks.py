@@ -26,6 +26,8 @@ from shuttle_marl.training.learner import DivergedError
 
 IMPOSSIBLE: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
+LEAST: Final = -87.0
+"""Logarithm of the least normal number, about: exponentials of what is below take ten times as long."""
 
 _LAST_LAYER: Final = ("1.weight", "1.bias")
 """Weights of the layer that gives the logits (:func:`head`)."""
@@ -45,6 +47,8 @@ class LegalStrokes(Categorical):
     def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor) -> None:
         masked = torch.where(mask, logits, IMPOSSIBLE)
         self.logits = functional.log_softmax(masked, dim=-1)
+        if not self.logits.requires_grad:
+            self.logits.clamp_min_(LEAST)  # targets of SAC take the exponential of all of them
         self.probs = functional.softmax(masked, dim=-1)
         self._param = self.logits
         self._num_events = logits.shape[-1]
@@ -64,7 +68,7 @@ class LegalStrokes(Categorical):
         return self.probs.argmax(-1)
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """Log-probability of ``[*sample_shape, *batch]`` strokes; that of an illegal one is about :data:`IMPOSSIBLE`."""
+        """Log-probability of ``[*sample_shape, *batch]`` strokes; that of an illegal one is :data:`LEAST` or less."""
         return self.logits.expand(*value.shape, -1).gather(-1, value.unsqueeze(-1)).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
