@@ -4,7 +4,7 @@
                                     [--resume] [--json]
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
-long one had by then; only some ways are worth the longest one. Exploitability is exact, of the last policy and of the best one
+long one had by then; only some ways are worth more than the first. Exploitability is exact, of the last policy and of the best one
 that was evaluated; seconds are those of the run with its evaluations, and depend on the machine. Runs are trained side by side,
 one process a core.
 """
@@ -50,7 +50,7 @@ class SelfPlayStudy:
     strokes: tuple[int, ...] = STROKES
     """Strokes of each training run, one budget after another."""
     longest: tuple[Way, ...] = ("plain",)
-    """Ways that are trained on the last budget too."""
+    """Ways that are trained on all budgets, the others on the first alone."""
     seeds: int = 5
     """Training runs of every way and budget."""
     quick: bool = False
@@ -99,7 +99,7 @@ class SelfPlayStudy:
                 for seed in range(self.seeds)
             ]
             for way in self.ways
-            for strokes in (self.strokes if way in self.longest or len(self.strokes) == 1 else self.strokes[:-1])
+            for strokes in (self.strokes if way in self.longest else self.strokes[:1])
         }
 
 
