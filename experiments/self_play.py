@@ -5,8 +5,8 @@
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
 long one had by then. Only some ways are worth more than the first budget. Exploitability is exact, of the last policy and of the
-best one that was evaluated; seconds are those of the run with its evaluations, and depend on the machine. Runs are trained side by
-side, one process a core.
+best one that was evaluated; seconds are those of the run with its evaluations, and depend on the machine. Runs are trained side
+by side, one process a core.
 """
 
 import dataclasses
