@@ -107,13 +107,35 @@ def truth_slopes() -> str:
     rows = []
     for name, title in (("truth_cross", "average game"), ("truth_profiles", "men's and women's games")):
         result = saved("experiments", name)
-        slopes = result["decision_slope"].values()
-        cells = (f"{s['value']:.2f} ({s['low']:.2f} to {s['high']:.2f})" for s in slopes)
+        cells = map(_slope, result["decision_slope"].values())
         rows.append((title, *cells, f"{result['value_log_loss']:.5f}"))
     shown = saved("experiments", "truth_cross")
     played = f"{shown['strokes']:,} strokes of {shown['matches']} matches, {shown['cross']} parts; in brackets 95 % intervals."
     headings = ("game", "after 1 stroke", "4", "8", "end of the rally", "log-loss of the value")
     return f"{markdown(headings, rows, left=('game',))}\n\n{played} {_made_by(shown)}."
+
+
+def truth_limits() -> str:
+    """Slopes that were measured beside those to expect of a fit."""
+    result = saved("experiments", "truth_limits")
+    headings, measured, expected = ["slope"], ["measured"], ["to expect of a fit to so many matches"]
+    for horizon, found in result["decision_slope"].items():
+        headings.append("end of the rally" if horizon == "end" else f"after {horizon}")
+        measured.append(_slope(found))
+        expected.append(f"{result['attainable'][horizon]['value']:.2f}")
+    return markdown(headings, [measured, expected], left=("slope",))
+
+
+def truth_memory() -> str:
+    """Slopes of what V of the state now misses on the advantages of earlier strokes."""
+    result = saved("experiments", "truth_limits")
+    headings = ["strokes ago", *result["memory"]]
+    table = markdown(headings, [["slope", *map(_slope, result["memory"].values())]], left=("strokes ago",))
+    return f"{table}\n\n{result['matches']} matches; in brackets 95 % intervals. {_made_by(result)}."
+
+
+def _slope(found: dict[str, float]) -> str:
+    return f"{found['value']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
 
 
 def truth_shots() -> str:
@@ -141,7 +163,7 @@ def truth_figures() -> str:
     rows = [
         [
             "slope at the end of the rally",
-            *of(lambda r: "{value:.2f} ({low:.2f} to {high:.2f})".format(**r["decision_slope"]["end"])),
+            *of(lambda r: _slope(r["decision_slope"]["end"])),
         ],
         [
             "AUC, simulated from real rallies",

@@ -55,6 +55,8 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "time_to_win": benchmark_tables.time_to_win,
     "training_speed": benchmark_tables.training_speed,
     "truth_figures": experiment_tables.truth_figures,
+    "truth_limits": experiment_tables.truth_limits,
+    "truth_memory": experiment_tables.truth_memory,
     "truth_shots": experiment_tables.truth_shots,
     "truth_slopes": experiment_tables.truth_slopes,
     "viewer": benchmark_tables.viewer,

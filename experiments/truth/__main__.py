@@ -13,11 +13,11 @@ from rich.table import Table
 
 from experiments.truth import decisions, likeness
 from experiments.truth.decisions import Promises
-from experiments.truth.matches import Strokes, folds_of, strokes_of
+from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.transfer import thin_support, transfer
-from experiments.truth.worlds import Fitter, World, shipped_world
+from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, shipped_world
 from shuttle_marl.commands.cli import run
-from shuttle_marl.data import Split, load_strokes, matches_of
+from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import UniformPolicy
@@ -66,52 +66,22 @@ def truth(
     strokes = strokes_of(load_strokes(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     if cross is not None:
-        parts = _cross_parts(_of_splits(strokes, "train", "validation"), cross, fitter, seed, profiles)
+        parts = cross_parts(of_splits(strokes, "train", "validation"), cross, fitter, seed=seed, profiles=profiles)
     else:
-        judged = _of_splits(strokes, split or "validation")
+        judged = of_splits(strokes, split or "validation")
         parts = [
             (shipped_world(game if discipline is None else f"{game}:{PROFILES[discipline]}"), part)
-            for discipline, part in _by_discipline(judged, profiles)
+            for discipline, part in by_discipline(judged, profiles)
         ]
     result = {"split": split, "cross": cross, **compare(parts, seed=seed)}
     if halvings:
-        result["transfer"] = transfer(_of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
+        result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
     if out is not None:
         write_json(out, {**describe(("numpy", "torch")), **result})
     if json_output:
         sys.stdout.write(json_format.dumps(result) + "\n")
     else:
         _print(result)
-
-
-def _of_splits(strokes: Strokes, *splits: Split) -> Strokes:
-    """The strokes of some splits.
-
-    Raises:
-        ShuttleError: the data has none of one of them.
-    """
-    which = [strokes.in_matches(matches_of(split)) for split in splits]
-    for split, found in zip(splits, which, strict=True):
-        if not found.any():
-            raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return strokes.take(np.logical_or.reduce(which))
-
-
-def _by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
-    """The strokes of each discipline, or of all matches as they are."""
-    if not profiles:
-        return [(None, strokes)]
-    found = strokes.rows.codes["discipline"]
-    return [(int(discipline), strokes.take(found == discipline)) for discipline in np.unique(found)]
-
-
-def _cross_parts(strokes: Strokes, count: int, fitter: Fitter, seed: int, profiles: bool) -> list[tuple[World, Strokes]]:
-    fold = folds_of(strokes, count, seed)
-    return [
-        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
-        for k in range(count)
-        for discipline, part in _by_discipline(strokes.take(fold == k), profiles)
-    ]
 
 
 def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, Any]:
@@ -122,8 +92,7 @@ def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, A
         seed: of the simulated matches and of everything that is resampled.
     """
     real = Strokes.joined([strokes for _, strokes in parts])
-    promised = [decisions.promises(world.bc, strokes) for world, strokes in parts]
-    said = Promises(value=np.concatenate([p.value for p in promised]), advantage=np.concatenate([p.advantage for p in promised]))
+    said = Promises.joined([decisions.promises(world.bc, strokes) for world, strokes in parts])
     simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
     return {
         "matches": len(np.unique(real.rows.match)),

@@ -8,6 +8,7 @@ constant for every player in every match, so it is not a figure of skill. In a t
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -36,11 +37,29 @@ class Promises:
     value: Floats
     advantage: Floats
 
+    @classmethod
+    def joined(cls, parts: Sequence["Promises"]) -> "Promises":
+        """Promises of several lists of strokes, as of one list."""
+        return cls(value=np.concatenate([p.value for p in parts]), advantage=np.concatenate([p.advantage for p in parts]))
+
 
 def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     """Promises of the game of ``bc`` for each stroke, if both players continue as ``bc``."""
-    game = bc.game
     value = evaluate(bc, bc).striking[0]
+    state = states_of(bc.game, strokes.rows)
+    known = np.where(state >= 0, value[np.maximum(state, 0)], np.nan)
+    return Promises(value=known, advantage=worth(bc, strokes, value) - known)
+
+
+def worth(bc: TabulatedPolicy, strokes: Strokes, following: Floats) -> Floats:
+    """``[N]`` expected value of each stroke's shot type and technique to the striker, with the area that ``bc`` would choose.
+
+    Args:
+        bc: on the game that is played.
+        strokes: N strokes.
+        following: ``[S]`` value of the next states to the receiver.
+    """
+    game = bc.game
     state = states_of(game, strokes.rows)
     known = state >= 0
     shot, technique = (strokes.rows.codes[part][known] for part in ("shot", "technique"))
@@ -50,11 +69,10 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     row, pairs = row[alike], pairs[alike]
     weight = bc.probability_of(pairs)
     total = np.bincount(row, weight, len(shot))
+    found = np.full(len(strokes), np.nan)
     with np.errstate(invalid="ignore"):
-        worth = np.bincount(row, weight * game.stroke_values(value, pairs), len(shot)) / total
-    advantage = np.full(len(strokes), np.nan)
-    advantage[known] = worth - value[state[known]]
-    return Promises(value=np.where(known, value[np.where(known, state, 0)], np.nan), advantage=advantage)
+        found[known] = np.bincount(row, weight * game.stroke_values(following, pairs), len(shot)) / total
+    return found
 
 
 def realised(strokes: Strokes, value: Floats, horizon: int | None) -> Floats:
@@ -73,12 +91,13 @@ def realised(strokes: Strokes, value: Floats, horizon: int | None) -> Floats:
 def decision_slope(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
     """Slopes after 1, 4 and 8 strokes and at the end of the rally, each with its interval and number of strokes."""
     return {
-        "end" if horizon is None else str(horizon): _slope(strokes, promised, realised(strokes, promised.value, horizon))
+        "end" if horizon is None else str(horizon): slope(strokes, promised, realised(strokes, promised.value, horizon))
         for horizon in (*HORIZONS, None)
     }
 
 
-def _slope(strokes: Strokes, promised: Promises, happened: Floats) -> dict[str, float]:
+def slope(strokes: Strokes, promised: Promises, happened: Floats) -> dict[str, float]:
+    """Slope of ``[N]`` what happened, above V(s), on the advantages, with its interval and number of strokes."""
     used = np.isfinite(promised.advantage) & np.isfinite(happened) & np.isfinite(promised.value)
     match = strokes.rows.match[used]
     player = np.unique(strokes.rows.striker, return_inverse=True)[1][used]

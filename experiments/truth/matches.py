@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import features
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.rally import Game
 
 Floats = npt.NDArray[np.float64]
@@ -89,6 +91,19 @@ def strokes_of(table: pa.Table) -> Strokes:
     ending = np.where(rows.outcome == Outcome.WINNER, 1, np.where(rows.outcome == Outcome.FAULT, -1, 0))
     same_striker = (number[last] - number) % 2 == 0
     return Strokes(rows=rows, rally=rally, number=number, last=last, result=np.where(same_striker, 1, -1) * ending[last])
+
+
+def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
+    """The strokes of some splits.
+
+    Raises:
+        ShuttleError: the data has none of one of them.
+    """
+    which = [strokes.in_matches(matches_of(split)) for split in splits]
+    for split, found in zip(splits, which, strict=True):
+        if not found.any():
+            raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return strokes.take(np.logical_or.reduce(which))
 
 
 def states_of(game: Game, rows: Rows) -> Ints:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from safetensors.numpy import load_file, save
 
-from experiments.truth.matches import Floats, Strokes
+from experiments.truth.matches import Floats, Strokes, folds_of
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of
 from shuttle_marl.dynamics.make import load_support
@@ -102,3 +102,31 @@ class Fitter:
         rows = self._strokes.rows
         layout = layout_of(rows.in_matches(arranged))
         return fit(rows.in_matches(names), None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
+
+
+def by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
+    """The strokes of each discipline, or of all matches as they are."""
+    if not profiles:
+        return [(None, strokes)]
+    found = strokes.rows.codes["discipline"]
+    return [(int(discipline), strokes.take(found == discipline)) for discipline in np.unique(found)]
+
+
+def cross_parts(
+    strokes: Strokes, count: int, fitter: Fitter, *, seed: int, profiles: bool = False
+) -> list[tuple[World, Strokes]]:
+    """Games that are each fitted without one part of the matches, with the strokes of that part.
+
+    Args:
+        strokes: of all matches.
+        count: number of parts.
+        fitter: fits the games.
+        seed: of the parts.
+        profiles: whether each discipline gets a game of its own.
+    """
+    fold = folds_of(strokes, count, seed)
+    return [
+        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
+        for k in range(count)
+        for discipline, part in by_discipline(strokes.take(fold == k), profiles)
+    ]

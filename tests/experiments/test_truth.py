@@ -1,5 +1,6 @@
 """The measures of truth, on simulated matches whose truth is known."""
 
+import dataclasses
 import json
 import types
 from collections.abc import Sequence
@@ -10,17 +11,19 @@ import pyarrow as pa
 import pytest
 
 from experiments.truth import worlds
-from experiments.truth.__main__ import _by_discipline, compare, main
+from experiments.truth.__main__ import compare, main
 from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.likeness import divergence, rally_length, two_sample_auc
+from experiments.truth.limits import attainable, memory, slopes_if_true
 from experiments.truth.matches import Strokes, folds_of, ratio_by_match, states_of, strokes_of
 from experiments.truth.transfer import transfer
-from experiments.truth.worlds import Fitter, World, shipped_world
+from experiments.truth.worlds import Fitter, World, by_discipline, shipped_world
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.rally import ONE, Game, with_fault_odds
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.recording.simulate import simulate
 from tests.reduced import reduced_model
 
@@ -149,6 +152,48 @@ def test_an_advantage_is_kept_where_the_other_half_is_the_same_world(world: Worl
     assert found["best_response"]["home"] > found["minimax"]["home"] > 0.6
 
 
+def misjudged(world: World, seed: int) -> World:
+    """The same world but for random errors in the odds of its faults, as of a fit to few matches."""
+    game = world.game
+    factor = np.exp(np.random.default_rng(seed).normal(scale=0.5, size=game.n_base_pairs))
+    threshold = np.stack([with_fault_odds(t, int(odds)) for t, odds in zip(game.threshold, factor * ONE, strict=True)])
+    policy = TabulatedPolicy(game=dataclasses.replace(game, threshold=threshold), cumulative=world.bc.cumulative)
+    return World(bc=policy, behind=world.behind)
+
+
+def test_the_slope_to_expect_falls_with_the_errors_of_a_fit(world: World, strokes: Strokes) -> None:
+    some = strokes.take(strokes.in_matches(strokes.rows.matches[:40]))
+    assert slopes_if_true(world, world, some) == pytest.approx(dict.fromkeys(("1", "4", "8", "end"), 1.0), abs=1e-6)
+    wrong = misjudged(world, seed=0)
+    found = slopes_if_true(wrong, world, some)
+    assert found["end"] < 0.9
+    # What really follows from V of the wrong game is what playing shows.
+    shown = decision_slope(strokes, promises(wrong.bc, strokes))
+    assert all(is_near(shown[horizon], found[horizon]) for horizon in found)
+
+    class Errs:
+        def __init__(self) -> None:
+            self.fits = 0
+
+        def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None) -> World:
+            self.fits += 1
+            return misjudged(world, seed=self.fits)
+
+    half_the_noise = attainable(some, Errs(), halvings=1, seed=0, matches=40)["end"]  # type: ignore[arg-type]
+    assert half_the_noise["halves"] < half_the_noise["value"] < 1
+    assert 1 / half_the_noise["value"] - 1 == pytest.approx((1 / half_the_noise["halves"] - 1) / 2)
+
+
+def test_an_advantage_is_remembered_only_where_the_state_forgets(world: World, table: pa.Table, strokes: Strokes) -> None:
+    found = memory(strokes, promises(world.bc, strokes))
+    assert list(found) == ["1", "2", "4", "6", "8"]
+    assert all(is_near(slope, 0.0) for slope in found.values()), found
+    wrong = memory(strokes, promises(misjudged(world, seed=0).bc, strokes))
+    assert all(is_near(slope, 0.0) for slope in wrong.values()), wrong
+    tiring = strokes_of(tired(table, faults=0.05))
+    assert all(slope["high"] < 0 for slope in memory(tiring, promises(world.bc, tiring)).values())
+
+
 def test_folds_are_even_within_each_discipline(strokes: Strokes) -> None:
     fold = folds_of(strokes, 4, seed=1)
     assert all(len(set(fold[strokes.rows.match == match])) == 1 for match in range(10))
@@ -185,8 +230,8 @@ def test_the_command_asks_for_matches(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_matches_are_split_by_discipline_for_their_profiles(strokes: Strokes) -> None:
     both = strokes_of(load_strokes(SAMPLE))
-    assert [part for part, _ in _by_discipline(both, profiles=False)] == [None]
-    parts = _by_discipline(both, profiles=True)
+    assert [part for part, _ in by_discipline(both, profiles=False)] == [None]
+    parts = by_discipline(both, profiles=True)
     assert [discipline for discipline, _ in parts] == [0, 1]
     assert sum(len(part) for _, part in parts) == len(both)
     for discipline, part in parts:

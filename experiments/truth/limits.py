@@ -1,0 +1,163 @@
+"""``python -m experiments.truth.limits --data DATA [--json]``: why promises do not all come true.
+
+The decision slope (:mod:`experiments.truth.decisions`) of a game that was fitted may be below 1 for two reasons, which this
+module tells apart:
+
+- **Few matches.** The best strokes of a fit are in part those that it overrates. Of two games fitted on halves of the matches,
+  one is taken for the truth and the promises of the other are judged by it, exactly: their slope is what such a game would
+  have if its kind were right. Of a fit's variance the part that is noise shrinks with the number of matches, which gives the
+  slope to expect of a fit on more of them.
+- **Memory.** If the state says all that matters, V of the state now is the best forecast of the rally, and an advantage of
+  some strokes ago adds nothing to it: the slope of (result - V) on it is 0, however badly advantages are estimated, but for
+  what errors of V have in common over a rally. Where it is negative, a rally remembers what the state forgets.
+"""
+
+import json as json_format
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from experiments.truth.decisions import HORIZONS, Promises, decision_slope, promises, realised, slope, worth
+from experiments.truth.matches import Floats, Strokes, folds_of, of_splits, strokes_of
+from experiments.truth.worlds import Fitter, World, cross_parts
+from shuttle_marl.commands.cli import run
+from shuttle_marl.data import load_strokes
+from shuttle_marl.exact import evaluate
+from shuttle_marl.runs import describe, write_json
+
+LAGS: Final = (1, 2, 4, 6, 8)
+"""Strokes ago of the advantages whose memory is measured."""
+
+
+def limits(
+    *,
+    data: Path,
+    cross: int = 4,
+    halvings: int = 2,
+    seed: int = 0,
+    fits: Path = Path("runs/truth"),
+    out: Path | None = None,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Tell apart why the promises of a game do not all come true: few matches, and what the state forgets.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        cross: fit this many games, each without one part of the training and validation matches, and judge every match by the
+            game that did not see it.
+        halvings: halvings of the training matches for the slope that can be expected; two games are fitted for each.
+        seed: of the fits and halvings.
+        fits: folder where games that were fitted are kept and found again.
+        out: JSON file to write the result to, with its origin.
+        json_output: print JSON.
+    """
+    console = Console(stderr=True, highlight=False)
+    strokes = strokes_of(load_strokes(data))
+    fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    parts = cross_parts(of_splits(strokes, "train", "validation"), cross, fitter, seed=seed)
+    real = Strokes.joined([part for _, part in parts])
+    promised = Promises.joined([promises(world.bc, part) for world, part in parts])
+    matches = len(real.matches) * (cross - 1) / cross
+    result = {
+        "cross": cross,
+        "matches": len(real.matches),
+        "decision_slope": decision_slope(real, promised),
+        "attainable": attainable(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed, matches=matches),
+        "memory": memory(real, promised),
+    }
+    if out is not None:
+        write_json(out, {**describe(("numpy", "torch")), **result})
+    if json_output:
+        sys.stdout.write(json_format.dumps(result) + "\n")
+    else:
+        _print(result)
+
+
+def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, matches: float) -> dict[str, dict[str, float]]:
+    """Slopes to expect of a fit whose kind of game is right.
+
+    Args:
+        strokes: of the matches to halve.
+        fitter: fits the games.
+        halvings: how often; each gives two directions.
+        seed: of the halvings.
+        matches: number of matches of the fit.
+
+    Returns:
+        For each horizon ``halves``, the mean slope of a game of one half if that of the other is true, and ``value``, that of a
+        fit on so many matches.
+    """
+    found: list[dict[str, float]] = []
+    for number in range(halvings):
+        half = folds_of(strokes, 2, seed + number)
+        worlds = [fitter.fit(strokes.take(half == side).matches, layout=strokes.matches) for side in (0, 1)]
+        found += [slopes_if_true(said, true, strokes) for said, true in (worlds, worlds[::-1])]
+    share = len(strokes.matches) / 2 / matches
+    out = {}
+    for horizon in found[0]:
+        halves = float(np.mean([one[horizon] for one in found]))
+        out[horizon] = {"halves": halves, "value": 1 / (1 + (1 / halves - 1) * share)}
+    return out
+
+
+def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, float]:
+    """Exact slopes of one world's promises, at the states and strokes of real matches, if another world of its layout is true."""
+    promised = promises(said.bc, strokes)
+    played = true.bc.pair_probabilities()
+    expected: dict[str, Floats] = {}
+    following = evaluate(said.bc, said.bc).striking[0]
+    for horizon in range(1, max(HORIZONS) + 1):
+        if horizon in HORIZONS:
+            expected[str(horizon)] = worth(true.bc, strokes, following)
+        following = true.game.sum_by_state(played * true.game.stroke_values(following))
+    expected["end"] = worth(true.bc, strokes, evaluate(true.bc, true.bc).striking[0])
+    return {horizon: slope(strokes, promised, happens)["value"] for horizon, happens in expected.items()}
+
+
+def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
+    """Slopes of (result of the rally - V of the state now) on the advantage of an earlier stroke, for all of :data:`LAGS`.
+
+    Advantages of the opponent count with the opposite sign. Effects of player and match are taken out.
+    """
+    ended = realised(strokes, promised.value, None)
+    return {
+        str(lag): slope(strokes, Promises(value=promised.value, advantage=_ago(strokes, promised.advantage, lag)), ended)
+        for lag in LAGS
+    }
+
+
+def _ago(strokes: Strokes, advantage: Floats, lag: int) -> Floats:
+    """``[N]`` advantage of the stroke ``lag`` strokes ago to the one who strikes now; NaN where there is none."""
+    earlier = np.maximum(np.arange(len(strokes)) - lag, 0)
+    same = (strokes.rally[earlier] == strokes.rally) & (strokes.number - strokes.number[earlier] == lag)
+    return np.where(same, advantage[earlier] * (1 if lag % 2 == 0 else -1), np.nan)
+
+
+def _print(result: dict[str, Any]) -> None:
+    console = Console(highlight=False)
+    slopes = Table("strokes later", "slope", "95 % interval", "to expect of a fit", title="What happened on what was promised")
+    for horizon, found in result["decision_slope"].items():
+        expected = f"{result['attainable'][horizon]['value']:.2f}"
+        slopes.add_row(horizon, f"{found['value']:.2f}", f"{found['low']:.2f} to {found['high']:.2f}", expected)
+    console.print(slopes)
+    remembered = Table(
+        "strokes ago", "slope", "95 % interval", title="Result above V, on an earlier advantage (0 if the state says all)"
+    )
+    for lag, found in result["memory"].items():
+        remembered.add_row(lag, f"{found['value']:+.2f}", f"{found['low']:+.2f} to {found['high']:+.2f}")
+    console.print(remembered)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return run(limits, prog="experiments.truth.limits", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
