@@ -5,6 +5,7 @@ game with matches that took no part in fitting it:
 
 - :mod:`experiments.truth.decisions`: do chosen strokes bring what their exact values promise?
 - :mod:`experiments.truth.likeness`: can simulated rallies be told apart from real ones, and by what?
+- :mod:`experiments.truth.limits`: what keeps promises from coming true?
 - :mod:`experiments.truth.transfer`: does an advantage survive in a game fitted on other matches?
 
 ``python -m experiments.truth --help`` says how to run them.
