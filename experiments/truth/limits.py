@@ -28,6 +28,7 @@ from experiments.truth.matches import Floats, Strokes, folds_of, of_splits, stro
 from experiments.truth.worlds import Fitter, World, cross_parts
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.runs import describe, write_json
 
@@ -57,6 +58,8 @@ def limits(
         out: JSON file to write the result to, with its origin.
         json_output: print JSON.
     """
+    if cross < 2 or halvings < 1:
+        raise ShuttleError(f"--cross {cross} --halvings {halvings}: expected 2 or more parts, and 1 or more halvings")
     console = Console(stderr=True, highlight=False)
     strokes = strokes_of(load_strokes(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from experiments.truth import worlds
+from experiments.truth import limits, worlds
 from experiments.truth.__main__ import compare, main
 from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.likeness import divergence, rally_length, two_sample_auc
@@ -226,6 +226,9 @@ def test_the_command_asks_for_matches(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "either --split NAME or --cross NUMBER" in capsys.readouterr().err
     assert main(["--data", str(tmp_path), "--cross", "1"]) == 1
     assert "expected 2 or more" in capsys.readouterr().err
+    for wrong in ("--cross", "--halvings"):
+        assert limits.main(["--data", str(tmp_path), wrong, "0"]) == 1
+        assert f"{wrong} 0" in capsys.readouterr().err
 
 
 def test_matches_are_split_by_discipline_for_their_profiles(strokes: Strokes) -> None:
