@@ -77,7 +77,7 @@ def measure(pools: tuple[int, ...], workers: tuple[int, ...], matches: int) -> d
     sampled(entrants[:2], 1, 2)  # compiled now
     crossplay([entrant.table for entrant in entrants[:1] if entrant.table is not None])
     cases = [sampled(entrants[:size], count, matches) for size in sorted(pools) for count in workers]
-    return {"machine": this_machine(), "exact": exact(entrants), "sampled": cases}
+    return {**this_machine(), "exact": exact(entrants), "sampled": cases}
 
 
 def benchmark(

@@ -29,6 +29,17 @@ def startup() -> str:
     return f"{markdown(('command', 'CPU s'), rows, left=('command',))}\n\n{machine(result)}"
 
 
+def league() -> str:
+    """Speed and memory of tournaments, from ``benchmarks/results/league.json``."""
+    result = saved("benchmarks", "league")
+    rows = [
+        (str(c["pool"]), str(c["workers"]), f"{c['matches_per_s']:,.0f}", f"{c['rating_s']:.1f}", f"{c['memory_mib']:,.0f}")
+        for c in result["sampled"]
+    ]
+    table = markdown(("entrants", "workers", "matches a second", "ratings, s", "memory, MiB"), rows, left=())
+    return f"{table}\n\nOdds solved exactly: {result['exact']['pairs_per_s']:.0f} pairs a second. {machine(result)}"
+
+
 def recording() -> str:
     """Cost of the rally log, from ``benchmarks/results/recording.json``."""
     result = saved("benchmarks", "recording")

@@ -39,6 +39,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
     "human_players": experiment_tables.human_players,
+    "league": benchmark_tables.league,
     "league_training": experiment_tables.league_training,
     "next_stroke": experiment_tables.next_strokes,
     "recipes": experiment_tables.recipes,

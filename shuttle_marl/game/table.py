@@ -228,7 +228,11 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
 
 
 def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
-    """Compile ``[P]`` probabilities (each state sums to 1) to a table; rounds the cumulative probability to 1/65535."""
+    """Compile ``[P]`` probabilities to a table; rounds the cumulative probability to 1/65535.
+
+    Raises:
+        PolicyError: those of a state do not add up to 1.
+    """
     # One block after the other: a policy that does not look at the efforts has the same table in all of them.
     blocks = [_cumulative(game, p[game.block_pairs(block)]) for block in range(game.n_blocks)]
     return TabulatedPolicy(game=game, cumulative=np.concatenate(blocks))
@@ -238,5 +242,8 @@ def _cumulative(game: Game, p: npt.NDArray[np.floating]) -> UInts:
     """``[base pairs]`` cumulative probabilities of one block of states, in units of 1/65535."""
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
-    probability /= probability[game.base_pair_start[game.base_pair_state + 1] - 1]
+    sums = probability[game.base_pair_start[game.base_pair_state + 1] - 1]
+    if not np.allclose(sums, 1, rtol=0, atol=1e-6):
+        raise PolicyError("probabilities of strokes that do not add up to 1 in every state")
+    probability /= sums
     return np.asarray(np.rint(probability * CHOICE_ONE).astype(np.uint16))

@@ -159,6 +159,9 @@ def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
     expected = power / np.bincount(game.pair_state, power, game.n_states)[game.pair_state]
     assert np.allclose(sharpened(policy, 0.25).pair_probabilities(), expected, atol=2e-5)
     assert np.allclose(sharpened(policy, 1.0).pair_probabilities(), policy.pair_probabilities(), atol=2e-5)
+    # A state in which all strokes are alike, whose powers are too small for a sum with those of other states.
+    alike = from_pair_probabilities(game, game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1)))
+    assert np.allclose(sharpened(alike, 1e-3).pair_probabilities().sum(), game.playable.sum())
 
 
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import exact
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.policy import TemperedPolicy
+from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.training.league.population import TOLERANCE
 
 _LEAST: float = 1e-12
@@ -46,9 +47,7 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
         policy: a policy.
         temperature: above 0.
     """
-    game = policy.game
-    blocks = [policy.block_probabilities(block) ** (1 / temperature) for block in range(game.n_blocks)]
-    return from_pair_probabilities(game, np.concatenate(blocks))
+    return tabulate(TemperedPolicy(policy, temperature), policy.game, "a sharper policy")
 
 
 def _mean(kept: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[npt.NDArray[np.floating]]) -> TabulatedPolicy:
