@@ -130,7 +130,7 @@ def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     """Cells of the table, below :data:`HEADINGS`."""
     for row in result["rows"]:
         found, best = row["exploitability"], row["exploitability_of_the_best"]
-        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.4f}", f"{found['worst']:.4f}", f"{best['mean']:.4f}")
+        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.5f}", f"{found['worst']:.5f}", f"{best['mean']:.5f}")
         yield row["variant"], f"{row['strokes'] / 1e6:,.0f} M", *figures
 
 
