@@ -73,10 +73,13 @@ def measure(pools: tuple[int, ...], workers: tuple[int, ...], matches: int) -> d
     """All figures."""
     game = default_game()
     names = pool(max(pools))
-    entrants = [enter(name, game) for name in names]
-    sampled(entrants[:2], 1, 2)  # compiled now
+    entrants = [enter(name, game) for name in names[:2]]
+    sampled(entrants, 1, 2)  # compiled now
     crossplay([entrant.table for entrant in entrants[:1] if entrant.table is not None])
-    cases = [sampled(entrants[:size], count, matches) for size in sorted(pools) for count in workers]
+    cases = []
+    for size in sorted(pools):
+        entrants += [enter(name, game) for name in names[len(entrants) : size]]  # memory is that of so many
+        cases += [sampled(entrants, count, matches) for count in workers]
     return {**this_machine(), "exact": exact(entrants), "sampled": cases}
 
 

@@ -94,7 +94,8 @@ def time_to_win() -> str:
         mine = {row["target"]: row for row in rows if row["learner"] == learner}
         lines.append((learner, *(_seconds(mine[target]) if target in mine else "" for target in targets)))
     ours, theirs = (sorted({r["seeds"] for r in rows if ("shuttle_marl" in r["learner"]) == own}) for own in (True, False))
-    seeds = " or ".join(map(str, ours)) + (f" seeds, of other projects' {' or '.join(map(str, theirs))}" if theirs else " seeds")
+    others = f", of other projects' {' or '.join(map(str, theirs))}" if theirs not in ([], ours) else ""
+    seeds = f"{' or '.join(map(str, ours))} seeds{others}"
     told = f"Median (and slowest) of {seeds}, one thread; `>`: not every seed got there before it was stopped."
     return f"{markdown(('learner', *targets), lines, left=('learner',))}\n\n{told} {rows[0]['machine']}"
 
