@@ -200,13 +200,13 @@ def table_choice(players: Any, player: Any, s: Any, start: Any, bits: Any) -> An
 
 @inlined
 def first_guess(players: Any, player: Any, s: Any, bits: Any) -> Any:
-    """No stroke before this one is the choice of a tabulated policy."""
+    """Position from which on a tabulated policy's choice is looked for: none before it is the choice."""
     return np.int64(players.guide[np.uint64(player), np.uint64(s), _sixteen(bits) >> _GUIDE_SHIFT])
 
 
 @inlined
 def table_rank(players: Any, player: Any, start: Any, guess: Any, bits: Any) -> Any:
-    """:func:`table_choice` from its first guess on."""
+    """Position of the choice of :func:`table_choice`, from its first guess on."""
     u, k = _sixteen(bits), np.uint64(guess)
     # Indices without a sign need not be checked for counting from the end.
     who, first = np.uint64(player), np.uint64(start)

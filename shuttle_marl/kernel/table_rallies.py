@@ -72,7 +72,7 @@ class Rallies(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """What the passes leave for each other about the rallies that are not over, ``[BLOCK]`` each.
+    """Rallies that are not over, as the passes hand them to each other, ``[BLOCK]`` each.
 
     Attributes:
         rally: number of the rally in the block.

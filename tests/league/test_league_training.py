@@ -20,6 +20,7 @@ from safetensors.numpy import load
 
 from shuttle_marl import exact
 from shuttle_marl.commands.league import main
+from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import Catalogue
@@ -162,6 +163,14 @@ def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
     # A state in which all strokes are alike, whose powers are too small for a sum with those of other states.
     alike = from_pair_probabilities(game, game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1)))
     assert np.allclose(sharpened(alike, 1e-3).pair_probabilities().sum(), game.playable.sum())
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.0, np.nan])
+def test_probabilities_that_do_not_add_up_are_no_table(model: str, factor: float) -> None:
+    game = load_game(model)
+    alike = game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1))
+    with pytest.raises(PolicyError, match="add up to 1"):
+        from_pair_probabilities(game, factor * alike)
 
 
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
