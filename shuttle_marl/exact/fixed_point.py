@@ -176,7 +176,6 @@ def solve_linear(
     norm: Callable[[Floats], float],
     bound: Callable[[float, Floats], float],
     tolerance: float,
-    guess: Floats | None = None,
 ) -> tuple[Floats, float, float]:
     """Solve x = T x = constant + linear(x) for an affine contraction T.
 
@@ -186,14 +185,11 @@ def solve_linear(
         norm: of a residual, in which T contracts.
         bound: error bound of T x from the norm of T x - x, and from T x.
         tolerance: largest error bound that is good enough.
-        guess: ``[S]`` nearly the solution; None: it is looked for.
 
     Returns:
         ``[S]`` z = T x, the norm of z - x, and the error bound of z.
     """
-    x = guess
-    if x is None:
-        x = accelerated(linear, constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
+    x = accelerated(linear, constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
     while True:
         z = constant + linear(x)
         residual = norm(z - x)
@@ -205,13 +201,13 @@ def solve_linear(
 
 
 def _distance(first: Floats, second: Floats) -> float:
-    return largest_change(first - second)
+    return _largest(first - second)
 
 
-def largest_change(difference: Floats) -> float:
-    """Largest difference over the rally states."""
+def _largest(difference: Floats) -> float:
+    """Over the rally states."""
     return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
 def _small(enough: float, difference: Floats) -> bool:
-    return largest_change(difference) <= enough
+    return _largest(difference) <= enough

@@ -5,7 +5,7 @@ import itertools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,16 +15,19 @@ from shuttle_marl.exact.fixed_point import (
     FIRST_RALLY_STATE,
     TOLERANCE,
     ExactError,
-    error_bound,
-    largest_change,
-    solve_linear,
+    Linear,
+    newton,
 )
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.sweeps import block_mean, mean_following, played, propagate
+from shuttle_marl.exact.sweeps import Chances, Weights, block_mean, mean_following, played, propagate
 from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.table import TabulatedPolicy
 
 Floats = npt.NDArray[np.float64]
+
+_FIRST_BLOCK: Final = 0
+"""Where nobody has spent any effort; rallies begin there."""
 
 
 class StatePolicy(Protocol):
@@ -74,14 +77,14 @@ class InducedChain:
     Attributes:
         game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
-        weight: for each block ``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from
-            below and above in turn; blocks that are alike share an array.
+        weight: for each block ``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, as in
+            :class:`~shuttle_marl.exact.sweeps.Played`; blocks that are alike share an array.
         contraction: largest probability, over the rally states, that the rally continues.
     """
 
     game: Game
     reward: Floats
-    weight: tuple[Floats, ...]
+    weight: tuple[Weights, ...]
     contraction: float
 
     def continuation(self, following: Floats) -> Floats:
@@ -116,23 +119,23 @@ def induced(policy: StatePolicy) -> InducedChain:
     """
     game = policy.game
     reward, largest = np.empty(game.n_states), 0.0
-    weights: list[Floats] = []
-    kept: list[tuple[Floats, dict[int, int]]] = []
+    weights: list[Weights] = []
+    kept: list[tuple[Chances, dict[int, int]]] = []
     for block in range(game.n_blocks):
         level, states = block // game.levels, game.block_states(block)
-        probability = policy.block_probabilities(block)
+        chance = policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
         # Most policies do not look at the efforts, or only at their own: each table is kept once.
-        same = next((blocks for seen, blocks in kept if np.array_equal(seen, probability)), None)
+        same = next((blocks for seen, blocks in kept if np.array_equal(seen, chance)), None)
         if same is None:
             same = {}
-            kept.append((probability, same))
+            kept.append((chance, same))
         if level in same:
             twin = same[level]
             weights.append(weights[twin])
             reward[states] = reward[game.block_states(twin)]
             continue
         same[level] = block
-        weight, reward[states], continuation = played(game, level, probability)
+        weight, reward[states], continuation = played(game, level, chance)
         weights.append(weight)
         continuation[:FIRST_RALLY_STATE] = 0.0
         largest = max(largest, float(continuation.max()))
@@ -217,17 +220,16 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
 def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """:func:`evaluate` for policies whose chains are there already; both must be of games with the same layout."""
     contraction = first.contraction * second.contraction
-    # Eliminating the second player: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
-    z, residual, bound = solve_linear(
-        first.values(second.reward),
-        lambda x: first.continuation(second.continuation(x)),
-        norm=largest_change,
-        bound=lambda residual, _: error_bound(residual, contraction),
-        tolerance=tolerance,
-        guess=by_blocks(first.game, first.block_sweep, second.block_sweep, contraction, tolerance, affine=True)[0],
-    )
+
+    def operator(x: Floats) -> tuple[Floats, Linear]:
+        # The second player eliminated: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
+        return first.values(second.values(x)), lambda change: first.continuation(second.continuation(change))
+
+    start, _ = by_blocks(first.game, first.block_sweep, second.block_sweep, contraction, tolerance, affine=True)
+    z, _, residual, bound = newton(operator, start, contraction, tolerance, affine=True)
     y = second.values(z)
-    z[ROOT] = first.values(y)[ROOT]
+    plain, attack = (y[first.game.block_states(after)] for after in first.game.block_following(_FIRST_BLOCK))
+    z[ROOT] = first.block_sweep(_FIRST_BLOCK, plain, attack)[0][ROOT]
     return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
 
 

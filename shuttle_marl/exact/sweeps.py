@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from shuttle_marl.exact.blocks import BlockLinear
 from shuttle_marl.exact.fixed_point import Linear
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.kernel.compiling import cached
 
@@ -23,6 +24,8 @@ Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 UInts = npt.NDArray[np.uint16]
+Chances = Floats | UInts
+Weights = Floats | npt.NDArray[np.uint32]
 Bools = npt.NDArray[np.bool_]
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -111,7 +114,7 @@ def _choose(
 
 
 @_compiled
-def _mean(weights: Floats, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
+def _mean(weights: Weights, unit: float, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
     for s in range(out.size):
         weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
         value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
@@ -124,7 +127,7 @@ def _mean(weights: Floats, pair_start: Ints, first_reply: Ints, following: Float
             d += weight[4 * i + 3] * value[4 * i + 3]
         for i in range(4 * fours, weight.size):
             a += weight[i] * value[i]
-        out[s] = (a + b) + (c + d)
+        out[s] = ((a + b) + (c + d)) * unit
 
 
 @_compiled
@@ -151,27 +154,29 @@ def _follow(
 
 
 @_compiled
-def _propagate(weights: Floats, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
+def _propagate(weights: Weights, unit: float, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
     for s in range(visits.size):
         if visits[s] == 0.0:
             continue
-        weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
+        weight, share = weights[2 * pair_start[s] : 2 * pair_start[s + 1]], visits[s] * unit
         reached = out[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
         for i in range(weight.size):
-            reached[i] += weight[i] * visits[s]
+            reached[i] += weight[i] * share
 
 
 @_compiled
-def _play(probability: Floats, limits: UInts, pair_start: Ints, weight: Floats, reward: Floats, continuation: Floats) -> None:
+def _play(
+    chance: Chances, unit: float, limits: UInts, pair_start: Ints, weight: Weights, reward: Floats, continuation: Floats
+) -> None:
     for s in range(reward.size):
         gained = continued = 0.0
         for p in range(pair_start[s], pair_start[s + 1]):
-            fault, winner, below = np.float64(limits[p, 0]), np.float64(limits[p, 1]), np.float64(limits[p, 2])
-            gained += probability[p] * ((winner - 2.0 * fault) / 65536.0)
-            weight[2 * p] = probability[p] * ((below - winner) / 65536.0)
-            weight[2 * p + 1] = probability[p] * ((65536.0 - below) / 65536.0)
-            continued += weight[2 * p] + weight[2 * p + 1]
-        reward[s], continuation[s] = gained, continued
+            fault, winner, below = np.int64(limits[p, 0]), np.int64(limits[p, 1]), np.int64(limits[p, 2])
+            gained += chance[p] * (winner - 2 * fault)
+            continued += chance[p] * (65536 - winner)
+            weight[2 * p] = chance[p] * (below - winner)
+            weight[2 * p + 1] = chance[p] * (65536 - below)
+        reward[s], continuation[s] = gained * unit, continued * unit
 
 
 class Probabilities(NamedTuple):
@@ -292,43 +297,51 @@ def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
 class Played(NamedTuple):
     """The strokes of one block of states under a policy."""
 
-    weight: Floats
-    """``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn."""
+    weight: Weights
+    """``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn, in
+    units of :func:`weight_unit`."""
     reward: Floats
     """``[base states]`` expected reward to the striker of the stroke played."""
     continuation: Floats
     """``[base states]`` probability that the rally continues."""
 
 
-def played(game: Game, level: int, probability: Floats) -> Played:
+def weight_unit(numbers: np.dtype[Any]) -> float:
+    """What weights of a type count: whole numbers of those of tables, else of the probabilities of a game alone."""
+    return 1 / (ONE * CHOICE_ONE) if numbers.kind == "u" else 1 / ONE
+
+
+def played(game: Game, level: int, chance: Chances) -> Played:
     """Weights and rewards of one block of states under a policy.
 
     Args:
         game: the tables with which the player strikes.
         level: own effort.
-        probability: ``[base pairs]`` of each legal pair given its state.
+        chance: ``[base pairs]`` probability of each legal pair given its state; of a table, in units of 1/65535.
     """
-    found = Played(np.empty(2 * game.n_base_pairs), np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _play(probability, game.limits[level], game.base_pair_start, *found)
+    # A probability of a table times one of a game is a whole number of 32 bits: half of the memory, and exact.
+    numbers = np.dtype(np.uint32 if chance.dtype.kind == "u" else np.float64)
+    found = Played(np.empty(2 * game.n_base_pairs, numbers), np.empty(game.n_base_states), np.empty(game.n_base_states))
+    _play(chance, weight_unit(numbers), game.limits[level], game.base_pair_start, *found)
     return found
 
 
-def mean_following(game: Game, weights: Sequence[Floats], following: Floats) -> Floats:
+def mean_following(game: Game, weights: Sequence[Weights], following: Floats) -> Floats:
     """``[S]`` what follows a state on average.
 
     Args:
         game: the layout.
-        weights: for each block ``[2 base pairs]`` weight of the next states of each legal pair, contact below and above in turn.
+        weights: for each block ``[2 base pairs]`` weight of the next states of each legal pair, as in :class:`Played`.
         following: ``[S]`` values of the next states.
     """
     out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):
         value = arranged(game, following, block, room)
-        _mean(weight, game.base_pair_start, game.first_reply, value, out[game.block_states(block)])
+        _mean(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, value, out[game.block_states(block)])
     return out
 
 
-def block_mean(game: Game, weight: Floats, plain: Floats, after_attack: Floats) -> Floats:
+def block_mean(game: Game, weight: Weights, plain: Floats, after_attack: Floats) -> Floats:
     """``[base states]`` what follows the states of one block on average.
 
     Args:
@@ -338,11 +351,11 @@ def block_mean(game: Game, weight: Floats, plain: Floats, after_attack: Floats) 
     """
     out, room = np.empty(game.n_base_states), np.empty(2 * len(game.reply_edge))
     _arrange(plain, after_attack, game.reply_edge, game.edge_attack, room)
-    _mean(weight, game.base_pair_start, game.first_reply, room, out)
+    _mean(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, room, out)
     return out
 
 
-def propagate(game: Game, weights: Sequence[Floats], visits: Floats) -> Floats:
+def propagate(game: Game, weights: Sequence[Weights], visits: Floats) -> Floats:
     """``[S]`` how often each state follows ``[S]`` visits: the transpose of :func:`mean_following`."""
     out, room = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):
@@ -350,7 +363,7 @@ def propagate(game: Game, weights: Sequence[Floats], visits: Floats) -> Floats:
         if not here.any():
             continue
         room[:] = 0.0
-        _propagate(weight, game.base_pair_start, game.first_reply, here, room)
+        _propagate(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, here, room)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _hand_back(room, game.reply_edge, game.edge_attack, plain, attack)
     return out
@@ -363,8 +376,9 @@ def warm_up(game: Game) -> None:
     _arrange(state, state, game.reply_edge[:1], game.edge_attack, room)
     _hand_back(room, game.reply_edge[:1], game.edge_attack, state, state)
     _choose(table.reward[:1], table.continuation[:1], *where, room, False, one, *np.empty((2, 1), np.int32))
-    _mean(np.zeros(2 * game.n_base_pairs), *where, room, one)
     first = np.zeros(1, np.int32)
     _follow(table.continuation[:1], *where, game.reply_edge, game.edge_attack, first, first, state, state, one)
-    _play(np.zeros(game.n_base_pairs), game.limits[0], game.base_pair_start, np.empty(2 * game.n_base_pairs), one, np.empty(1))
-    _propagate(np.zeros(2 * game.n_base_pairs), *where, one, room)
+    for chances in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
+        weight = played(game, 0, chances).weight
+        _mean(weight, 1.0, *where, room, one)
+        _propagate(weight, 1.0, *where, one, room)

@@ -133,12 +133,16 @@ class TabulatedPolicy:
         return (self.cumulative[pairs].astype(np.int64) - lower) / CHOICE_ONE
 
     def block_probabilities(self, block: int) -> npt.NDArray[np.float64]:
-        """``[base pairs]`` the same in one block of states."""
+        """``[base pairs]`` probability of each legal pair of one block of states."""
+        return self.block_units(block) / np.float64(CHOICE_ONE)
+
+    def block_units(self, block: int) -> npt.NDArray[np.uint16]:
+        """``[base pairs]`` the same in units of 1/65535."""
         upper = self.cumulative[self.game.block_pairs(block)]
         own = np.diff(upper, prepend=upper[:1])
         first = self.game.base_pair_start[:-1][self.game.playable[: self.game.n_base_states]]
         own[first] = upper[first]
-        return own / np.float64(CHOICE_ONE)
+        return own
 
     def probabilities(self, states: States) -> npt.NDArray[np.float64]:
         """``[B, n]`` probability of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""

@@ -100,29 +100,32 @@ class PolicyNetwork:
         Raises:
             PolicyError: a number in the network is beyond those of float32.
         """
-        from shuttle_marl.policy.compiled import limits, rectify, shift  # noqa: PLC0415  waits until numba is wanted
+        from shuttle_marl.policy import compiled  # noqa: PLC0415  waits until numba is wanted
 
         base = np.flatnonzero(game.playable[: game.n_base_states])
         own, incoming, contact, duel = game.observation(base).T[:4]
-        efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, 1, -1)
+        efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, -1)
+        hidden, (last, last_bias) = [(_rounded(weight), bias) for weight, bias in self.layers[:-1]], self.layers[-1]
         kind = 2 * incoming + contact
         cumulative = np.empty((game.n_blocks, game.n_base_pairs), np.uint16)
+        blocks = np.arange(game.n_blocks)[:, None] * game.n_base_pairs
         # States of one incoming stroke and contact have the same legal strokes: one product of matrices, of those logits alone.
         for group in np.split(order := np.argsort(kind, kind="stable"), np.flatnonzero(np.diff(kind[order])) + 1):
             first = int(base[group[0]])
             legal = game.legal_strokes(first)
             both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
-            x = (self.own[own[group]] + both + self.duel[duel[group]] + efforts).reshape(-1, len(both))
-            *hidden, (weight, bias) = self.layers
-            for layer in (*hidden, (weight[legal], bias[legal])):
-                x = _product(x, layer[0], rectify(x))
-                # While it learned, the network was one of float32 numbers.
-                if not shift(x, layer[1]) <= _HIGHEST:
-                    raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
-            found = np.empty(x.shape, np.uint16)
-            limits(x, found)
-            pairs = game.base_pair_start[base[group]][:, None] + np.arange(len(legal))
-            cumulative[:, pairs] = found.reshape(game.n_blocks, *pairs.shape)
+            x = np.empty((game.n_blocks * len(group), len(both)))
+            highest = compiled.spread(self.own[own[group]] + both + self.duel[duel[group]], efforts, x)
+            farthest = 0.0
+            for layer, bias in hidden:
+                x, unit = _product(x, layer, highest)
+                far, highest = compiled.rectify(x, unit, bias)
+                farthest = max(farthest, far)
+            x, unit = _product(x, _rounded(last[legal]), highest)
+            # While it learned, the network was one of float32 numbers.
+            if not max(farthest, compiled.shift(x, unit, last_bias[legal])) <= _HIGHEST:
+                raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
+            compiled.limits(x, (blocks + game.base_pair_start[base[group]]).ravel(), cumulative.ravel())
         return TabulatedPolicy(game=game, cumulative=cumulative.ravel())
 
 
@@ -130,26 +133,32 @@ def _number(layer: str) -> int:
     return int(layer.rpartition(".")[2])
 
 
-def _product(x: Floats, weight: Floats, highest: float) -> Floats:
+def _rounded(weight: Floats) -> tuple[Floats, float]:
+    """Whole numbers of so few bits that sums of their products are exact, and the power of two that they count."""
+    unit = _unit(float(np.abs(weight).max(initial=0.0)), _WEIGHT_BITS)
+    return np.rint(weight * (1 / unit)), unit
+
+
+def _product(x: Floats, weight: tuple[Floats, float], highest: float) -> tuple[Floats, float]:
     """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing.
 
     Args:
         x: ``[N, W]`` numbers from 0 to ``highest``; overwritten.
-        weight: ``[W', W]``.
+        weight: ``[W', W]``, rounded.
         highest: of x.
+
+    Returns:
+        ``[N, W']`` whole numbers, and what they count.
     """
-    terms = max(1, weight.shape[1] - 1).bit_length()
-    x_unit = _round(x, highest, _EXACT_BITS - _WEIGHT_BITS - terms)
-    weight = weight.copy()
-    unit = _round(weight, float(np.abs(weight).max(initial=0.0)), _WEIGHT_BITS)
-    product: Floats = x @ weight.T
-    product *= x_unit * unit
-    return product
+    from shuttle_marl.policy import compiled  # noqa: PLC0415  waits until numba is wanted
+
+    factor, unit = weight
+    terms = max(1, factor.shape[1] - 1).bit_length()
+    x_unit = _unit(highest, _EXACT_BITS - _WEIGHT_BITS - terms)
+    compiled.round_to(x, 1 / x_unit)
+    return x @ factor.T, x_unit * unit
 
 
-def _round(values: Floats, highest: float, bits: int) -> float:
-    """Make values whole numbers of at most some bits, in place; returns the power of two that they count."""
-    unit = 2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits)
-    values *= 1 / unit
-    np.rint(values, out=values)
-    return unit
+def _unit(highest: float, bits: int) -> float:
+    """The power of two of which numbers up to the highest are whole ones of at most some bits."""
+    return float(2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits))
