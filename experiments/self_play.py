@@ -4,9 +4,9 @@
                                     [--resume] [--json]
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
-long one had by then. Only some ways are worth more than the first budget. Exploitability is exact, of the last policy and of the
-best one that was evaluated; seconds are those of the run with its evaluations, and depend on the machine. Runs are trained side
-by side, one process a core.
+long one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the
+run with its evaluations, and depend on the machine. Runs are trained side by side, one process a core. Each has a folder of its own,
+so a study can be resumed with more ways, budgets or seeds than it began with.
 """
 
 import dataclasses
@@ -50,7 +50,7 @@ class SelfPlayStudy:
     strokes: tuple[int, ...] = STROKES
     """Strokes of each training run, one budget after another."""
     longest: tuple[Way, ...] = ("plain",)
-    """Ways that are trained on all budgets, the others on the first alone."""
+    """Ways that are trained on the last of several budgets too."""
     seeds: int = 5
     """Training runs of every way and budget."""
     quick: bool = False
@@ -74,8 +74,8 @@ class SelfPlayStudy:
         """These settings with what --quick changes."""
         return dataclasses.replace(self, seeds=2, strokes=(200_000,)) if self.quick else self
 
-    def fixed(self) -> dict[str, Any]:
-        """Settings that decide the result, as JSON."""
+    def asked(self) -> dict[str, Any]:
+        """What is compared, as JSON."""
         return {
             "ways": list(self.ways),
             "strokes": list(self.strokes),
@@ -99,7 +99,7 @@ class SelfPlayStudy:
                 for seed in range(self.seeds)
             ]
             for way in self.ways
-            for strokes in (self.strokes if way in self.longest else self.strokes[:1])
+            for strokes in (self.strokes if way in self.longest or len(self.strokes) == 1 else self.strokes[:-1])
         }
 
 
@@ -145,13 +145,14 @@ def self_play(
     """
     config = config.sized()
     console = Console(stderr=True, highlight=False)
-    with runs.open_run(config.out, "self_play", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+    fixed = {"evaluate_every": _EVALUATE_EVERY}
+    with runs.open_run(config.out, "self_play", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
         train_all([run for group in training.values() for run in group], config.jobs, console)
         settings = {
             name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "way")
         }
-        result = {"game": load_game("default").hash, **config.fixed(), "config": settings, "rows": measure(training)}
+        result = {"game": load_game("default").hash, **config.asked(), "config": settings, "rows": measure(training)}
         result = save_results(folder, result, None)
     if as_json:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
