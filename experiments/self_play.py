@@ -5,8 +5,8 @@
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
 long one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the
-run with its evaluations, and depend on the machine. Runs are trained side by side, one process a core. Each has a folder of its own,
-so a study can be resumed with more ways, budgets or seeds than it began with.
+run with its evaluations, and depend on the machine. Runs are trained side by side, one process a core. Each has a folder of its
+own, so a study can be resumed with more ways, budgets or seeds than it began with.
 """
 
 import dataclasses
