@@ -59,7 +59,11 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
         ".99 of the optimum": PPOConfig(strokes=30_000_000, evaluate_every=50, target_score=0.99, **_QUIET),
     },
     "shuttle_marl A2C": {".95 of the optimum": A2CConfig(strokes=6_000_000, evaluate_every=40, target_score=0.95, **_QUIET)},
-    "shuttle_marl SAC": {".95 of the optimum": SACConfig(strokes=3_000_000, evaluate_every=25, target_score=0.95, **_QUIET)},
+    "shuttle_marl SAC": {
+        ".95 of the optimum": SACConfig(
+            strokes=3_000_000, updates=3, averaging=0.95, evaluate_every=10, target_score=0.95, **_QUIET
+        )
+    },
 }
 """Settings of this package's learners by target."""
 _LOOK: Final = {False: 8192, True: 16_384}
