@@ -43,7 +43,8 @@ Floats = npt.NDArray[np.float64]
 
 ROUNDING: Final = 2.0**-40
 """More than the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at
-most 2 (2 K + 2) 2^-53 in double precision, below 2^-41 for states of K <= 1000 legal strokes."""
+most 2 (2 K + 2) 2^-53 in double precision, and 4 2^-53 more where it is then scaled by a unit: below 2^-41 for states of
+K <= 1000 legal strokes."""
 
 TOLERANCE: Final = 1e-9
 """Error bound up to which values are computed unless asked otherwise, on the scale from -1 to 1."""
