@@ -1,7 +1,7 @@
 """Ways of self-play compared: exploitability of PPO after training budgets, with several seeds each.
 
-    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--longest NAME ...] [--out FOLDER]
-                                    [--resume] [--json]
+    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume]
+                                    [--json]
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
 long one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the
@@ -34,9 +34,9 @@ from shuttle_marl.training.ppo import Way
 from shuttle_marl.training.study import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
-"""Budgets: about 15 seconds, a minute and five minutes on a core of its own, with the evaluations."""
+"""Budgets: about a quarter of a minute, a minute and three minutes on a core of its own, with the evaluations."""
 _EVALUATE_EVERY: Final = 100
-"""Iterations between two evaluations, each of which takes most of a second."""
+"""Iterations between two evaluations, each of which takes about half a second."""
 HEADINGS: Final = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
 _WIDTH: Final = 110
 
@@ -49,8 +49,6 @@ class SelfPlayStudy:
     """Ways of self-play."""
     strokes: tuple[int, ...] = STROKES
     """Strokes of each training run, one budget after another."""
-    longest: tuple[Way, ...] = ("plain",)
-    """Ways that are trained on the last of several budgets too."""
     seeds: int = 5
     """Training runs of every way and budget."""
     quick: bool = False
@@ -79,7 +77,6 @@ class SelfPlayStudy:
         return {
             "ways": list(self.ways),
             "strokes": list(self.strokes),
-            "longest": list(self.longest),
             "seeds": self.seeds,
         }
 
@@ -99,7 +96,7 @@ class SelfPlayStudy:
                 for seed in range(self.seeds)
             ]
             for way in self.ways
-            for strokes in (self.strokes if way in self.longest or len(self.strokes) == 1 else self.strokes[:-1])
+            for strokes in self.strokes
         }
 
 

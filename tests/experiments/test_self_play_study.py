@@ -9,15 +9,15 @@ from experiments.self_play import main
 
 
 @pytest.mark.slow
-def test_a_quick_study_trains_the_last_budget_only_where_it_is_asked_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    flags = ["--seeds", "2", "--ways", "plain", "pool", "--strokes", "20000", "40000", "--out", str(tmp_path / "study"), "--json"]
-    assert main(flags) == 0
+def test_a_study_is_resumed_with_more_ways_and_budgets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--seeds", "2", "--out", str(tmp_path / "study"), "--json"]
+    assert main([*flags, "--ways", "plain", "--strokes", "20000"]) == 0
+    first = json.loads(capsys.readouterr().out)["rows"]
+    assert main([*flags, "--resume", "--ways", "plain", "pool", "--strokes", "20000", "40000"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert [(row["variant"], row["strokes"]) for row in result["rows"]] == [
-        ("plain", 20_000), ("plain", 40_000), ("pool", 20_000),
-    ]  # fmt: skip
+    asked = [(way, strokes) for way in ("plain", "pool") for strokes in (20_000, 40_000)]
+    assert [(row["variant"], row["strokes"]) for row in result["rows"]] == asked
+    assert [row["each"] for row in result["rows"][:1]] == [row["each"] for row in first]
     for row in result["rows"]:
         assert row["seeds"] == len(row["each"]) == 2
         assert 0 < row["exploitability_of_the_best"]["worst"] <= row["exploitability"]["worst"] == max(row["each"]) < 1
