@@ -83,8 +83,9 @@ def rows(base: PPOConfig, repeats: int) -> list[dict[str, Any]]:
     for opponent in ("bc", "self"):
         opponents = [] if opponent == "self" else [tabulate(resolve(opponent, game), game, opponent)]
         run = _Run(dataclasses.replace(base, opponent=(opponent,)), game, opponents)
-        times = {record: [run.measure(record=record) for _ in range(repeats)] for record in (False, True)}
-        plain, logged = (np.array(times[record]) for record in (False, True))
+        # In turn, because a machine may be faster at one time than at another.
+        times = [(run.measure(record=False), run.measure(record=True)) for _ in range(repeats)]
+        plain, logged = np.array(times).transpose(1, 0, 2)
         wall, cpu = (float(np.median(plain[:, 2] / plain[:, part])) for part in (0, 1))
         found.append(
             {
