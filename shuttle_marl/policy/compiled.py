@@ -21,7 +21,8 @@ _LOG2E: Final = 1.4426950408889634
 _LN2_HIGH: Final = 0.693147180369123816490
 _LN2_LOW: Final = 1.90821492927058770002e-10
 """ln 2 as a number of 33 bits, of which small multiples are exact, and the rest."""
-_INVERSE: Final = tuple(1.0 / n for n in range(1, 15))
+_TERMS: Final = 14
+_INVERSE: Final = tuple(1.0 / n for n in range(1, _TERMS + 1))
 _SMALLEST: Final = -700.0
 """Logits so far below the highest one count as this: a probability of 10^-304."""
 _BIAS: Final = 1023
@@ -103,21 +104,11 @@ def limits(logits: Floats, start: Ints, cumulative: npt.NDArray[np.uint16]) -> N
             whole = np.rint(x * _LOG2E)
             rest = x - whole * _LN2_HIGH - whole * _LN2_LOW
             power[i] = (np.int64(whole) + _BIAS) << _FRACTION_BITS
-            # The first fourteen terms of the series, from the last one on.
-            y = rest * _INVERSE[13] + 1.0
-            y = y * rest * _INVERSE[12] + 1.0
-            y = y * rest * _INVERSE[11] + 1.0
-            y = y * rest * _INVERSE[10] + 1.0
-            y = y * rest * _INVERSE[9] + 1.0
-            y = y * rest * _INVERSE[8] + 1.0
-            y = y * rest * _INVERSE[7] + 1.0
-            y = y * rest * _INVERSE[6] + 1.0
-            y = y * rest * _INVERSE[5] + 1.0
-            y = y * rest * _INVERSE[4] + 1.0
-            y = y * rest * _INVERSE[3] + 1.0
-            y = y * rest * _INVERSE[2] + 1.0
-            y = y * rest * _INVERSE[1] + 1.0
-            total[i] = y * rest + 1.0
+            # The series of the exponential, from its last term on.
+            y = 1.0
+            for n in range(_TERMS - 1, -1, -1):
+                y = y * rest * _INVERSE[n] + 1.0
+            total[i] = y
         so_far = 0.0
         for i in range(length):
             so_far += total[i] * scale[i]
