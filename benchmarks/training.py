@@ -34,7 +34,7 @@ from shuttle_marl.training.run import check_device
 from shuttle_marl.training.run_log import RunLog, open_log
 
 MEASURED: Final = 30
-"""Iterations that are measured each time: a tenth of a run, so that closing the log weighs little, as at the end of a run."""
+"""Iterations that are measured each time: so many that closing the log, which a run does once, weighs little."""
 
 
 class _Run:

@@ -1,7 +1,6 @@
 """Ways of self-play compared: exploitability of PPO after training budgets, with several seeds each.
 
-    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume]
-                                    [--json]
+    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
 
 Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
 long one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the
@@ -72,8 +71,8 @@ class SelfPlayStudy:
         """These settings with what --quick changes."""
         return dataclasses.replace(self, seeds=2, strokes=(200_000,)) if self.quick else self
 
-    def asked(self) -> dict[str, Any]:
-        """What is compared, as JSON."""
+    def compared(self) -> dict[str, Any]:
+        """Ways, budgets and seeds of the study, as JSON."""
         return {
             "ways": list(self.ways),
             "strokes": list(self.strokes),
@@ -149,7 +148,7 @@ def self_play(
         settings = {
             name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "way")
         }
-        result = {"game": load_game("default").hash, **config.asked(), "config": settings, "rows": measure(training)}
+        result = {"game": load_game("default").hash, **config.compared(), "config": settings, "rows": measure(training)}
         result = save_results(folder, result, None)
     if as_json:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")

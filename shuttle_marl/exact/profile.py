@@ -27,7 +27,7 @@ from shuttle_marl.game.table import TabulatedPolicy
 Floats = npt.NDArray[np.float64]
 
 _FIRST_BLOCK: Final = 0
-"""Where nobody has spent any effort; rallies begin there."""
+"""Block of the states before any effort of either player: the serve is one of them."""
 
 
 class StatePolicy(Protocol):

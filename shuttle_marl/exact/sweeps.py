@@ -307,7 +307,11 @@ class Played(NamedTuple):
 
 
 def weight_unit(numbers: np.dtype[Any]) -> float:
-    """What weights of a type count: whole numbers of those of tables, else of the probabilities of a game alone."""
+    """Probability that a weight of 1 stands for, by the type of the weights.
+
+    Weights of tables are products of two whole numbers: a probability of the table in 1/65535, and one of the game in 1/65536.
+    Others are a probability times the latter.
+    """
     return 1 / (ONE * CHOICE_ONE) if numbers.kind == "u" else 1 / ONE
 
 

@@ -137,7 +137,7 @@ class TabulatedPolicy:
         return self.block_units(block) / np.float64(CHOICE_ONE)
 
     def block_units(self, block: int) -> npt.NDArray[np.uint16]:
-        """``[base pairs]`` the same in units of 1/65535."""
+        """``[base pairs]`` probability of each legal pair of one block of states, in units of 1/65535."""
         upper = self.cumulative[self.game.block_pairs(block)]
         own = np.diff(upper, prepend=upper[:1])
         first = self.game.base_pair_start[:-1][self.game.playable[: self.game.n_base_states]]
