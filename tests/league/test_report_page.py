@@ -4,7 +4,6 @@ import html.parser
 import json
 import math
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.seeds import interquartile_mean, probability_of_improvement
 from shuttle_marl.league.style import AXES, Style
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
+from shuttle_marl.watch.video import browser_flags
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -186,10 +186,8 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         compare([tmp_path / "empty"])
 
 
-def test_in_a_browser_it_asks_for_nothing_and_sorts(tmp_path: Path) -> None:
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("needs Chromium")
+@pytest.mark.slow
+def test_in_a_browser_it_asks_for_nothing_and_sorts(chromium_program: str, tmp_path: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     path = tmp_path / "report.html"
@@ -197,7 +195,7 @@ def test_in_a_browser_it_asks_for_nothing_and_sorts(tmp_path: Path) -> None:
     problems: list[str] = []
     asked: list[str] = []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=chromium_program, args=browser_flags())
         opened = browser.new_page()
         opened.on("console", lambda message: problems.append(message.text))
         opened.on("pageerror", lambda error: problems.append(str(error)))

@@ -5,7 +5,6 @@ import dataclasses
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -19,17 +18,11 @@ from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from shuttle_marl.watch.building import SOURCE, BuildError, build, node
 from shuttle_marl.watch.video import browser_flags
+from tests.needs import missing
 
 START = 240.0
 """Time that a server has to start [s]."""
 HERE = Path(__file__).parent
-
-
-def missing(reason: str) -> None:
-    """Skip what needs something that is not here; where every change is checked, fail."""
-    if os.environ.get("CI") == "true":
-        raise RuntimeError(reason)
-    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")
@@ -99,27 +92,6 @@ def served(page_folder: Path) -> Iterator[Served]:
         yield server
 
 
-def browser_program(folder: Path) -> tuple[str, dict[str, str], list[str]]:
-    """Chromium: of the machine, else from npm. Its path, what its environment needs, and further flags."""
-    for name in (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome"):
-        if name and (found := shutil.which(name)):
-            return found, {}, browser_flags()
-    program = node()
-    npm = shutil.which("npm")
-    if program is None or npm is None:
-        missing("needs Chromium, or Node and npm to fetch it")
-    for file in ("package.json", "package-lock.json", "where.mjs"):
-        shutil.copy(HERE / "browser" / file, folder)
-    done = subprocess.run(
-        [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder, capture_output=True, check=False
-    )
-    if done.returncode:
-        missing(f"Chromium cannot be fetched: {done.stderr.decode()[-500:]}")
-    found = json.loads(subprocess.run([str(program), "where.mjs"], cwd=folder, capture_output=True, check=True).stdout)
-    env = {"LD_LIBRARY_PATH": found["libraries"], "FONTCONFIG_PATH": found["fonts"]}
-    return found["path"], env, [*browser_flags(mesa=False), "--single-process", "--no-zygote"]
-
-
 @pytest.fixture(scope="session")
 def playwright() -> Iterator[Playwright]:
     with sync_playwright() as running:
@@ -127,11 +99,19 @@ def playwright() -> Iterator[Playwright]:
 
 
 @pytest.fixture(scope="session")
-def browser(playwright: Playwright, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    path, env, flags = browser_program(tmp_path_factory.mktemp("chromium"))
-    opened = playwright.chromium.launch(executable_path=path, args=flags, env={**os.environ, **env})
-    yield opened
-    opened.close()
+def launched() -> Iterator[list[Browser]]:
+    """Browsers of this process, the last one in use: one that ends takes only the test with it that ended it."""
+    browsers: list[Browser] = []
+    yield browsers
+    for browser in browsers:
+        browser.close()
+
+
+@pytest.fixture
+def browser(playwright: Playwright, chromium_program: str, launched: list[Browser]) -> Browser:
+    if not launched or not launched[-1].is_connected():
+        launched.append(playwright.chromium.launch(executable_path=chromium_program, args=browser_flags()))
+    return launched[-1]
 
 
 class Viewer:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl.watch.building import FILES
-from tests.watch.conftest import missing
+from tests.needs import missing
 
 ROOT = Path(__file__).parents[2]
 

@@ -2,4 +2,4 @@
 process.env.AWS_EXECUTION_ENV = "AWS_Lambda_nodejs20.x"; // its libraries come out of the package too
 const { default: chromium } = await import("@sparticuz/chromium");
 const path = await chromium.executablePath();
-console.log(JSON.stringify({ path, libraries: process.env.LD_LIBRARY_PATH ?? "", fonts: process.env.FONTCONFIG_PATH ?? "", args: chromium.args }));
+console.log(JSON.stringify({ path, libraries: process.env.LD_LIBRARY_PATH ?? "", fonts: process.env.FONTCONFIG_PATH ?? "" }));

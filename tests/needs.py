@@ -1,0 +1,55 @@
+"""What tests need of the machine, and what is done where it is not there."""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.building import node
+from shuttle_marl.watch.video import browser_program
+
+_BROWSER = Path(__file__).parent / "browser"
+
+
+def missing(reason: str) -> None:
+    """Skip what needs something that is not here; where every change is checked, fail."""
+    if os.environ.get("CI") == "true":
+        raise RuntimeError(reason)
+    pytest.skip(reason)
+
+
+def chromium(folder: Path) -> str:
+    """Chromium: of the machine, else from npm, unpacked into a folder.
+
+    Of that one it is a script that names its libraries and its own renderer; those of the machine may be of another age.
+    """
+    try:
+        return browser_program()
+    except WatchError:
+        pass
+    program, npm = node(), shutil.which("npm")
+    if program is None or npm is None:
+        missing("needs Chromium, or Node and npm to fetch it")
+    shutil.copytree(_BROWSER, folder, dirs_exist_ok=True)
+    # It unpacks itself into the folder for temporary files, where another version or half of it may lie.
+    place = {**os.environ, "TMPDIR": str(folder)}
+    done = subprocess.run(
+        [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder, capture_output=True, check=False
+    )
+    if done.returncode:
+        missing(f"Chromium cannot be fetched: {done.stderr.decode()[-500:]}")
+    said = subprocess.run([str(program), "where.mjs"], cwd=folder, env=place, capture_output=True, check=True).stdout
+    found = {name: shlex.quote(value) for name, value in json.loads(said).items()}
+    script = folder / "chromium.sh"
+    script.write_text(
+        "#!/bin/sh\n"
+        f"LD_LIBRARY_PATH={found['libraries']} FONTCONFIG_PATH={found['fonts']} "
+        f'exec {found["path"]} "$@" --use-angle=swiftshader\n'
+    )
+    script.chmod(0o755)
+    return str(script)
