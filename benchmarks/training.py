@@ -33,7 +33,7 @@ from shuttle_marl.training.ppo import make_ppo
 from shuttle_marl.training.run import check_device
 from shuttle_marl.training.run_log import RunLog, open_log
 
-MEASURED: Final = 30
+MEASURED: Final = 100
 """Iterations that are measured each time: so many that closing the log, which a run does once, weighs little."""
 
 

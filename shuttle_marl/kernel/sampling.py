@@ -22,7 +22,22 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Game
 from shuttle_marl.game.table import TabulatedPolicy
 from shuttle_marl.kernel.core import Players, pack, put, tables_of
-from shuttle_marl.kernel.table_play import NO_ROOM, Learned, Singles, Strokes, Sums, collect, no_strokes, record, take, write
+from shuttle_marl.kernel.table_play import (
+    NO_ROOM,
+    Learned,
+    Singles,
+    Strokes,
+    Sums,
+    Tape,
+    collect,
+    longer,
+    no_strokes,
+    no_tape,
+    replay,
+    take,
+    tell,
+    write,
+)
 from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Ints, Longs, Starts, no_starts, room_for
 from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, checked_array, stroke_type
 
@@ -125,6 +140,7 @@ class RallySampler:
         self._known = np.zeros(0, np.int32)
         self._untaken = False
         self.strokes = no_strokes()
+        self._tape, self._note_next = no_tape(), False
         self.reset(0)
 
     @property
@@ -232,6 +248,12 @@ class RallySampler:
         """Make room for an iteration of about ``count`` strokes."""
         self._sums.total[:] = 0
         self.strokes, self._used = no_strokes(count + count // 8 + 1024 if keep else 0), 0
+        if not self._note_next:
+            self._tape = no_tape()
+        elif not len(self._tape.rally):
+            self._tape = no_tape(1024 + count // 4, 1024 + 2 * count)
+        self._tape.used[:] = 0
+        self._note_next = False
 
     @property
     def _oldest(self) -> int:
@@ -256,6 +278,7 @@ class RallySampler:
                 self._sums,
                 self.strokes,
                 self._used,
+                self._tape,
                 aside,
                 asked,
             )
@@ -263,6 +286,7 @@ class RallySampler:
                 self._room = room_for(2 * self._room.rallies.state.shape[1])
             if small == NO_ROOM:
                 self.strokes = Strokes._make([np.resize(column, 2 * len(column)) for column in self.strokes])
+                self._tape = longer(self._tape)
             self._refresh(asked[:states], assess)
             numbers = aside[:waiting]
 
@@ -340,6 +364,10 @@ class RallySampler:
         bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), int(START))
         return (opponent < 0) & ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.share[0])
 
+    def note_next(self) -> None:
+        """Note the rallies of the next iteration while they are played, so that :meth:`record` need not play them again."""
+        self._note_next = True
+
     def record(self, numbers: npt.NDArray[np.integer], *, figures: bool = False) -> SingleRallies:
         """Some rallies of the last iteration as they were played, for a log; before the next iteration.
 
@@ -350,25 +378,34 @@ class RallySampler:
         Raises:
             KernelError: a rally that was not played in the last iteration.
         """
-        highest = self._next - 1
-        number = checked_array("rallies", numbers, np.int64, (len(numbers),), self._first, highest)
-        lengths, ended = np.empty(len(number), np.int32), np.empty((3, len(number)), np.uint8)
-        room = 4096 + int(1.25 * len(number) * max(1.0, self._sums.total[5] / max(1.0, self._sums.total[1])))
-        while True:
-            stroke = np.empty(room, stroke_type(self.game))
-            extra = np.empty((2 if figures else 0, room), np.float32)
-            args = (number, self._room, lengths, ended, stroke, extra)
-            used = record(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, *args)
-            if used >= 0:
-                break
-            room = -used
+        number = checked_array("rallies", numbers, np.int64, (len(numbers),), self._first, self._next - 1)
+        tape = self._tape if self._tape.used[0] else self._replayed(number)
+        rally, lengths = tape.rally[: tape.used[0]], tape.length[: tape.used[0]]
+        order = np.argsort(rally, kind="stable")
+        rows = order[np.searchsorted(rally, number, sorter=order)]
+        start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
+        count = int(length.sum(dtype=np.int64))
+        stroke, extra = np.empty(count, stroke_type(self.game)), np.empty((2 if figures else 0, count), np.float32)
+        tell(self._tables, self._learned, self._opponents, tape, rows, start, stroke, extra)
+        server, winner, reason = tape.ended[:, rows]
         return SingleRallies(
             rally=number,
             opponent=np.maximum(self._opponents[number % len(self._opponents)] - 1, 0),
-            server=ended[0],
-            winner=ended[1],
-            reason=ended[2],
-            length=lengths,
-            stroke=stroke[:used],
-            extra=extra[:, :used],
+            server=server,
+            winner=winner,
+            reason=reason,
+            length=length,
+            stroke=stroke,
+            extra=extra,
         )
+
+    def _replayed(self, numbers: Longs) -> Tape:
+        """Rallies of the last iteration, played again."""
+        mean = self._sums.total[5] / max(1.0, self._sums.total[1])
+        tape = no_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
+        while len(numbers):
+            done = replay(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, numbers, self._room, tape)
+            numbers = numbers[done:]
+            if len(numbers):
+                tape = longer(tape)
+        return tape

@@ -76,6 +76,65 @@ def no_strokes(room: int = 0) -> Strokes:
     return Strokes(*(np.empty(room, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
 
 
+class Tape(NamedTuple):
+    """Rallies as they were played, in the order in which they ended; no room where no one asks.
+
+    Attributes:
+        rally: ``[R]`` number.
+        length: ``[R]`` strokes.
+        ended: ``[3, R]`` who served, who won, and how it ended.
+        state: ``[N]`` of every stroke of both players, rally after rally.
+        pair: ``[N]`` legal pair.
+        used: ``[2]`` places of ``[R]`` and of ``[N]`` that are used.
+    """
+
+    rally: Longs
+    length: Ints
+    ended: npt.NDArray[np.uint8]
+    state: Ints
+    pair: Ints
+    used: Longs
+
+
+def no_tape(rallies: int = 0, strokes: int = 0) -> Tape:
+    """Room for rallies."""
+    return Tape(
+        np.empty(rallies, np.int64),
+        np.empty(rallies, np.int32),
+        np.empty((3, rallies), np.uint8),
+        np.empty(strokes, np.int32),
+        np.empty(strokes, np.int32),
+        np.zeros(2, np.int64),
+    )
+
+
+def longer(tape: Tape) -> Tape:
+    """The same rallies with twice the room."""
+    columns = [np.concatenate([column, np.empty_like(column)], axis=-1) for column in tape[:-1]]
+    return Tape._make([*columns, tape.used])
+
+
+@inlined
+def _fits(tape: Any, length: Any) -> Any:
+    """Whether there is room for another rally."""
+    return tape.used[0] < tape.rally.size and tape.used[1] + length <= tape.state.size
+
+
+@inlined
+def _note(tape: Any, rallies: Any, i: Any, number: Any) -> None:
+    """Note a rally."""
+    at, first = tape.used[0], tape.used[1]
+    length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
+    tape.rally[at], tape.length[at] = number, length
+    last = (server + length - 1) & 1
+    tape.ended[0, at], tape.ended[1, at] = server, last ^ (1 - outcome)
+    tape.ended[2, at] = WINNER if outcome else FAULT
+    for t in range(length):
+        tape.state[first + t], tape.pair[first + t] = rallies.state[i, t], rallies.pair[i, t]
+    tape.used[0] += 1
+    tape.used[1] += length
+
+
 @inlined
 def _add(learned: Any, sums: Any, strokes: Any, at: Any, s: Any, pair: Any, following: Any, reward: Any, a: Any) -> None:
     """Add a stroke with its advantage to the sums, and to the list at a place if there is one."""
@@ -140,13 +199,14 @@ def collect(
     sums: Sums,
     strokes: Strokes,
     used: int,
+    tape: Tape,
     aside: Longs,
     asked: Ints,
 ) -> tuple[int, int, int, int]:
     """Play rallies and add them up; returns how many were put aside, how many states are asked for, how many places of the
     list are used, and what room is too small: TOO_LONG, NO_ROOM or 0."""
     waiting, states, small = 0, 0, 0
-    listed = strokes.state.size > 0
+    listed, noted = strokes.state.size > 0, tape.rally.size > 0
     rallies = room.rallies
     for first in range(0, numbers.size, BLOCK):
         block = numbers[first : first + BLOCK]
@@ -155,7 +215,7 @@ def collect(
             number, length, server = block[i], rallies.length[i], rallies.server[i]
             opponent = opponents[number % opponents.size]
             own = length if opponent < 0 else (length - server + 1) // 2
-            if length < 0 or (listed and used + own > strokes.state.size):
+            if length < 0 or (listed and used + own > strokes.state.size) or (noted and not _fits(tape, length)):
                 aside[waiting] = number
                 waiting += 1
                 if length == STALE:
@@ -178,6 +238,8 @@ def collect(
                 sums.total[2] += reward > 0
                 _credit(learned, sums, strokes, at, rallies, i, reward, decay, shaping)
             used += own if listed else 0
+            if noted:
+                _note(tape, rallies, i, number)
     return waiting, states, used, small
 
 
@@ -254,7 +316,7 @@ def take(
 
 
 @compiled
-def record(
+def replay(
     tables: Tables,
     learned: Learned,
     opponents: Ints,
@@ -262,32 +324,53 @@ def record(
     seed_key: np.uint64,
     numbers: Longs,
     room: Room,
-    lengths: Ints,
-    ended: npt.NDArray[np.uint8],
-    stroke: npt.NDArray[np.unsignedinteger],
-    figures: Singles,
+    tape: Tape,
 ) -> int:
-    """Play rallies again for a log; returns their strokes, or what they would need beyond the room there is, negative."""
-    n = 0
-    rallies = room.rallies
+    """Play rallies again, to note them; returns for how many there was room."""
     for first in range(0, numbers.size, BLOCK):
         block = numbers[first : first + BLOCK]
         play(tables, learned, opponents, starts, seed_key, block, np.int32(-(1 << 30)), room)
         for i in range(block.size):
-            opponent = opponents[block[i] % opponents.size]
-            length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
-            lengths[first + i] = length
-            last = (server + length - 1) & 1
-            ended[0, first + i], ended[1, first + i] = server, last ^ (1 - outcome)
-            ended[2, first + i] = WINNER if outcome else FAULT
-            for t in range(length if n + length <= stroke.size else 0):
-                s, pair = rallies.state[i, t], rallies.pair[i, t]
-                of = block_of(tables, s)
-                head = tables.head[np.uint64(s - tables.first[of, 0])]
-                stroke[n + t] = tables.stroke[np.uint64(head[2] + pair - head[0] - tables.first[of, 1])]
-                own = opponent < 0 or (server + t) & 1 == 0
-                if figures.shape[0] > 0:
-                    figures[0, n + t] = learned.log_probability[pair] if own else np.nan
-                    figures[1, n + t] = learned.value[s] if own else np.nan
-            n += length
-    return n if n <= stroke.size else -n
+            if not _fits(tape, room.rallies.length[i]):
+                return first + i
+            _note(tape, room.rallies, i, block[i])
+    return numbers.size
+
+
+@compiled
+def tell(
+    tables: Tables,
+    learned: Learned,
+    opponents: Ints,
+    tape: Tape,
+    rows: Longs,
+    start: Longs,
+    stroke: npt.NDArray[np.unsignedinteger],
+    figures: Singles,
+) -> None:
+    """Name the strokes of some rallies of a tape, one rally after the other, with the learner's figures of them.
+
+    Args:
+        tables: of the game.
+        learned: the learner.
+        opponents: by number of the rally.
+        tape: the rallies.
+        rows: ``[R]`` which of them.
+        start: ``[R]`` first stroke of each in the tape.
+        stroke: ``[N]`` for the strokes.
+        figures: ``[2, N]`` for log-probability and value, NaN where another player strikes; ``[0, N]`` for neither.
+    """
+    n = 0
+    for i in range(rows.size):
+        row = rows[i]
+        both, server = opponents[tape.rally[row] % opponents.size] < 0, tape.ended[0, row]
+        for t in range(tape.length[row]):
+            s, pair = tape.state[start[i] + t], tape.pair[start[i] + t]
+            of = block_of(tables, s)
+            head = tables.head[np.uint64(s - tables.first[of, 0])]
+            stroke[n] = tables.stroke[np.uint64(head[2] + pair - head[0] - tables.first[of, 1])]
+            if figures.shape[0] > 0:
+                own = both or (server + t) & 1 == 0
+                figures[0, n] = learned.log_probability[pair] if own else np.nan
+                figures[1, n] = learned.value[s] if own else np.nan
+            n += 1

@@ -188,15 +188,14 @@ def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
     return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)
 
 
-def encode(first: int, rallies: Rallies, n_strokes: int) -> bytes:
+def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
     """The message of a batch whose first rally has number ``first``."""
     batch = rallies.to_arrow(n_strokes)
     batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         writer.write_batch(batch)
-    data: bytes = sink.getvalue().to_pybytes()
-    return data
+    return memoryview(sink.getvalue())
 
 
 def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:

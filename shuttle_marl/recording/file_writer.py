@@ -181,7 +181,7 @@ class LogFileWriter:
         """Bytes written so far."""
         return self._sink.length
 
-    def write(self, first: int, data: bytes, rallies: Rallies) -> None:
+    def write(self, first: int, data: bytes | memoryview, rallies: Rallies) -> None:
         """Write one batch.
 
         Args:
@@ -198,7 +198,7 @@ class LogFileWriter:
         try:
             self._sink.take_room(len(data) + _END + self._end_of_file(len(self._index) + 1))
             # One message is one chunk, so what a kill can take is never more than the batch being written.
-            self._mcap.add_message(self._channel, first * RALLY_TIME, data, first * RALLY_TIME, len(self._index))
+            self._mcap.add_message(self._channel, first * RALLY_TIME, cast(bytes, data), first * RALLY_TIME, len(self._index))
             self._sink.commit()
             if time.monotonic() - self._synced > self._fsync_seconds:
                 self._sync()

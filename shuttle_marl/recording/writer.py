@@ -77,15 +77,14 @@ class RallyLogWriter:
         """
         if rallies.columns != self.header.columns:
             raise RecordingError(f"{self.path}: rallies with columns {rallies.columns}, expected {self.header.columns}")
-        self._waiting.append(rallies)
-        waiting = sum(map(len, self._waiting))
-        if waiting < self._batch_rallies:
-            return
-        whole = Rallies.join(self._waiting)
-        last = waiting - waiting % self._batch_rallies
-        self._waiting = [whole.part(last, waiting)]
-        for first in range(0, last, self._batch_rallies):
-            self._write(whole.part(first, first + self._batch_rallies))
+        waiting, first = sum(map(len, self._waiting)), 0
+        while waiting + len(rallies) - first >= self._batch_rallies:
+            last = first + self._batch_rallies - waiting
+            batch = rallies.part(first, last)
+            self._write(Rallies.join([*self._waiting, batch]) if self._waiting else batch)
+            self._waiting, waiting, first = [], 0, last
+        if first < len(rallies):
+            self._waiting.append(rallies.part(first, len(rallies)))
 
     def flush(self, *, sync: bool = True) -> int:
         """Write the rallies that wait as a shorter batch.
@@ -107,7 +106,7 @@ class RallyLogWriter:
             self._file.sync()
         return self.rallies
 
-    def write_message(self, first: int, data: bytes, rallies: Rallies) -> None:
+    def write_message(self, first: int, data: bytes | memoryview, rallies: Rallies) -> None:
         """Write one batch as it was encoded before; for copies of a log.
 
         Args:

@@ -45,7 +45,8 @@ class RunLog:
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record what a sampler played in its last iteration; in self-play what the learner played with itself from the serve on.
 
-        The rallies are replayed in a thread of their own, while the learner learns; :meth:`settle` waits for it.
+        The rallies are put together in a thread of their own, while the learner learns; :meth:`settle` waits for it. Where all
+        are recorded, the sampler notes those of the next iteration while it plays; of a sample it plays them again.
 
         Args:
             sampler: before its next iteration; nothing of it may change until :meth:`settle`.
@@ -55,6 +56,8 @@ class RunLog:
         Raises:
             RecordingError: the log cannot be written any further; every rally before is there.
         """
+        if self._sampling.every == 1:
+            sampler.note_next()
         numbers = sampler.numbers[sampler.usual(sampler.numbers)]
         pairing = np.full(len(numbers), segment)
         numbers = numbers[self._sampling.keeps(self._header, pairing, numbers)]

@@ -227,6 +227,36 @@ def test_some_rallies_may_begin_anywhere() -> None:
         sampler.restart(np.array([1]), 0.5)
 
 
+@pytest.mark.parametrize("opponents", [(), (RANDOM, BC)], ids=["self-play", "two"])
+def test_rallies_that_were_noted_are_those_that_are_played_again(
+    opponents: tuple[TabulatedPolicy, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from shuttle_marl.kernel import sampling
+    from shuttle_marl.kernel.table_play import no_tape
+
+    found = []
+    for room in (None, no_tape, lambda rallies=0, strokes=0: no_tape(min(rallies, 7), min(strokes, 50))):
+        sampler = RallySampler(GAME, opponents)
+        for iteration in range(2):
+            if room is not None:
+                monkeypatch.setattr(sampling, "no_tape", room)
+                sampler.note_next()
+            sampler.collect(2000, network(iteration))
+            monkeypatch.undo()
+        wanted = sampler.numbers[::-3]
+        # Noted rallies are not played again.
+        monkeypatch.setattr(sampling, "replay", None if room else sampling.replay)
+        found.append((sampler.record(wanted, figures=True), sampler.take()))
+        monkeypatch.undo()
+    (expected, strokes), *others = found
+    assert expected.rally.tolist() == wanted.tolist()
+    assert expected.length.sum() == len(expected.stroke)
+    for played, taken in others:
+        for name, column in vars(expected).items():
+            assert np.array_equal(column, getattr(played, name), equal_nan=name == "extra"), name
+        assert np.array_equal(taken.visits, strokes.visits)
+
+
 def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = RallySampler(GAME, [RANDOM])
     usual.collect(4000, network(0), keep=True)
