@@ -47,7 +47,7 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
             strokes=1_000_000, lmbda=0.7, learning_rate=6e-3, entropy=0.015, evaluate_every=3, target=0.98, **_QUIET
         ),
         ".95 of the optimum": PPOConfig(
-            strokes=2_400_000,
+            strokes=3_200_000,
             batch=12_288,
             lmbda=0.5,
             learning_rate=1.4e-2,
