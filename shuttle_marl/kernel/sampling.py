@@ -406,6 +406,6 @@ class RallySampler:
         while len(numbers):
             done = replay(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, numbers, self._room, tape)
             numbers = numbers[done:]
-            if len(numbers):
-                tape = longer(tape)
+            if len(numbers):  # the tape is full, or a rally is longer than the room, which another device has not needed
+                tape, self._room = longer(tape), room_for(2 * self._room.rallies.state.shape[1])
         return tape

@@ -331,7 +331,8 @@ def replay(
         block = numbers[first : first + BLOCK]
         play(tables, learned, opponents, starts, seed_key, block, np.int32(-(1 << 30)), room)
         for i in range(block.size):
-            if not _fits(tape, room.rallies.length[i]):
+            length = room.rallies.length[i]
+            if length < 0 or not _fits(tape, length):
                 return first + i
             _note(tape, room.rallies, i, block[i])
     return numbers.size

@@ -134,7 +134,9 @@ def test_the_strokes_one_by_one_are_the_same(opponents: tuple[TabulatedPolicy, .
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_the_kernel_plays_the_same_rallies_again_for_the_log(device: str) -> None:
+@pytest.mark.parametrize("room", [1, 256])
+def test_the_kernel_plays_the_same_rallies_again_for_the_log(device: str, room: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shuttle_marl.kernel.sampling._LONG", room)
     sampler = TorchSampler(GAME, [BC], device=device)
     sampler.collect(4000, network(0))
     played = sampler.record(sampler.numbers, figures=True)
