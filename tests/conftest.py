@@ -1,4 +1,4 @@
-"""What tests of several folders share."""
+"""Fixtures that several folders share."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What tests need of the machine, and what is done where it is not there."""
+"""Programs that tests need, and what is done where they are missing."""
 
 import json
 import os

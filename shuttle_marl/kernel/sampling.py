@@ -32,10 +32,10 @@ from shuttle_marl.kernel.table_play import (
     collect,
     longer,
     no_strokes,
-    no_tape,
+    read_tape,
     replay,
     take,
-    tell,
+    tape_for,
     write,
 )
 from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Ints, Longs, Starts, no_starts, room_for
@@ -140,7 +140,7 @@ class RallySampler:
         self._known = np.zeros(0, np.int32)
         self._untaken = False
         self.strokes = no_strokes()
-        self._tape, self._note_next = no_tape(), False
+        self._tape, self._note_next = tape_for(), False
         self.reset(0)
 
     @property
@@ -249,9 +249,9 @@ class RallySampler:
         self._sums.total[:] = 0
         self.strokes, self._used = no_strokes(count + count // 8 + 1024 if keep else 0), 0
         if not self._note_next:
-            self._tape = no_tape()
+            self._tape = tape_for()
         elif not len(self._tape.rally):
-            self._tape = no_tape(1024 + count // 4, 1024 + 2 * count)
+            self._tape = tape_for(1024 + count // 4, 1024 + 2 * count)
         self._tape.used[:] = 0
         self._note_next = False
 
@@ -386,7 +386,7 @@ class RallySampler:
         start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
         count = int(length.sum(dtype=np.int64))
         stroke, extra = np.empty(count, stroke_type(self.game)), np.empty((2 if figures else 0, count), np.float32)
-        tell(self._tables, self._learned, self._opponents, tape, rows, start, stroke, extra)
+        read_tape(self._tables, self._learned, self._opponents, tape, rows, start, stroke, extra)
         server, winner, reason = tape.ended[:, rows]
         return SingleRallies(
             rally=number,
@@ -402,7 +402,7 @@ class RallySampler:
     def _replayed(self, numbers: Longs) -> Tape:
         """Rallies of the last iteration, played again."""
         mean = self._sums.total[5] / max(1.0, self._sums.total[1])
-        tape = no_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
+        tape = tape_for(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
         while len(numbers):
             done = replay(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, numbers, self._room, tape)
             numbers = numbers[done:]

@@ -96,8 +96,8 @@ class Tape(NamedTuple):
     used: Longs
 
 
-def no_tape(rallies: int = 0, strokes: int = 0) -> Tape:
-    """Room for rallies."""
+def tape_for(rallies: int = 0, strokes: int = 0) -> Tape:
+    """Room for so many rallies and strokes; for none: nothing is noted."""
     return Tape(
         np.empty(rallies, np.int64),
         np.empty(rallies, np.int32),
@@ -339,7 +339,7 @@ def replay(
 
 
 @compiled
-def tell(
+def read_tape(
     tables: Tables,
     learned: Learned,
     opponents: Ints,

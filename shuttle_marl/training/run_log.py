@@ -69,7 +69,7 @@ class RunLog:
         self._replay = played, rallies_of
 
     def settle(self) -> None:
-        """Wait until what was added last is replayed, and hand it to the writer."""
+        """Wait until what was added last is put together, and hand it to the writer."""
         if self._replay is not None:
             (replay, rallies_of), self._replay = self._replay, None
             played = replay.result()

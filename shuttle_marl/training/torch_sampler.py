@@ -182,6 +182,9 @@ class TorchSampler(RallySampler):
     def _discard(self) -> None:
         """Nothing is added up before it is taken."""
 
+    def note_next(self) -> None:
+        """Nothing: for a log, the kernel plays the rallies again."""
+
     def _begin(self, count: int, *, keep: bool) -> None:
         super()._begin(count, keep=False)
         self._keep, self._parts = keep, []

@@ -232,14 +232,14 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
     opponents: tuple[TabulatedPolicy, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from shuttle_marl.kernel import sampling
-    from shuttle_marl.kernel.table_play import no_tape
+    from shuttle_marl.kernel.table_play import tape_for
 
     found = []
-    for room in (None, no_tape, lambda rallies=0, strokes=0: no_tape(min(rallies, 7), min(strokes, 50))):
+    for room in (None, tape_for, lambda rallies=0, strokes=0: tape_for(min(rallies, 7), min(strokes, 50))):
         sampler = RallySampler(GAME, opponents)
         for iteration in range(2):
             if room is not None:
-                monkeypatch.setattr(sampling, "no_tape", room)
+                monkeypatch.setattr(sampling, "tape_for", room)
                 sampler.note_next()
             sampler.collect(2000, network(iteration))
             monkeypatch.undo()
