@@ -81,10 +81,10 @@ export class Board {
     return strokes.reduce((best, s) => (s.p_succ > best.p_succ ? s : best));
   }
 
-  private best(strokes: TurnStroke[]): string {
-    const worth = strokes.map((s) => this.worth.get(s.stroke)).filter((option) => option !== undefined);
-    const top = worth.reduce<Option | null>((best, option) => (!best || option.win > best.win ? option : best), null);
-    return top ? `wins ${percent(top.win)}` : "";
+  /** How probably the best of some strokes wins, once that is known. */
+  private best(strokes: TurnStroke[]): string | null {
+    const wins = strokes.flatMap((s) => this.worth.get(s.stroke)?.win ?? []);
+    return wins.length ? percent(Math.max(...wins)) : null;
   }
 
   private draw(): void {
@@ -94,11 +94,12 @@ export class Board {
     const shots = this.hall.shots.filter((shot) => shot.endsWith("serve") === serves);
     const shotButtons = shots.map((shot) => {
       const mine = strokes.filter((s) => s.shot === shot);
+      const best = this.best(mine);
       return h(
         "button",
         { disabled: !mine.length, "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
         words(shot),
-        h("small", {}, mine.length ? `${KEYS[shot]}  ${this.best(mine)}` : "–"),
+        h("small", {}, mine.length ? `${KEYS[shot]}  ${best ? `wins ${best}` : ""}` : "–"),
       );
     });
     const ofShot = strokes.filter((s) => s.shot === this.shot);
@@ -108,18 +109,20 @@ export class Board {
       const area = this.hall.areas[index]!.name;
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
+      const best = this.best(mine);
+      const facts = mine.length ? [`good with ${percent(share)}`, best && `wins ${best}`] : ["– not from here"];
       return h(
         "button",
         {
           disabled: !mine.length,
           "aria-pressed": String(area === this.area),
           "data-key": `area ${area}`,
-          "aria-label": `${words(area)}${mine.length ? `, good with ${percent(share)}` : ", not from here"}`,
+          "aria-label": [words(area), ...facts].filter(Boolean).join(", "),
           title: `${words(area)} (${keypad(place)})`,
           style: mine.length ? `background:hsl(${Math.round(120 * share ** 3)} 55% 24%)` : "",
           onclick: () => this.choose({ area }),
         },
-        mine.length ? this.best(mine).replace("wins ", "") || share.toFixed(2) : "–",
+        mine.length ? (best ?? percent(share)) : "–",
       );
     });
     const techniques = this.hall.techniques.map((technique) => {
