@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl.commands.league import main
@@ -22,7 +23,6 @@ from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.seeds import interquartile_mean, probability_of_improvement
 from shuttle_marl.league.style import AXES, Style
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
-from shuttle_marl.watch.video import browser_flags
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -187,38 +187,34 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_in_a_browser_it_asks_for_nothing_and_sorts(chromium_program: str, tmp_path: Path) -> None:
-    from playwright.sync_api import sync_playwright
-
+def test_in_a_browser_it_asks_for_nothing_and_sorts(browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_bytes(page(tournament()))
     problems: list[str] = []
     asked: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium_program, args=browser_flags())
-        opened = browser.new_page()
-        opened.on("console", lambda message: problems.append(message.text))
-        opened.on("pageerror", lambda error: problems.append(str(error)))
-        opened.on("request", lambda request: asked.append(request.url))
-        opened.goto(path.as_uri())
+    opened = browser.new_page()
+    opened.on("console", lambda message: problems.append(message.text))
+    opened.on("pageerror", lambda error: problems.append(str(error)))
+    opened.on("request", lambda request: asked.append(request.url))
+    opened.goto(path.as_uri())
 
-        def column(number: int) -> list[str]:
-            script = "(n) => [...document.querySelector('table').tBodies[0].rows].map((row) => row.cells[n].textContent)"
-            return opened.evaluate(script, number)
+    def column(number: int) -> list[str]:
+        script = "(n) => [...document.querySelector('table').tBodies[0].rows].map((row) => row.cells[n].textContent)"
+        return opened.evaluate(script, number)
 
-        heads = opened.locator("table").first.locator("thead button")
-        names = heads.all_text_contents()
-        exact = names.index("exploitability")
-        heads.nth(exact).click()
-        assert column(exact) == ["0.0000", "0.4000", "", ""]
-        heads.nth(exact).click()
-        assert column(exact) == ["0.4000", "0.0000", "", ""]
-        heads.nth(1).click()
-        assert [name[:2] for name in column(1)] == ["</", "bc", "fa", "mi"]
-        heads.nth(names.index("rating")).click()
-        ratings = [float(shown) for shown in column(names.index("rating")) if shown]
-        assert ratings == sorted(ratings, reverse=True)
-        assert opened.locator("th[aria-sort]").count() == 1
-        browser.close()
+    heads = opened.locator("table").first.locator("thead button")
+    names = heads.all_text_contents()
+    exact = names.index("exploitability")
+    heads.nth(exact).click()
+    assert column(exact) == ["0.0000", "0.4000", "", ""]
+    heads.nth(exact).click()
+    assert column(exact) == ["0.4000", "0.0000", "", ""]
+    heads.nth(1).click()
+    assert [name[:2] for name in column(1)] == ["</", "bc", "fa", "mi"]
+    heads.nth(names.index("rating")).click()
+    ratings = [float(shown) for shown in column(names.index("rating")) if shown]
+    assert ratings == sorted(ratings, reverse=True)
+    assert opened.locator("th[aria-sort]").count() == 1
+    opened.close()
     assert problems == []
     assert asked == [path.as_uri()]

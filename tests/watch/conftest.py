@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, Playwright, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from shuttle_marl.watch.building import SOURCE, BuildError, build, node
-from shuttle_marl.watch.video import browser_flags
 from tests.needs import missing
 
 START = 240.0
@@ -90,28 +89,6 @@ def serving(*flags: str, cwd: Path | None = None) -> Iterator[Served]:
 def served(page_folder: Path) -> Iterator[Served]:
     with serving("--a", "bc", "--b", "minimax", "--seed", "5") as server:
         yield server
-
-
-@pytest.fixture(scope="session")
-def playwright() -> Iterator[Playwright]:
-    with sync_playwright() as running:
-        yield running
-
-
-@pytest.fixture(scope="session")
-def launched() -> Iterator[list[Browser]]:
-    """Browsers of this process, the last one in use: one that ends takes only the test with it that ended it."""
-    browsers: list[Browser] = []
-    yield browsers
-    for browser in browsers:
-        browser.close()
-
-
-@pytest.fixture
-def browser(playwright: Playwright, chromium_program: str, launched: list[Browser]) -> Browser:
-    if not launched or not launched[-1].is_connected():
-        launched.append(playwright.chromium.launch(executable_path=chromium_program, args=browser_flags()))
-    return launched[-1]
 
 
 class Viewer:
