@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
+import lz4.frame
 import numpy as np
 import pyarrow as pa
 import zstandard
@@ -19,10 +20,19 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Header, Message, Metadata
+from mcap.writer import CompressionType
 
 from shuttle_marl.files import problem
 from shuttle_marl.recording.header import LogHeader
-from shuttle_marl.recording.schema import VERSION, DamagedLogError, OtherFileError, Rallies, RecordingError, arrow_schema
+from shuttle_marl.recording.schema import (
+    OF_STROKES,
+    VERSION,
+    DamagedLogError,
+    OtherFileError,
+    Rallies,
+    RecordingError,
+    arrow_schema,
+)
 
 PROFILE: Final = "shuttle_marl"
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -56,7 +66,7 @@ UNDECODABLE: Final = (
     LookupError,
     OverflowError,
     MemoryError,
-    RecursionError,
+    RuntimeError,
 )
 """Errors that the decoders raise for input that they do not expect."""
 
@@ -121,6 +131,35 @@ def records(data: bytes) -> Iterator[tuple[int, bytes]]:
         at += length
 
 
+def compression(header: LogHeader) -> CompressionType:
+    """How the chunks of a log are packed.
+
+    Figures of single strokes, which training records by the million a second, become little smaller: there LZ4, which takes half
+    of the time.
+    """
+    return CompressionType.LZ4 if set(OF_STROKES) & set(header.columns) else CompressionType.ZSTD
+
+
+# A frame says how much will be unpacked; to believe it unseen would let a damaged file take all memory.
+
+
+def _unpack_zstd(packed: bytes, size: int) -> bytes:
+    if zstandard.get_frame_parameters(packed).content_size != size:
+        raise DamagedLogError("the sizes in a chunk disagree")
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+
+
+def _unpack_lz4(packed: bytes, size: int) -> bytes:
+    if lz4.frame.get_frame_info(packed)["content_size"] != size:
+        raise DamagedLogError("the sizes in a chunk disagree")
+    data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
+    return data
+
+
+_UNPACK: Final = {CompressionType.ZSTD.name.lower(): _unpack_zstd, CompressionType.LZ4.name.lower(): _unpack_lz4}
+"""By the names that MCAP gives them."""
+
+
 def message_of_chunk(body: bytes) -> Message:
     """The one message of a chunk.
 
@@ -128,12 +167,9 @@ def message_of_chunk(body: bytes) -> Message:
         DamagedLogError: the checksum or the sizes do not fit, or it is no chunk of a rally log.
     """
     chunk = Chunk.read(stream(body))
-    if chunk.compression != "zstd" or chunk.uncompressed_size > MAX_CHUNK:
+    if chunk.compression not in _UNPACK or chunk.uncompressed_size > MAX_CHUNK:
         raise DamagedLogError(f"a chunk of {chunk.uncompressed_size} bytes packed as {chunk.compression!r}")
-    # The frame says how much will be unpacked; to believe it unseen would let a damaged file take all memory.
-    if zstandard.get_frame_parameters(chunk.data).content_size != chunk.uncompressed_size:
-        raise DamagedLogError("the sizes in a chunk disagree")
-    data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    data = _UNPACK[chunk.compression](chunk.data, chunk.uncompressed_size)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedLogError("the checksum of a chunk does not fit")
     messages = [Message.read(stream(inner), len(inner)) for opcode, inner in records(data) if opcode == Opcode.MESSAGE]

@@ -14,10 +14,10 @@ from typing import IO, Any, Final, cast
 
 import numpy as np
 import pyarrow as pa
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 
 from shuttle_marl.files import NO_ROOM, problem
-from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, RALLY_TIME, TOPIC, advice
+from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, RALLY_TIME, TOPIC, advice, compression
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.schema import Rallies, RecordingError, arrow_schema
@@ -242,7 +242,8 @@ class LogFileWriter:
             self.closed = True
 
     def _start(self) -> None:
-        self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        packed = compression(self.header)
+        self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=packed, enable_data_crcs=True)
         self._mcap.start(profile=PROFILE, library=self.header.software)
         self._mcap.add_metadata(METADATA, self.header.to_metadata())
         self._start_length = self._sink.tell()

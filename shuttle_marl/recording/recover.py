@@ -17,14 +17,13 @@ from mcap.opcode import Opcode
 from mcap.records import Message
 
 from shuttle_marl.files import open_file, problem
-from shuttle_marl.recording.container import FRAME, UNDECODABLE, damage, decode, message_of_chunk, read_header
+from shuttle_marl.recording.container import FRAME, UNDECODABLE, compression, damage, decode, message_of_chunk, read_header
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import SUFFIX, existing_parts, part_path, set_aside, unfinished
 from shuttle_marl.recording.schema import DamagedLogError, Rallies, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
-_COMPRESSION: Final = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4
 """Bytes of a chunk record before the name of its compression: the frame, two times, a size and a checksum."""
 
@@ -41,10 +40,11 @@ def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]
 
 
 def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[int, bytes, Rallies]]:
-    done = header.first_rally
+    done, name = header.first_rally, compression(header).name.lower().encode()
+    packed = struct.pack("<I", len(name)) + name
     with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         at = start
-        while (found := data.find(_COMPRESSION, at)) >= 0:
+        while (found := data.find(packed, at)) >= 0:
             at = found + 1
             chunk = found - _BEFORE_COMPRESSION
             message = _message(data, chunk) if chunk >= start else None

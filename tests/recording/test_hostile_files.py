@@ -11,15 +11,21 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
 
 from shuttle_marl.commands import analysis, recording
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.check import check
+from shuttle_marl.recording.container import FRAME, message_of_chunk
 from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.schema import DamagedLogError
 from shuttle_marl.table_files import read_parquet
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
@@ -297,6 +303,25 @@ def test_a_new_log_has_the_permissions_that_the_umask_leaves(tmp_path: Path, hea
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.mcap").stat().st_mode) == 0o664
+
+
+@pytest.mark.parametrize("pack", [zstandard.compress, lz4.frame.compress], ids=["zstd", "lz4"])
+def test_a_chunk_that_says_less_than_it_unpacks_to_is_refused_before_it_does(pack: Callable[[bytes], bytes]) -> None:
+    name = "zstd" if pack is zstandard.compress else "lz4"
+    bomb = Chunk(name, pack(bytes(1 << 28)), 0, 0, 0, 1 << 10)
+    with pytest.raises(DamagedLogError, match="the sizes in a chunk disagree"):
+        message_of_chunk(body_of(bomb))
+    honest = Chunk(name, pack(bytes(1 << 10)), 0, 1, 0, 1 << 10)
+    with pytest.raises(DamagedLogError, match="the checksum of a chunk"):
+        message_of_chunk(body_of(honest))
+    with pytest.raises(DamagedLogError, match="packed as 'gzip'"):
+        message_of_chunk(body_of(dataclasses.replace(honest, compression="gzip")))
+
+
+def body_of(chunk: Chunk) -> bytes:
+    builder = RecordBuilder()
+    chunk.write(builder)
+    return builder.end()[FRAME.size :]
 
 
 def test_a_flipped_bit_in_a_log_is_found_by_the_check_or_changes_nothing(log_file: Path, tmp_path: Path) -> None:
