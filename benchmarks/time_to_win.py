@@ -44,7 +44,16 @@ _QUIET: Final[dict[str, Any]] = {"record": "none", "exploitability": False, "opp
 OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     "shuttle_marl PPO": {
         "98 % of matches": PPOConfig(
-            strokes=1_000_000, lmbda=0.7, learning_rate=6e-3, entropy=0.015, evaluate_every=3, target=0.98, **_QUIET
+            strokes=1_000_000,
+            lmbda=0.7,
+            learning_rate=2e-2,
+            entropy=0.015,
+            minibatches=2,
+            width=32,
+            hidden=0,
+            evaluate_every=3,
+            target=0.98,
+            **_QUIET,
         ),
         ".95 of the optimum": PPOConfig(
             strokes=3_200_000,
