@@ -16,4 +16,4 @@ def test_everything_is_measured() -> None:
     assert 0 < found["find_rally_ms"] < 1000
     assert 0 < found["training_overhead"] < 1
     assert 0 < found["training_waits"] < 1
-    assert 0 < found["training_bytes_per_stroke"] < 20
+    assert 0 < found["training_bytes_per_stroke"] < 30, "most of it is what every file holds"
