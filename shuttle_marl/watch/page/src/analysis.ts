@@ -147,7 +147,7 @@ export class MoveList {
         delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),
       );
     });
-    const heading = h("h2", {}, h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} strokes`), h("span", {}, "change (A)"));
+    const heading = h("h2", {}, h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`), h("span", {}, "change (A)"));
     const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
     replaceChildren(this.element, heading, h("ol", {}, ...this.rows.map((row) => h("li", {}, row))), ended);
   }
