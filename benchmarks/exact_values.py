@@ -25,9 +25,9 @@ from benchmarks.machine import this_machine
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 
 _POLICIES = 30

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.arrays import I32, U64, Bools
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.core import tables_of
 from shuttle_marl.kernel.rows import TOKENS, in_slices
@@ -23,10 +23,10 @@ _STEPS: Final = 16
 
 @numba.njit(nogil=True)
 def _read(
-    limits: npt.NDArray[np.uint64],
-    head: npt.NDArray[np.int32],
-    pair: npt.NDArray[np.uint64],
-    state: npt.NDArray[np.uint64],
+    limits: U64,
+    head: I32,
+    pair: U64,
+    state: U64,
     first: int,
     last: int,
 ) -> Any:
@@ -41,13 +41,13 @@ def _read(
 
 @numba.njit(nogil=True)
 def _read_and_show(
-    limits: npt.NDArray[np.uint64],
-    head: npt.NDArray[np.int32],
-    pair: npt.NDArray[np.uint64],
-    state: npt.NDArray[np.uint64],
-    legal: npt.NDArray[np.bool_],
-    mask: npt.NDArray[np.bool_],
-    tokens: npt.NDArray[np.int32],
+    limits: U64,
+    head: I32,
+    pair: U64,
+    state: U64,
+    legal: Bools,
+    mask: Bools,
+    tokens: I32,
     first: int,
     last: int,
 ) -> Any:

@@ -22,10 +22,11 @@ from stable_baselines3.common.env_util import make_vec_env
 from torch import nn
 
 import shuttle_marl  # noqa: F401  registers the environments
+from shuttle_marl.arrays import F64
 from shuttle_marl.game.observation import features, with_efforts
 from shuttle_marl.game.policy import States
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.training import PPOConfig
 
 OPPONENT: Final = "bc"
@@ -82,12 +83,12 @@ class Learned:
     def __init__(self, scores: Scores, game: Game) -> None:
         self._scores, self._rows = scores, features(game)
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` as its network gives them, at :data:`TEMPERATURE`."""
         mask = states.mask.copy()  # torch warns about arrays that cannot be written to
         with torch.no_grad():
             seen = torch.from_numpy(with_efforts(states.game, self._rows, states.state))
-            found: npt.NDArray[np.float64] = self._scores(seen, torch.from_numpy(mask)).double().numpy() * mask
+            found: F64 = self._scores(seen, torch.from_numpy(mask)).double().numpy() * mask
         # Relative to the likeliest stroke, whose power is 1: no row vanishes.
         found = (found / found.max(axis=1, keepdims=True)) ** (1 / TEMPERATURE)
         return np.asarray(found / found.sum(axis=1, keepdims=True))

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from benchmarks.machine import this_machine
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import RETURNED_BELOW
+from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, PlayedRally, measure, play_rallies, stage, summary
 

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.game.table import base_pairs, layout, thresholds
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 
 _SERVES: Final = 4
 """Strokes of a synthetic catalogue that are serves."""

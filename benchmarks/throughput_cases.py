@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 
 Play = Callable[[], int]
 Maker = Callable[[int, int], Play]
@@ -78,7 +78,7 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
 def tournament(batch: int, threads: int) -> Play:
     """Whole matches between two policies, every stroke kept; the batch is the number of matches."""
     from shuttle_marl.game import draws
-    from shuttle_marl.game.table import tabulate
+    from shuttle_marl.game.tabulated import tabulate
     from shuttle_marl.kernel import Matches, pack, play_matches
     from shuttle_marl.policy.registry import resolve
 

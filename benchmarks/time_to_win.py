@@ -29,7 +29,7 @@ from rich.table import Table
 from benchmarks.machine import machine, this_machine
 from benchmarks.peers import OPPONENT, PEERS, Watch
 from shuttle_marl.game import default_game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, train
 

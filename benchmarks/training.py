@@ -23,8 +23,8 @@ from rich.table import Table
 
 from benchmarks.machine import this_machine
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
 from shuttle_marl.training.collecting import RallyCollector

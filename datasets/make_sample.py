@@ -21,7 +21,7 @@ from shuttle_marl.data.table import Account, write_parquet
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.simulate import account_of, simulate
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from shuttle_marl.arrays import I64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.data import split_of, upstream
 from shuttle_marl.data.inference import (
@@ -35,7 +35,7 @@ from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.table import clean_game
 from shuttle_marl.game import court
 
-Measures = dict[str, npt.NDArray[np.bool_]]
+Measures = dict[str, Bools]
 """Yes or no by name, each over rows, rallies or games."""
 
 
@@ -44,7 +44,7 @@ def measure(root: Path) -> Iterator[tuple[str, int, int]]:
     matches = [m for m in list_matches(root) if m.present and split_of(m.name) in ("train", "validation")]
     games = [read_game(match, path) for match in matches for path in match.games()]
     yield from _copies(root, matches_here={m.name for m in matches})
-    collected: dict[str, list[npt.NDArray[np.bool_]]] = {}
+    collected: dict[str, list[Bools]] = {}
     for raw in games:
         for measures in (_order(raw), *(_of_game(arrange(raw)[0]))):
             for name, values in measures.items():
@@ -101,7 +101,7 @@ def _of_game(raw: RawGame) -> Iterator[Measures]:
     yield from _places(raw, first, number)
 
 
-def _ends_of_rallies(raw: RawGame, first: npt.NDArray[np.bool_], ends: npt.NDArray[np.int64]) -> Iterator[Measures]:
+def _ends_of_rallies(raw: RawGame, first: Bools, ends: I64) -> Iterator[Measures]:
     before = np.vstack([[0, 0], raw.score[ends[:-1]]])
     gained = raw.score[ends] - before
     scorer = np.where((gained == [1, 0]).all(1), 0, np.where((gained == [0, 1]).all(1), 1, -1))
@@ -118,7 +118,7 @@ def _ends_of_rallies(raw: RawGame, first: npt.NDArray[np.bool_], ends: npt.NDArr
     }
 
 
-def _places(raw: RawGame, first: npt.NDArray[np.bool_], number: npt.NDArray[np.int64]) -> Iterator[Measures]:
+def _places(raw: RawGame, first: Bools, number: I64) -> Iterator[Measures]:
     side, contradicted = sides(raw, first)
     side_a = np.where(raw.by_a, side, -side)[first]
     known = side_a[side_a != 0]

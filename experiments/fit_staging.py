@@ -18,6 +18,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import clean_matches, matches_of
 from shuttle_marl.data.schema import REASONS, Outcome
@@ -26,9 +27,6 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.staging.measured import DISTANCES, FILE, QUANTILES, QUARTILES
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _ENOUGH: Final = 40
 """Strokes that a cell of a table needs; with fewer it takes the numbers of the next coarser one."""
@@ -91,7 +89,7 @@ def measure(strokes: pa.Table) -> dict[str, Any]:
     }
 
 
-def _following(c: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.bool_]:
+def _following(c: dict[str, npt.NDArray[Any]]) -> Bools:
     """``[N]`` whether the next row is the next stroke of the same rally."""
     same = np.ones(len(c["match"]), dtype=bool)
     for name in ("match", "game", "rally"):
@@ -101,7 +99,7 @@ def _following(c: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.bool_]:
     return same
 
 
-def _frames_per_second(c: dict[str, npt.NDArray[Any]]) -> Floats:
+def _frames_per_second(c: dict[str, npt.NDArray[Any]]) -> F64:
     """``[N]`` frames a second of each row's video: the slope of its frame numbers over its clock."""
     out = np.full(len(c["match"]), np.nan)
     for match in np.unique(c["match"]):
@@ -112,7 +110,7 @@ def _frames_per_second(c: dict[str, npt.NDArray[Any]]) -> Floats:
     return out
 
 
-def _flight_times(shot: Ints, next_height: Ints, length: Floats, seconds: Floats) -> dict[str, Any]:
+def _flight_times(shot: I64, next_height: I64, length: F64, seconds: F64) -> dict[str, Any]:
     """Quartiles by shot type, height at which the shuttle is met, and length; thin cells take coarser ones."""
     bins = np.clip(np.searchsorted(DISTANCES, length, side="right") - 1, 0, len(DISTANCES) - 2)
     out: dict[str, Any] = {}
@@ -127,7 +125,7 @@ def _flight_times(shot: Ints, next_height: Ints, length: Floats, seconds: Floats
     return out
 
 
-def _places(shot: Ints, area: Ints, c: dict[str, npt.NDArray[Any]], returned: npt.NDArray[np.bool_]) -> dict[str, Any]:
+def _places(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], returned: Bools) -> dict[str, Any]:
     """Quantiles of where the receiver met the shuttle, in the striker's frame, by shot type and area."""
     xy = np.stack([c["landing_x"], c["landing_y"]], axis=1).astype(np.float64)
     ok = returned & np.isfinite(xy).all(axis=1) & c["in_court"].astype(bool)
@@ -141,7 +139,7 @@ def _places(shot: Ints, area: Ints, c: dict[str, npt.NDArray[Any]], returned: np
     return out
 
 
-def _bases(shot: Ints, area: Ints, c: dict[str, npt.NDArray[Any]], following: npt.NDArray[np.bool_]) -> dict[str, Any]:
+def _bases(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], following: Bools) -> dict[str, Any]:
     """Median place of a striker, in their own frame, when the opponent answers; by the stroke they had played."""
     rows = np.flatnonzero(following)
     xy = -np.stack([c["receiver_x"], c["receiver_y"]], axis=1).astype(np.float64)[rows + 1]
@@ -158,7 +156,7 @@ def _bases(shot: Ints, area: Ints, c: dict[str, npt.NDArray[Any]], following: np
     return out
 
 
-def _faults(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
+def _faults(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
     """Share of the faults of each shot type that do not cross the net; the others land out."""
     fault = c["outcome"] == Outcome.FAULT
     net = np.isin(c["reason"], [REASONS.index("net"), REASONS.index("short")])
@@ -178,7 +176,7 @@ def _out_by(c: dict[str, npt.NDArray[Any]]) -> dict[str, list[float]]:
     return {"side": _round(np.quantile(side[side > 0], QUANTILES)), "back": _round(np.quantile(back[back > 0], QUANTILES))}
 
 
-def _serves(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
+def _serves(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
     """Quantiles of where server and receiver stand, ``[|x|, distance to the net]``, by serve."""
     out: dict[str, Any] = {}
     for s in range(N_SERVES):
@@ -190,7 +188,7 @@ def _serves(shot: Ints, c: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
     return out
 
 
-def _round(values: Floats) -> list[float]:
+def _round(values: F64) -> list[float]:
     return [round(float(v), 3) for v in values]
 
 

@@ -21,22 +21,22 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from experiments.truth.matches import RESAMPLES, Floats, Ints, Strokes, ratio_by_match, states_of, strokes_of
+from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis import pictures
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game import load_game
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.game.table import from_pair_probabilities
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, bc
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
@@ -58,21 +58,21 @@ class Answers:
     """
 
     strokes: Strokes
-    row: Ints
-    pair: Ints
+    row: I64
+    pair: I64
 
-    def losses(self, probability: Floats) -> Floats:
+    def losses(self, probability: F64) -> F64:
         """``[N]`` minus log-likelihood of each stroke under the ``[P]`` or ``[base pairs]`` probabilities of a policy."""
         return np.asarray(-np.log(np.bincount(self.row, probability[self.pair % len(probability)], len(self.strokes))))
 
-    def of(self, which: npt.NDArray[np.bool_]) -> "Answers":
+    def of(self, which: Bools) -> "Answers":
         """Those of some strokes."""
         kept = which[self.row]
         # Rallies keep their numbers, and rows of other strokes are never read.
         return Answers(strokes=_taken(self.strokes, which), row=(np.cumsum(which) - 1)[self.row[kept]], pair=self.pair[kept])
 
 
-def _taken(strokes: Strokes, which: npt.NDArray[np.bool_]) -> Strokes:
+def _taken(strokes: Strokes, which: Bools) -> Strokes:
     kept = {name: getattr(strokes, name)[which] for name in ("rally", "number", "last", "result")}
     return Strokes(rows=strokes.rows.take(which), **kept)
 
@@ -129,7 +129,7 @@ def fitted_players(game: Game, real: Answers, console: Console) -> list[dict[str
     return found
 
 
-def fit(losses: Floats, rally: Ints, seed: int = 0) -> dict[str, Any]:
+def fit(losses: F64, rally: I64, seed: int = 0) -> dict[str, Any]:
     """The TAU of highest likelihood, with 95 % intervals by a bootstrap over rallies.
 
     Args:

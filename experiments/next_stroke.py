@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 from rich.console import Console
 from rich.table import Table
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
@@ -56,8 +56,7 @@ LEAST_PLAYERS: Final = 4
 HEADINGS: Final = ("strokes scored", "predicted by", "number", "shot type", "area", "area, shot type known")
 COLUMNS: Final = ("shot_type", "area", "area_given_type")
 
-Floats = npt.NDArray[np.float64]
-Prediction = tuple[Floats, Floats, Floats]
+Prediction = tuple[F64, F64, F64]
 """``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played."""
 
 
@@ -190,12 +189,12 @@ def _of_split(strokes: pa.Table, split: Split) -> pa.Table:
     return chosen
 
 
-def _of_joint(joint: Floats, rows: Rows) -> Prediction:
+def _of_joint(joint: F64, rows: Rows) -> Prediction:
     given = joint[np.arange(len(rows)), rows.codes["shot"]]
     return joint.sum(axis=2), joint.sum(axis=1), given / given.sum(axis=1, keepdims=True)
 
 
-def _scores(prediction: Prediction, rows: Rows, which: npt.NDArray[np.bool_]) -> dict[str, Any]:
+def _scores(prediction: Prediction, rows: Rows, which: Bools) -> dict[str, Any]:
     shot, area, given = (part[which] for part in prediction)
     return prediction_scores(shot, area, given, rows.take(which))
 

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from rich.console import Console
 from rich.table import Table
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
@@ -29,7 +29,6 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import bc
 
 RESAMPLES: Final = 2000
-Floats = npt.NDArray[np.float64]
 
 
 def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
@@ -44,7 +43,7 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
     n = len(rows.matches)
     # Strokes before a kept one that were dropped (nearly always serves) count towards the length.
     total = np.bincount(rows.match[ended], rows.stroke[ended], n)
-    per_match: dict[str, tuple[Floats, Floats]] = {
+    per_match: dict[str, tuple[F64, F64]] = {
         "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(float)),
         "fault share": (np.bincount(rows.match[rows.outcome == Outcome.FAULT], minlength=n).astype(float), total),
         "winner share": (np.bincount(rows.match[rows.outcome == Outcome.WINNER], minlength=n).astype(float), total),

@@ -30,9 +30,9 @@ from shuttle_marl.commands.cli import run
 from shuttle_marl.exact.away import Spread, Values, moved, over
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import load_game
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"

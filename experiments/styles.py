@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import tyro
 from rich.console import Console
 from rich.table import Table
@@ -25,13 +24,15 @@ from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 from experiments.saving import save_results
 from experiments.spread import mean_and_deviation
 from shuttle_marl import exact, runs
+from shuttle_marl.arrays import F64
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.training import PPOConfig
@@ -89,7 +90,7 @@ def style_of(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, fl
     }
 
 
-def _metres(game: Game) -> npt.NDArray[np.float64]:
+def _metres(game: Game) -> F64:
     """``[base pairs]`` from the area of the own last stroke, where the opponent struck, to that of the next; NaN without one."""
     centres = np.append(area_centre(game.catalogue.area), np.full((1, 2), np.nan), axis=0)
     before = centres[game.own(game.base_pair_state)]

@@ -190,7 +190,7 @@ def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
         raise ClusterError(f"--ray {address}: Ray is not installed; {install_hint('ray')}") from error
     joined = not ray.is_initialized()  # else the calling program has joined one, and stays in it
     if joined:
-        own = {"include_dashboard": False} if address == LOCAL else {}
+        own: dict[str, Any] = {"include_dashboard": False} if address == LOCAL else {}
         try:
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **own)
         except (ConnectionError, RuntimeError, ValueError, TimeoutError, ImportError) as error:

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from safetensors.numpy import save
 
 from shuttle_marl.files import seal
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import (
     BC,
     CARD,
@@ -33,7 +32,8 @@ from shuttle_marl.game.shipped import (
     read_model_card,
 )
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, layout
 from shuttle_marl.game.variants import packed
 
 Ints = npt.NDArray[np.integer[Any]]

@@ -13,7 +13,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game.shipped import load_game, refits_of
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import ranked_table
 from shuttle_marl.policy.registry import resolve

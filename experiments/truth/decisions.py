@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from experiments.truth.matches import Floats, Strokes, ratio_by_match, states_of
+from experiments.truth.matches import Strokes, ratio_by_match, states_of
+from shuttle_marl.arrays import F64, Ints
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""
@@ -34,8 +34,8 @@ class Promises:
         advantage: ``[N]`` advantage of the chosen shot type and technique over V(s).
     """
 
-    value: Floats
-    advantage: Floats
+    value: F64
+    advantage: F64
 
     @classmethod
     def joined(cls, parts: Sequence["Promises"]) -> "Promises":
@@ -51,7 +51,7 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     return Promises(value=known, advantage=worth(bc, strokes, value) - known)
 
 
-def worth(bc: TabulatedPolicy, strokes: Strokes, following: Floats) -> Floats:
+def worth(bc: TabulatedPolicy, strokes: Strokes, following: F64) -> F64:
     """``[N]`` expected value of each stroke's shot type and technique to the striker, with the area that ``bc`` would choose.
 
     Args:
@@ -75,7 +75,7 @@ def worth(bc: TabulatedPolicy, strokes: Strokes, following: Floats) -> Floats:
     return found
 
 
-def realised(strokes: Strokes, value: Floats, horizon: int | None) -> Floats:
+def realised(strokes: Strokes, value: F64, horizon: int | None) -> F64:
     """``[N]`` what happened to the striker within ``horizon`` strokes (None: by the end); NaN where that is not known."""
     ended = np.where(strokes.result != 0, strokes.result.astype(np.float64), np.nan)
     if horizon is None:
@@ -96,7 +96,7 @@ def decision_slope(strokes: Strokes, promised: Promises) -> dict[str, dict[str, 
     }
 
 
-def slope(strokes: Strokes, promised: Promises, happened: Floats) -> dict[str, float]:
+def slope(strokes: Strokes, promised: Promises, happened: F64) -> dict[str, float]:
     """Slope of ``[N]`` what happened, above V(s), on the advantages, with its interval and number of strokes."""
     used = np.isfinite(promised.advantage) & np.isfinite(happened) & np.isfinite(promised.value)
     match = strokes.rows.match[used]
@@ -107,7 +107,7 @@ def slope(strokes: Strokes, promised: Promises, happened: Floats) -> dict[str, f
     return {**ratio_by_match(x * y, x * x, match), "n": int(used.sum())}
 
 
-def _centred(x: Floats, group: npt.NDArray[np.integer]) -> Floats:
+def _centred(x: F64, group: Ints) -> F64:
     return np.asarray(x - (np.bincount(group, x) / np.bincount(group))[group])
 
 
@@ -136,7 +136,7 @@ def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[st
     return out
 
 
-def _points(error: Floats, match: npt.NDArray[np.integer]) -> dict[str, float]:
+def _points(error: F64, match: Ints) -> dict[str, float]:
     found = ratio_by_match(error, np.ones(len(error)), match)
     return {"points": found["value"], "low": found["low"], "high": found["high"], "n": len(error)}
 

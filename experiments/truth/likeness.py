@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import lightgbm
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import ks_2samp, wasserstein_distance
 
-from experiments.truth.matches import Bools, Floats, Ints, Strokes, folds_of
+from experiments.truth.matches import Strokes, folds_of
+from shuttle_marl.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import area_under_curve
 from shuttle_marl.dynamics.network import fold_of_match
@@ -71,7 +71,7 @@ def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, halvings: i
     return {"value": value, "real_against_real": float(np.mean(alike)), "gives_away": {_NAMES[i]: float(gain[i]) for i in order}}
 
 
-def _auc(sides: list["_Features"], seed: int) -> tuple[float, Floats]:
+def _auc(sides: list["_Features"], seed: int) -> tuple[float, F64]:
     """Cross-validated by match, with as many rallies of either side."""
     rng = np.random.default_rng(seed)
     size = min(len(side.values) for side in sides)
@@ -97,8 +97,8 @@ def _auc(sides: list["_Features"], seed: int) -> tuple[float, Floats]:
 class _Features:
     """Input of the trees: ``[R, F]`` features of each rally, and its match ``[R]``."""
 
-    values: Floats
-    match: Ints
+    values: F64
+    match: I64
 
 
 _NAMES: Final = (
@@ -128,7 +128,7 @@ def _features(strokes: Strokes) -> _Features:
     # Both areas are seen by the player of their half, so a cross-court stroke goes from right to right or left to left.
     across = before & (codes["area"] % 3 == codes["incoming_area"] % 3) & (codes["area"] % 3 != 1)
 
-    def share(marked: Bools, of: Bools | None = None) -> Floats:
+    def share(marked: Bools, of: Bools | None = None) -> F64:
         total = size if of is None else np.bincount(rally, of, count)
         return np.asarray(np.bincount(rally, marked, count) / np.maximum(total, 1))
 
@@ -157,7 +157,7 @@ def _whole(strokes: Strokes) -> Bools:
     return np.asarray((strokes.result != 0) & (start <= 2) & (kept == length - start + 1))
 
 
-def _lengths(strokes: Strokes) -> Ints:
+def _lengths(strokes: Strokes) -> I64:
     last = np.unique(strokes.last)
     return strokes.number[last][strokes.result[last] != 0]
 
@@ -167,28 +167,28 @@ def _halvings(strokes: Strokes, seed: int, count: int) -> list[Bools]:
     return [folds_of(strokes, 2, seed + i) == 0 for i in range(count)]
 
 
-def _bits(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> float:
+def _bits(first: Ints, second: Ints) -> float:
     return float(jensenshannon(first, second, base=2) ** 2)
 
 
-def _shots(strokes: Strokes) -> Ints:
+def _shots(strokes: Strokes) -> I64:
     return np.bincount(strokes.rows.codes["shot"], minlength=N_SHOTS)
 
 
-def _transitions(strokes: Strokes) -> Ints:
+def _transitions(strokes: Strokes) -> I64:
     codes = strokes.rows.codes
     known = codes["incoming_shot"] < N_SHOTS
     pairs = codes["incoming_shot"][known].astype(np.int64) * N_SHOTS + codes["shot"][known]
     return np.bincount(pairs, minlength=N_SHOTS * N_SHOTS)
 
 
-def _areas(strokes: Strokes) -> Ints:
+def _areas(strokes: Strokes) -> I64:
     rows = strokes.rows
     aimed = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
     return np.bincount(rows.codes["area"][aimed], minlength=N_AREAS)
 
 
-def _endings(strokes: Strokes) -> Ints:
+def _endings(strokes: Strokes) -> I64:
     rows = strokes.rows
     ended = (rows.outcome == Outcome.FAULT) | (rows.outcome == Outcome.WINNER)
     kind = 2 * rows.codes["shot"][ended].astype(np.int64) + (rows.outcome[ended] == Outcome.WINNER)

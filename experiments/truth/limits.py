@@ -24,8 +24,9 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.truth.decisions import HORIZONS, Promises, decision_slope, promises, realised, slope, worth
-from experiments.truth.matches import Floats, Strokes, folds_of, of_splits, strokes_of
+from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
 from experiments.truth.worlds import Fitter, World, cross_parts
+from shuttle_marl.arrays import F64
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.errors import ShuttleError
@@ -113,7 +114,7 @@ def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, floa
     """Exact slopes of one world's promises, at the states and strokes of real matches, if another world of its layout is true."""
     promised = promises(said.bc, strokes)
     played = true.bc.pair_probabilities()
-    expected: dict[str, Floats] = {}
+    expected: dict[str, F64] = {}
     following = evaluate(said.bc, said.bc).striking[0]
     for horizon in range(1, max(HORIZONS) + 1):
         if horizon in HORIZONS:
@@ -135,7 +136,7 @@ def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
     }
 
 
-def _ago(strokes: Strokes, advantage: Floats, lag: int) -> Floats:
+def _ago(strokes: Strokes, advantage: F64, lag: int) -> F64:
     """``[N]`` advantage of the stroke ``lag`` strokes ago to the one who strikes now; NaN where there is none."""
     earlier = np.maximum(np.arange(len(strokes)) - lag, 0)
     same = (strokes.rally[earlier] == strokes.rally) & (strokes.number - strokes.number[earlier] == lag)

@@ -5,19 +5,15 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import features
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.rally import Game
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
+from shuttle_marl.game.tables import Game
 
 RESAMPLES: Final = 2000
 """Bootstrap resamples of matches behind every interval."""
@@ -36,10 +32,10 @@ class Strokes:
     """
 
     rows: Rows
-    rally: Ints
-    number: Ints
-    last: Ints
-    result: Ints
+    rally: I64
+    number: I64
+    last: I64
+    result: I64
 
     def __len__(self) -> int:
         return len(self.rally)
@@ -106,14 +102,14 @@ def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
     return strokes.take(np.logical_or.reduce(which))
 
 
-def states_of(game: Game, rows: Rows) -> Ints:
+def states_of(game: Game, rows: Rows) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known."""
     before = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
     state = features.states_of(game, rows, *before)
     return np.where((state >= 0) & (game.legal_count(np.maximum(state, 0)) > 0), state, -1)
 
 
-def ratio_by_match(top: Floats, bottom: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:
+def ratio_by_match(top: F64, bottom: F64, match: Ints, seed: int = 0) -> dict[str, float]:
     """A ratio of two sums over strokes, with a 95 % interval by a bootstrap over matches.
 
     Args:
@@ -129,7 +125,7 @@ def ratio_by_match(top: Floats, bottom: Floats, match: npt.NDArray[np.integer], 
     return {"value": float(top.sum() / bottom.sum()), "low": float(low), "high": float(high)}
 
 
-def folds_of(strokes: Strokes, count: int, seed: int) -> Ints:
+def folds_of(strokes: Strokes, count: int, seed: int) -> I64:
     """``[N]`` fold of each stroke's match, dealt at random and as evenly as can be within each discipline."""
     rows = strokes.rows
     present, first = np.unique(rows.match, return_index=True)

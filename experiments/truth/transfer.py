@@ -13,7 +13,7 @@ from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import Fitter, World
 from shuttle_marl.exact import best_response, evaluate, solve, visits
 from shuttle_marl.exact.away import moved
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> dict[str, dict[str, float]]:

@@ -12,15 +12,16 @@ import numpy as np
 import torch
 from safetensors.numpy import load_file, save
 
-from experiments.truth.matches import Floats, Strokes, folds_of
+from experiments.truth.matches import Strokes, folds_of
+from shuttle_marl.arrays import F64
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import load_game, model_folder
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import bc
 
 Report = Callable[[str], None]
@@ -37,7 +38,7 @@ class World:
     """
 
     bc: TabulatedPolicy
-    behind: Floats
+    behind: F64
 
     @property
     def game(self) -> Game:

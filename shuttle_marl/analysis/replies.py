@@ -6,17 +6,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl.analysis import pictures
+from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution
 from shuttle_marl.game.court import AREAS, N_AREAS, area_centre
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, UnknownStrokeError
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import Game
 
 _SPREAD: Final = 0.35
 """Probabilities of winning within this of one half are told apart by colour; what lies beyond has the last one."""
@@ -34,9 +32,9 @@ class Aim:
         state_value: value of the best reply of all.
     """
 
-    value: Floats
-    stroke: npt.NDArray[np.intp]
-    strokes: Floats
+    value: F64
+    stroke: Intp
+    strokes: F64
     state_value: float
 
 
@@ -58,7 +56,7 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     return below, above
 
 
-def edges_of(game: Game, incoming: int, own: int | None = None) -> npt.NDArray[np.intp]:
+def edges_of(game: Game, incoming: int, own: int | None = None) -> Intp:
     """Edges on which a stroke comes in: after one's own last stroke, or after any (None).
 
     Raises:
@@ -73,7 +71,7 @@ def edges_of(game: Game, incoming: int, own: int | None = None) -> npt.NDArray[n
     return edges
 
 
-def _aim(game: Game, following: Floats, states: npt.NDArray[np.intp]) -> Aim:
+def _aim(game: Game, following: F64, states: Intp) -> Aim:
     # The replies to a stroke from a contact are the same whatever the striker's own last stroke was, in the same order.
     strokes = game.legal_strokes(int(states[0]))
     mean = np.mean([game.stroke_values(following, game.pairs_of(s)) for s in states.tolist()], axis=0)

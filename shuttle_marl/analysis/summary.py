@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.errors import ShuttleError
@@ -16,9 +16,6 @@ from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.log_file import SUFFIX
 from shuttle_marl.recording.simulate import stroke_table
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
 """Endings of rallies: one more is a winner, all others are faults of the last striker."""
@@ -52,13 +49,13 @@ class Summary:
     strokes: int
     rallies: int
     matches: int
-    shots: Floats
-    areas: Floats
-    points: Floats
+    shots: F64
+    areas: F64
+    points: F64
     marked: bool
-    transitions: Ints
-    endings: Floats
-    lengths: Ints
+    transitions: I64
+    endings: F64
+    lengths: I64
     length: float
     seconds: float
     wins: float
@@ -161,7 +158,7 @@ class _Frame:
     """Columns of a stroke table as arrays, and where its rallies begin and end."""
 
     def __init__(self, strokes: pa.Table) -> None:
-        def column(name: str) -> npt.NDArray[np.float64]:
+        def column(name: str) -> F64:
             return strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
 
         self.shot, self.outcome, self.stroke = (column(name).astype(np.int64) for name in ("shot", "outcome", "stroke"))
@@ -181,7 +178,7 @@ class _Frame:
         self.ending = np.where(self.outcome == Outcome.WINNER, 0, reasons[reason])
 
 
-def _shares(numbers: Ints, size: int) -> Floats:
+def _shares(numbers: I64, size: int) -> F64:
     counts = np.bincount(numbers, minlength=size).astype(np.float64)
     return counts / max(1.0, counts.sum())
 

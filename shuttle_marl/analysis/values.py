@@ -9,22 +9,19 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
 from shuttle_marl.exact import evaluate, visits
-from shuttle_marl.game import rally
+from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
-from shuttle_marl.game.table import TabulatedPolicy
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution")
 """Columns that :func:`add_values` adds."""
@@ -88,7 +85,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     return strokes
 
 
-def _nearest(catalogue: Catalogue) -> Ints:
+def _nearest(catalogue: Catalogue) -> I64:
     """``[13, 9, 2, 3]`` catalogue index of every combination or of the one nearest to it, -1 where the shot type has none."""
     exact = catalogue.by_parts.astype(np.int64)
     area, technique = np.arange(N_AREAS), np.arange(N_TECHNIQUES)
@@ -105,7 +102,7 @@ def _nearest(catalogue: Catalogue) -> Ints:
     return found
 
 
-def _means_over_own(game: Game, reference: TabulatedPolicy, value: Floats) -> Floats:
+def _means_over_own(game: Game, reference: TabulatedPolicy, value: F64) -> F64:
     """``[n + 1, 2]`` mean value against each incoming stroke by contact, states weighted by how often they are visited."""
     seen = visits(reference, reference).states[0] + 1e-12
     state = np.arange(game.n_states)
@@ -116,7 +113,7 @@ def _means_over_own(game: Game, reference: TabulatedPolicy, value: Floats) -> Fl
         return np.asarray((np.bincount(at, seen * value, size) / total).reshape(-1, 2))
 
 
-def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Ints, value: Floats) -> Floats:
+def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64, value: F64) -> F64:
     """``[N]`` probability of winning that a choice adds to that of the reference's choice, NaN where it is unknown."""
     game = reference.game
     shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
@@ -131,7 +128,7 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: Ints, nearest: Int
     aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
     alike = (game.catalogue.shot[aimed] == shot[fault][row]) & (game.catalogue.technique[aimed] == technique[fault][row])
     row, pairs = row[alike], pairs[alike]
-    weight = reference.probability_of(pairs) * game.outcome_probabilities(pairs)[:, rally.FAULT]
+    weight = reference.probability_of(pairs) * game.outcome_probabilities(pairs)[:, rules.FAULT]
     total = np.bincount(row, weight, len(fault))
     with np.errstate(invalid="ignore"):
         found[fault] = np.bincount(row, weight * game.stroke_values(value, pairs), len(fault)) / total
@@ -230,7 +227,7 @@ def rank_players(
     return sorted(found, key=lambda p: (-p.value, p.player))
 
 
-def _sums(values: Floats, cluster: npt.NDArray[np.intp]) -> tuple[Floats, Floats]:
+def _sums(values: F64, cluster: Intp) -> tuple[F64, F64]:
     """``[M]`` each: sum and number of the values that are known, by cluster."""
     known = np.isfinite(values)
     size = int(cluster.max()) + 1
@@ -238,7 +235,7 @@ def _sums(values: Floats, cluster: npt.NDArray[np.intp]) -> tuple[Floats, Floats
     return np.asarray(total, dtype=np.float64), count.astype(np.float64)
 
 
-def _resampled(sums: Floats, rng: np.random.Generator) -> Floats:
+def _resampled(sums: F64, rng: np.random.Generator) -> F64:
     """``[RESAMPLES, 4]`` sums when M clusters ``[M, 4]`` are drawn with replacement."""
     size = len(sums)
     at_once = max(1, _DRAWS_AT_ONCE // size)
@@ -246,7 +243,7 @@ def _resampled(sums: Floats, rng: np.random.Generator) -> Floats:
     return np.concatenate([rng.multinomial(size, np.full(size, 1 / size), count) @ sums for count in counts])
 
 
-def _interval(sums: Floats, drawn: Floats) -> tuple[float, float, float]:
+def _interval(sums: F64, drawn: F64) -> tuple[float, float, float]:
     """A mean and its interval, from sums and numbers by cluster ``[M, 2]`` and as they were drawn ``[RESAMPLES, 2]``."""
     size = len(sums)
     with np.errstate(invalid="ignore", divide="ignore"):

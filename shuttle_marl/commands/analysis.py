@@ -44,7 +44,7 @@ def analysis(
     from shuttle_marl import table_files  # noqa: PLC0415  what computes is not needed to show the flags
     from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
-    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     tables = resolve_game(game, profile)

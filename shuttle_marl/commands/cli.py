@@ -17,14 +17,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import NO_ROOM
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.losses import Holes
     from shuttle_marl.policy.scorecard import Scorecard
@@ -206,7 +204,7 @@ def home_and_away(rows: Sequence["Headlines"]) -> Table:
     return table
 
 
-def matrix(title: str, names: Sequence[str], probabilities: "npt.NDArray[np.float64]") -> Table:
+def matrix(title: str, names: Sequence[str], probabilities: "F64") -> Table:
     """Probabilities of the row against the column, ``[N, N]``."""
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("", no_wrap=True)

@@ -20,7 +20,7 @@ from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
-    from shuttle_marl.game.rally import Game
+    from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
     from shuttle_marl.recording.kernel_rallies import Add
 
@@ -196,7 +196,7 @@ def best_response(
     from shuttle_marl.exact import visits  # noqa: PLC0415
     from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
-    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     tables = resolve_game(game, profile)
@@ -263,7 +263,7 @@ def holes(
         json_output: print JSON.
     """
     from shuttle_marl.exact import holes as find  # noqa: PLC0415  numba
-    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     if top < 1:
@@ -307,7 +307,7 @@ def crossplay(
 
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415
-    from shuttle_marl.game.table import tabulate  # noqa: PLC0415
+    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     _check_some(policies)

@@ -7,18 +7,18 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-import numpy as np
-import numpy.typing as npt
 import tyro
 
+from shuttle_marl.arrays import Ints
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally import OUTCOMES, Game
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.check import check as check_log
 from shuttle_marl.recording.export import export as export_log
 from shuttle_marl.recording.reader import RallyLog
@@ -282,7 +282,7 @@ def _describe(log: RallyLog, number: int) -> str:
     return "\n".join(lines)
 
 
-def _score_line(log: RallyLog, numbers: npt.NDArray[np.integer]) -> str:
+def _score_line(log: RallyLog, numbers: Ints) -> str:
     """The result of a match, from the numbers of its rallies: the points of every game, seat 0 first.
 
     Raises:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.reader import RallyLog
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I8, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.shuttleset import RawGame
 from shuttle_marl.game.stroke import SHOTS
@@ -25,9 +25,6 @@ MIRRORED: Final = ("ShuttleSet", range(9, 21))
 _LABEL_AREA: Final = np.array([-1, 0, 2, 6, 8, 3, 5, 1, 4, 7] + [-1] * 7, dtype=np.int8)
 _OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "short", "foul"))
 _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
-
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 
 def arrange(raw: RawGame) -> tuple[RawGame, int]:
@@ -59,7 +56,7 @@ def broken_rallies(raw: RawGame, first: Bools) -> Bools:
     return np.asarray(np.bincount(rally, weights=wrong)[rally] > 0)
 
 
-def sides(raw: RawGame, first: Bools) -> tuple[Ints, Bools]:
+def sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
     """``[n]`` sign of the striker's half by vote within the rally, 0 without evidence; and rows that contradict it.
 
     Ends swap between games and in the middle of a third game, so nothing is assumed about them. Player A stays in one half
@@ -94,7 +91,7 @@ def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
     return dataclasses.replace(raw, by_a=raw.by_a ^ odd[np.cumsum(first) - 1])
 
 
-def outcomes(raw: RawGame, first: Bools) -> tuple[Ints, Ints]:
+def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
     """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS.
 
     The winner of a rally is who scored; the annotated winner is asked where the score does not tell because a rally before
@@ -142,7 +139,7 @@ def timed(raw: RawGame, first: Bools) -> Bools:
     return fits
 
 
-def _longest_chain(frame: Ints, clock: Ints) -> list[int]:
+def _longest_chain(frame: I64, clock: I64) -> list[int]:
     """Indices of a longest subsequence in which frames rise and clocks never fall; quadratic in its few dozen values."""
     length: list[int] = []
     before: list[int] = []
@@ -159,7 +156,7 @@ def _longest_chain(frame: Ints, clock: Ints) -> list[int]:
     return chain[::-1]
 
 
-def corrected_label(raw: RawGame, own_half: Bools) -> npt.NDArray[np.int8]:
+def corrected_label(raw: RawGame, own_half: Bools) -> I8:
     """``[n]`` area labels as the receiver sees them, -1 outside the court.
 
     The annotators name right and left as the player of the half sees them in which the shuttle came down: of a stroke

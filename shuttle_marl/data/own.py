@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl import __version__
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.column_map import FAULTS, WINNERS, WORDS, ColumnMap
 from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
@@ -22,8 +23,6 @@ from shuttle_marl.data.upstream import discipline as discipline_of
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
-
-Ints = npt.NDArray[np.int64]
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
 _ABOVE: Final = ("clear", "drop", "smash", "half-smash", "net-kill")
@@ -139,7 +138,7 @@ class _Import:
                 self._sheet.mark(row, f"{column} {value!r}; expected a name")
         return values
 
-    def _number(self, name: str, without: int) -> Ints:
+    def _number(self, name: str, without: int) -> I64:
         if name not in self._map.columns:
             return np.full(self._n, without)
         low, high = RANGES[name]
@@ -157,7 +156,7 @@ class _Import:
         fine = (values >= low) & (values <= high)
         return _nullable(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), ~fine)
 
-    def _code(self, name: str, missing: int, *, without: Ints | None = None) -> Ints:
+    def _code(self, name: str, missing: int, *, without: I64 | None = None) -> I64:
         """Codes of the words of a column; ``without``: those where there is no such column."""
         if name not in self._map.columns:
             assert without is not None
@@ -209,7 +208,7 @@ class _Import:
             self._sheet.mark(row, f"player {name!r}: a name may not hold one of : @ , =")
         return player_id(name)
 
-    def _points(self) -> dict[str, npt.NDArray[np.float64]]:
+    def _points(self) -> dict[str, F64]:
         """``[n, 2]`` points in the striker's frame, NaN where there is none."""
         turned = np.ones(self._n)
         if self._map.coordinates == "court":
@@ -221,7 +220,7 @@ class _Import:
             found[name] = np.stack(values, axis=1) * turned[:, None]
         return found
 
-    def _areas(self, landing: npt.NDArray[np.float64]) -> Ints:
+    def _areas(self, landing: F64) -> I64:
         """Areas of the landing points; where there is none, those that the column names."""
         computed = court.area_of(*landing.astype(np.float32).T).astype(np.int64)
         if "area" not in self._map.columns:
@@ -231,7 +230,7 @@ class _Import:
             named = np.where(named < 0, -1, named + 2 - 2 * (named % 3))
         return np.where(computed >= 0, computed, named)
 
-    def _outcomes(self, player: npt.NDArray[Any]) -> tuple[Ints, Ints]:
+    def _outcomes(self, player: npt.NDArray[Any]) -> tuple[I64, I64]:
         """Outcome and reason of each stroke, from how rallies ended and who won them."""
         last = np.r_[self._first[1:], True]
         words = WORDS["ending"]
@@ -253,7 +252,7 @@ class _Import:
         reason = np.array([REASONS.index(word) for word in words])[told]
         return outcome.astype(np.int64), np.where(undecided, REASONS.index("unknown"), reason)
 
-    def _won(self, player: npt.NDArray[Any]) -> Ints:
+    def _won(self, player: npt.NDArray[Any]) -> I64:
         """Whether the striker of each row won its rally: 1 yes, 0 no, -1 not told."""
         if "winner" not in self._map.columns:
             return np.full(self._n, -1)
@@ -277,7 +276,7 @@ class _Import:
         return np.array([kind or DISCIPLINES[0] for kind in known])
 
 
-def _nullable(values: npt.NDArray[Any], missing: npt.NDArray[np.bool_]) -> pa.Array:
+def _nullable(values: npt.NDArray[Any], missing: Bools) -> pa.Array:
     return pa.array(values, mask=missing)
 
 

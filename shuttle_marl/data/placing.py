@@ -8,13 +8,11 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES
-
-Floats = npt.NDArray[np.float64]
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""
@@ -53,12 +51,12 @@ class Strokes:
         right: ``[n]`` whether the server of the rally serves from the right service court (an even score).
     """
 
-    shot: npt.NDArray[np.int64]
-    area: npt.NDArray[np.int64]
-    outcome: npt.NDArray[np.int64]
-    stroke: npt.NDArray[np.int64]
-    new_game: npt.NDArray[np.bool_]
-    right: npt.NDArray[np.bool_]
+    shot: I64
+    area: I64
+    outcome: I64
+    stroke: I64
+    new_game: Bools
+    right: Bools
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,12 +69,12 @@ class Placed:
         frame: ``[n]`` frame, at :data:`FRAME_RATE` a second.
     """
 
-    landing: Floats
-    contact: Floats
-    striker: Floats
-    receiver: Floats
-    reason: npt.NDArray[np.int64]
-    frame: npt.NDArray[np.int64]
+    landing: F64
+    contact: F64
+    striker: F64
+    receiver: F64
+    reason: I64
+    frame: I64
 
 
 def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
@@ -108,7 +106,7 @@ def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
     )
 
 
-def _reasons(strokes: Strokes, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def _reasons(strokes: Strokes, rng: np.random.Generator) -> I64:
     mix = FAULT_MIX[strokes.shot]
     no_line = np.isin(strokes.area, (1, 4))  # front and middle centre: no line to miss
     mix = np.where(no_line[:, None] & (np.arange(3) == 0), 0.0, mix)
@@ -120,7 +118,7 @@ def _reasons(strokes: Strokes, rng: np.random.Generator) -> npt.NDArray[np.int64
     return np.where(strokes.outcome == Outcome.RETURNED, REASONS.index("returned"), ended)
 
 
-def _inside(strokes: Strokes, rng: np.random.Generator) -> Floats:
+def _inside(strokes: Strokes, rng: np.random.Generator) -> F64:
     """Points in the target areas, denser towards their middle, a hand's breadth away from the lines."""
     side, depth = strokes.area % 3, strokes.area // 3
     x_cuts = np.array([-court.HALF_WIDTH, -court.SIDE_CUT, court.SIDE_CUT, court.HALF_WIDTH])
@@ -132,7 +130,7 @@ def _inside(strokes: Strokes, rng: np.random.Generator) -> Floats:
     return low + (high - low) * rng.random((2, len(side), 2)).mean(axis=0)
 
 
-def _beyond_the_line(area: npt.NDArray[np.int64], inside: Floats, rng: np.random.Generator) -> Floats:
+def _beyond_the_line(area: I64, inside: F64, rng: np.random.Generator) -> F64:
     """Points moved straight over the line next to the target area; of a corner over one of its two lines."""
     side, depth = area % 3, area // 3
     by = np.minimum(0.03 + rng.exponential(0.2, len(area)), 1.0)
@@ -143,7 +141,7 @@ def _beyond_the_line(area: npt.NDArray[np.int64], inside: Floats, rng: np.random
     return np.stack([x, y], axis=1)
 
 
-def _fall_short(landing: Floats, start: Floats, reason: npt.NDArray[np.int64], rng: np.random.Generator) -> None:
+def _fall_short(landing: F64, start: F64, reason: I64, rng: np.random.Generator) -> None:
     """Move net and short faults to the striker's side, where the line from the contact to the target meets the net."""
     share = start[:, 1] / (start[:, 1] - landing[:, 1])
     across = start[:, 0] + share * (landing[:, 0] - start[:, 0])
@@ -153,7 +151,7 @@ def _fall_short(landing: Floats, start: Floats, reason: npt.NDArray[np.int64], r
         landing[rows] = np.stack([across, -fallen], axis=1)[rows]
 
 
-def _positions(strokes: Strokes, contact: Floats, flight: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _positions(strokes: Strokes, contact: F64, flight: F64, rng: np.random.Generator) -> tuple[F64, F64]:
     """``[n, 2]`` each: where striker and receiver stand when the shuttle is struck."""
     n = len(flight)
     striker, receiver = np.empty((n, 2)), np.empty((n, 2))
@@ -174,7 +172,7 @@ def _positions(strokes: Strokes, contact: Floats, flight: Floats, rng: np.random
     return striker, receiver
 
 
-def _towards(points: Floats, goal: Floats, distance: Floats) -> Floats:
+def _towards(points: F64, goal: F64, distance: F64) -> F64:
     way = goal - points
     length = np.linalg.norm(way, axis=1)
     return points + way * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]

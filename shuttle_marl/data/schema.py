@@ -14,16 +14,15 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.game import court, rally
+from shuttle_marl.arrays import I64, Bools, Ints
+from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
-
-Bools = npt.NDArray[np.bool_]
 
 
 class Outcome(enum.IntEnum):
     """Outcome of an annotated stroke: the codes of the column ``outcome``.
 
-    They are not those of :data:`shuttle_marl.game.rally.OUTCOMES`, which :func:`outcome_of` translates.
+    They are not those of :data:`shuttle_marl.game.rules.OUTCOMES`, which :func:`outcome_of` translates.
     """
 
     RETURNED = 0
@@ -111,14 +110,14 @@ RANGES: Final = {
 _FAULT_REASONS: Final = [REASONS.index(name) for name in ("out", "net", "short", "foul", "unknown")]
 _WINNER_REASONS: Final = [REASONS.index(name) for name in ("landed", "misjudged", "unknown")]
 
-_OF_RALLY: Final = np.zeros(len(rally.OUTCOMES), dtype=np.int64)
-_OF_RALLY[[rally.FAULT, rally.WINNER, rally.RETURNED_BELOW, rally.RETURNED_ABOVE]] = (
+_OF_RALLY: Final = np.zeros(len(rules.OUTCOMES), dtype=np.int64)
+_OF_RALLY[[rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE]] = (
     Outcome.FAULT, Outcome.WINNER, Outcome.RETURNED, Outcome.RETURNED,
 )  # fmt: skip
 
 
-def outcome_of(played: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Codes of :class:`Outcome` for indices into :data:`shuttle_marl.game.rally.OUTCOMES`, any shape."""
+def outcome_of(played: Ints) -> I64:
+    """Codes of :class:`Outcome` for indices into :data:`shuttle_marl.game.rules.OUTCOMES`, any shape."""
     return np.asarray(_OF_RALLY[np.asarray(played, dtype=np.int64)])
 
 
@@ -133,7 +132,7 @@ class Violation:
     """
 
     rule: str
-    rows: npt.NDArray[np.int64]
+    rows: I64
     example: str
 
     def __str__(self) -> str:

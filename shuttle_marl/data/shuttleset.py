@@ -12,11 +12,11 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I8, I64, Bools, Ints
 from shuttle_marl.data import upstream
 from shuttle_marl.data.schema import FAR_OFF, REASONS
 from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
@@ -103,7 +103,7 @@ class Match:
     discipline: str
     folder: Path
     n_games: int
-    homography: npt.NDArray[np.float64]
+    homography: F64
 
     @property
     def present(self) -> bool:
@@ -152,29 +152,29 @@ class RawGame:
     game: int
     path: Path
     broken_homography: bool
-    line: npt.NDArray[np.int64]
-    unreadable: npt.NDArray[np.bool_]
-    rally: npt.NDArray[np.int64]
-    stroke: npt.NDArray[np.int64]
-    by_a: npt.NDArray[np.bool_]
-    shot: npt.NDArray[np.int8]
-    height: npt.NDArray[np.int8]
-    met_height: npt.NDArray[np.int8]
-    backhand: npt.NDArray[np.bool_]
-    around_head: npt.NDArray[np.bool_]
-    flaw: npt.NDArray[np.bool_]
-    label_area: npt.NDArray[np.int8]
-    reason: npt.NDArray[np.int8]
-    winner: npt.NDArray[np.int8]
-    score: npt.NDArray[np.int64]
-    clock: npt.NDArray[np.int64]
-    frame: npt.NDArray[np.int64]
-    point: dict[str, npt.NDArray[np.float64]]
+    line: I64
+    unreadable: Bools
+    rally: I64
+    stroke: I64
+    by_a: Bools
+    shot: I8
+    height: I8
+    met_height: I8
+    backhand: Bools
+    around_head: Bools
+    flaw: Bools
+    label_area: I8
+    reason: I8
+    winner: I8
+    score: I64
+    clock: I64
+    frame: I64
+    point: dict[str, F64]
 
-    def take(self, rows: npt.NDArray[np.integer]) -> "RawGame":
+    def take(self, rows: Ints) -> "RawGame":
         """Some of the rows, in the order given."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        taken = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
+        taken: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
         return dataclasses.replace(self, **taken, point={name: xy[rows] for name, xy in self.point.items()})
 
 
@@ -240,7 +240,7 @@ def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Mat
     return list(matches.values())
 
 
-def _homographies(path: Path, problems: list[Problem]) -> dict[str, npt.NDArray[np.float64]]:
+def _homographies(path: Path, problems: list[Problem]) -> dict[str, F64]:
     sheet = StrictCsv(path, _HOMOGRAPHY_COLUMNS)
     homographies = {}
     for i, (name, text) in enumerate(zip(sheet.text("video"), sheet.text("homography_matrix"), strict=True)):
@@ -306,22 +306,22 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
     return raw
 
 
-def _height(sheet: StrictCsv, column: str) -> npt.NDArray[np.int8]:
+def _height(sheet: StrictCsv, column: str) -> I8:
     """Heights of the files (1 above, 2 below the net; the data sets' README says 0) as ours, -1 missing."""
     codes = sheet.codes(column, 2)
     return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
-def _project(sheet: StrictCsv, name: str, homography: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _project(sheet: StrictCsv, name: str, homography: F64) -> F64:
     """``[n, 2]`` pixels to metres on the court, origin under the middle of the net; NaN where a pixel is missing."""
     x, y = sheet.numbers(f"{name}_x"), sheet.numbers(f"{name}_y")
     image = homography @ np.stack([x, y, np.ones_like(x)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        metres: npt.NDArray[np.float64] = ((image[:2] / image[2]).T - _CENTRE) * _UNIT
+        metres: F64 = ((image[:2] / image[2]).T - _CENTRE) * _UNIT
     return metres
 
 
-def _check_points(sheet: StrictCsv, point: dict[str, npt.NDArray[np.float64]]) -> None:
+def _check_points(sheet: StrictCsv, point: dict[str, F64]) -> None:
     """Mark points far off the court and make them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():

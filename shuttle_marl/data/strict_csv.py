@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I8, I64
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import open_file, problem
 
@@ -140,7 +140,7 @@ class StrictCsv:
         """``[n]`` the values as they stand."""
         return self._columns[column]
 
-    def numbers(self, column: str) -> npt.NDArray[np.float64]:
+    def numbers(self, column: str) -> F64:
         """``[n]`` numbers, NaN where the value is empty or no finite number (the latter is a problem)."""
         text = self._columns[column]
         plain = text if self._decimal == "." else tuple(t.replace(self._decimal, ".") for t in text)
@@ -151,7 +151,7 @@ class StrictCsv:
                 values[row] = np.nan
         return values
 
-    def integers(self, column: str, low: int, high: int, *, missing: int) -> npt.NDArray[np.int64]:
+    def integers(self, column: str, low: int, high: int, *, missing: int) -> I64:
         """``[n]`` whole numbers from low to high; anything else, even nothing, is a problem and becomes ``missing``."""
         values = self.numbers(column)
         fine = (values >= low) & (values <= high) & (values == np.floor(values))
@@ -161,7 +161,7 @@ class StrictCsv:
                 self.mark(row, f"{column} {text[row]!r} is no whole number from {low} to {high}")
         return np.where(fine, np.nan_to_num(values), missing).astype(np.int64)
 
-    def codes(self, column: str, high: int) -> npt.NDArray[np.int8]:
+    def codes(self, column: str, high: int) -> I8:
         """``[n]`` whole numbers from 1 to high, 0 where the value is empty."""
         values = self.numbers(column)
         fine = np.isnan(values) | ((values >= 1) & (values <= high) & (values == np.floor(values)))
@@ -169,7 +169,7 @@ class StrictCsv:
             self.mark(row, f"{column} {self._columns[column][row]!r}; expected nothing or 1 to {high}")
         return np.where(fine, np.nan_to_num(values), 0).astype(np.int8)
 
-    def choices(self, column: str, codes: Mapping[str, int]) -> npt.NDArray[np.int8]:
+    def choices(self, column: str, codes: Mapping[str, int]) -> I8:
         """``[n]`` codes of the values; a value that has none is a problem and becomes -1."""
         text = self._columns[column]
         if unknown := set(text) - codes.keys():
@@ -179,7 +179,7 @@ class StrictCsv:
                     self.mark(row, f"unknown {column} {value!r}; expected one of {known}")
         return np.array([codes.get(value, -1) for value in text], dtype=np.int8)
 
-    def seconds(self, column: str) -> npt.NDArray[np.int64]:
+    def seconds(self, column: str) -> I64:
         """``[n]`` times of the form h:mm:ss in seconds; anything else is a problem and becomes -1."""
         text = self._columns[column]
         known = {value: _seconds(value) for value in set(text)}

@@ -9,16 +9,13 @@ player and place. They start at zero with a normal prior, and each stroke update
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import F32, F64, I64
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.moments import CODES, moments_of
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 TYPE_VARIANCES: Final = {
     "match": 0.2, "height": 0.05, "reply": 0.07, "player": 0.03, "player_height": 0.03, "place": 0.03, "guess": 0.3,
@@ -34,7 +31,7 @@ _LEAST_CURVATURE: Final = 1e-5
 """A class that is as good as certain, or impossible, teaches nothing."""
 
 
-def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True) -> Floats:
+def adapted(probability: F64, strokes: pa.Table, *, height_known: bool = True) -> F64:
     """Predictions of an imitator, each corrected by the strokes of its match that were struck before.
 
     Nothing after the hit is read: what a stroke was corrects the later ones.
@@ -70,28 +67,28 @@ def adapted(probability: Floats, strokes: pa.Table, *, height_known: bool = True
     return np.asarray(types[:, 0, :, None] * areas)
 
 
-def _places(numbers: npt.NDArray[np.float32]) -> Floats:
+def _places(numbers: F32) -> F64:
     """``[N, 5]`` places and time of moments, in spreads from what is usual; 0 where not known."""
     columns, usual, spread = (np.array(values) for values in zip(*_PLACE, strict=True))
     return np.clip(np.nan_to_num((numbers[:, columns] - usual) / spread), -_FARTHEST, _FARTHEST)
 
 
-def _coded(strokes: pa.Table, name: str) -> Ints:
+def _coded(strokes: pa.Table, name: str) -> I64:
     codes = strokes[name].combine_chunks().dictionary_encode().indices
     return np.asarray(codes.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def _sides(match: Ints, player: Ints) -> Floats:
+def _sides(match: I64, player: I64) -> F64:
     """``[N, 1]`` 1 for the player who strikes first in a match, -1 for the other one."""
     _, first, position = np.unique(match, return_index=True, return_inverse=True)
     return np.where(player == player[first][position], 1.0, -1.0)[:, None]
 
 
-def _one_hot(codes: Ints, n: int) -> Floats:
+def _one_hot(codes: I64, n: int) -> F64:
     return np.asarray(codes[:, None] == np.arange(n), dtype=np.float64)
 
 
-def _inputs(seen: dict[str, Floats], variances: dict[str, float], distributions: int) -> tuple[Floats, Floats]:
+def _inputs(seen: dict[str, F64], variances: dict[str, float], distributions: int) -> tuple[F64, F64]:
     """``[N, R, D]`` inputs of R distributions, from ``[N, d]`` alike for all or ``[N, R, d]``, and ``[D]`` prior variances."""
     parts = {
         name: part if part.ndim == 3 else np.broadcast_to(part[:, None], (len(part), distributions, part.shape[1]))
@@ -104,7 +101,7 @@ def _inputs(seen: dict[str, Floats], variances: dict[str, float], distributions:
 
 
 @compiled
-def _corrected(probability: Floats, inputs: Floats, variances: Floats, match: Ints, which: Ints, label: Ints) -> Floats:
+def _corrected(probability: F64, inputs: F64, variances: F64, match: I64, which: I64, label: I64) -> F64:
     """Correct R distributions at each of N strokes by what was seen in the strokes of the match before.
 
     Args:

@@ -20,21 +20,19 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import beta
 
+from shuttle_marl.arrays import F32, F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
-from shuttle_marl.game.table import base_pairs, layout, thresholds
-
-Floats = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
+from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
 TECHNIQUE_SHARE: Final = 0.02
@@ -57,7 +55,7 @@ def catalogue_of(rows: Rows) -> Catalogue:
     return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in kept.T))
 
 
-def replies_of(rows: Rows, catalogue: Catalogue) -> npt.NDArray[np.bool_]:
+def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
     """``[n + 1, n]`` which stroke may answer which (row n: at the start); see the rule in the module's first lines."""
     n = len(catalogue)
     count = np.zeros((N_SHOTS + 2, N_AREAS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
@@ -90,14 +88,14 @@ class Support:
         fault_range, winner_range: ``[E, 2]`` bounds of the predicted probabilities.
     """
 
-    strokes: Floats
-    faults: Floats
-    winners: Floats
-    fault_range: Floats
-    winner_range: Floats
+    strokes: F64
+    faults: F64
+    winners: F64
+    fault_range: F64
+    winner_range: F64
 
 
-def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
+def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     """Count the cells of every edge.
 
     Args:
@@ -145,22 +143,22 @@ def support_of(rows: Rows, targets: Floats, game: Game) -> Support:
     return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])
 
 
-def is_serve_pair(game: Game) -> npt.NDArray[np.bool_]:
+def is_serve_pair(game: Game) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a serve."""
     return np.asarray(game.catalogue.is_serve[game.base_pair_stroke])
 
 
-def is_duel_pair(game: Game) -> npt.NDArray[np.bool_]:
+def is_duel_pair(game: Game) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a net shot after two or more net shots in a row."""
     return np.asarray(game.catalogue.is_net_shot[game.base_pair_stroke] & (game.duel(game.base_pair_state) >= LONG_DUEL - 1))
 
 
-def is_long_duel_pair(game: Game) -> npt.NDArray[np.bool_]:
+def is_long_duel_pair(game: Game) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a net shot of a long duel."""
     return np.asarray(is_duel_pair(game) & (game.duel(game.base_pair_state) >= LONG_DUEL))
 
 
-def _key(parts: tuple[Index | npt.NDArray[np.integer], ...]) -> Index:
+def _key(parts: tuple[I64 | Ints, ...]) -> I64:
     """One integer for a tuple of small ones."""
     key = np.zeros(len(parts[0]), dtype=np.int64)
     for part in parts:
@@ -168,7 +166,7 @@ def _key(parts: tuple[Index | npt.NDArray[np.integer], ...]) -> Index:
     return key
 
 
-def _looked_up(keys: Index, weights: Floats, wanted: Index) -> Floats:
+def _looked_up(keys: I64, weights: F64, wanted: I64) -> F64:
     """Sum of the weights of the rows whose key is wanted."""
     unique, inverse = np.unique(keys, return_inverse=True)
     total = np.bincount(inverse, weights=weights)
@@ -192,14 +190,14 @@ class PairProbabilities:
         fault_odds: ``[L]`` odds of a fault at each level of effort, relative to those at effort 0.
     """
 
-    fault: Floats
-    returned: Floats
-    above: Floats
-    clipped: npt.NDArray[np.bool_]
-    fault_odds: Floats
+    fault: F64
+    returned: F64
+    above: F64
+    clipped: Bools
+    fault_odds: F64
 
 
-def empty_game(catalogue: Catalogue, replies: npt.NDArray[np.bool_]) -> Game:
+def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
     """The layout of a game whose probabilities are not known yet."""
     tables = layout(catalogue, replies, duels=True)
     return Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), dtype=np.uint16), **tables)
@@ -247,7 +245,7 @@ def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
     return dataclasses.replace(game, threshold=table, fault_odds=odds)
 
 
-def pair_log_choices(models: FittedModels, game: Game) -> npt.NDArray[np.float32]:
+def pair_log_choices(models: FittedModels, game: Game) -> F32:
     """``[base pairs]`` log of the probability that the average player chooses a stroke, before dividing by the legal total."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = codes_of_states(game, state)

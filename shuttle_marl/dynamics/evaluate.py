@@ -12,12 +12,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import rankdata
 
+from shuttle_marl.arrays import F64, I16, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
-from shuttle_marl.dynamics.features import STATE, Codes, Rows
+from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
 from shuttle_marl.dynamics.network import fold_of_match
@@ -27,11 +27,8 @@ from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import best_response, solve
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
+from shuttle_marl.game.tables import Game
 
 BINS: Final = 15
 RESAMPLES: Final = 2000
@@ -42,19 +39,19 @@ _FOLDS: Final = 5
 _LEAVES: Final = (8, 15)
 
 
-def log_losses(label: Bools, p: Floats) -> Floats:
+def log_losses(label: Bools, p: F64) -> F64:
     """``[N]`` log-loss of each row, in nats."""
     p = np.clip(p, 1e-7, 1 - 1e-7)
     return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
 
 
-def calibration_error(label: Bools, p: Floats, bins: int = BINS) -> float:
+def calibration_error(label: Bools, p: F64, bins: int = BINS) -> float:
     """Expected calibration error over bins of equal mass."""
     parts = np.array_split(np.argsort(p, kind="stable"), bins)
     return float(sum(abs(label[i].mean() - p[i].mean()) * len(i) for i in parts if len(i)) / len(label))
 
 
-def reliability(label: Bools, p: Floats, bins: int = BINS) -> list[dict[str, float]]:
+def reliability(label: Bools, p: F64, bins: int = BINS) -> list[dict[str, float]]:
     """The reliability diagram: mean prediction, observed share and number of rows of each bin of equal mass."""
     parts = np.array_split(np.argsort(p, kind="stable"), bins)
     return [
@@ -64,7 +61,7 @@ def reliability(label: Bools, p: Floats, bins: int = BINS) -> list[dict[str, flo
     ]
 
 
-def area_under_curve(label: Bools, p: Floats) -> float:
+def area_under_curve(label: Bools, p: F64) -> float:
     """Area under the ROC curve; NaN if only one kind of label occurs."""
     positive = int(label.sum())
     negative = len(label) - positive
@@ -73,7 +70,7 @@ def area_under_curve(label: Bools, p: Floats) -> float:
     return float((rankdata(p)[label].sum() - positive * (positive + 1) / 2) / (positive * negative))
 
 
-def scores(label: Bools, p: Floats) -> dict[str, Any]:
+def scores(label: Bools, p: F64) -> dict[str, Any]:
     """rows, log_loss, brier, auc, ece of a binary prediction."""
     return {
         "rows": len(label),
@@ -84,7 +81,7 @@ def scores(label: Bools, p: Floats) -> dict[str, Any]:
     }
 
 
-def difference_by_match(ours: Floats, theirs: Floats, match: npt.NDArray[np.integer], seed: int = 0) -> dict[str, float]:
+def difference_by_match(ours: F64, theirs: F64, match: Ints, seed: int = 0) -> dict[str, float]:
     """Mean difference of log-losses (ours minus theirs) and its 95 % interval, by a bootstrap over matches."""
     _, index = np.unique(match, return_inverse=True)
     total, count = np.bincount(index, ours - theirs), np.bincount(index)
@@ -108,13 +105,13 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
     """
 
-    def success(rows: Rows) -> Floats:
+    def success(rows: Rows) -> F64:
         return 1 - models.fault_without_target(rows, models.shift_of(rows.striker, models.striker))
 
-    def returned(rows: Rows) -> Floats:
+    def returned(rows: Rows) -> F64:
         return models.returned(rows.codes, shift=models.shift_of(rows.receiver, models.receiver))
 
-    tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], Floats], tuple[str, ...]]] = {
+    tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], F64], tuple[str, ...]]] = {
         # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
         "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, (*_CONTEXT, *_SITUATION)),
         "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
@@ -138,7 +135,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
     return out
 
 
-def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[Floats, Floats, Floats]:
+def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[F64, F64, F64]:
     """Predictions of the behaviour-cloned players for each row.
 
     Args:
@@ -168,7 +165,7 @@ def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = T
     return styles.sum(axis=2), area / area.sum(axis=1, keepdims=True), given / given.sum(axis=1, keepdims=True)
 
 
-def top_k(probabilities: Floats, label: npt.NDArray[np.integer], most: int = 4) -> list[float]:
+def top_k(probabilities: F64, label: Ints, most: int = 4) -> list[float]:
     """Share of rows whose label is among the k likeliest, for k = 1 to ``most``."""
     ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :most]
     hit = ranked == np.asarray(label)[:, None]
@@ -180,7 +177,7 @@ def next_stroke_scores(models: FittedModels, rows: Rows, *, own: bool = True) ->
     return prediction_scores(*next_stroke_probabilities(models, rows, own=own), rows)
 
 
-def prediction_scores(shot: Floats, area: Floats, given: Floats, rows: Rows) -> dict[str, Any]:
+def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str, Any]:
     """Top-1 to top-4 of shot type, area, and area given the shot type; cross-entropies in nats.
 
     The area is scored on strokes that were no fault, because a fault does not say where it was aimed. ``cross_entropy`` is
@@ -207,11 +204,11 @@ def prediction_scores(shot: Floats, area: Floats, given: Floats, rows: Rows) -> 
 
 def tree_predictions(
     names: tuple[str, ...],
-    train: dict[str, Codes],
-    label: npt.NDArray[np.bool_],
-    match: npt.NDArray[np.integer],
-    test: dict[str, Codes],
-) -> npt.NDArray[np.float64]:
+    train: dict[str, I16],
+    label: Bools,
+    match: Ints,
+    test: dict[str, I16],
+) -> F64:
     """Fit on train, predict on test. Number of leaves and of rounds are chosen by cross-validation over matches.
 
     Args:
@@ -281,7 +278,7 @@ THIN: Final = 5.0
 """A stroke with fewer real ones than this in its innermost cell of data is thinly supported."""
 
 
-def health(bc: StatePolicy, strokes: Floats) -> dict[str, Any]:
+def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
     """The figures that say whether the solved game looks like badminton, and which of them leave their limits.
 
     Args:

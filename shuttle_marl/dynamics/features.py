@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import I8, I16, I32, I64, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.landings import met_points
 from shuttle_marl.game.court import N_AREAS, area_of
-from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
+from shuttle_marl.game.tables import LONGEST_DUEL, Game
 
 DISCIPLINES: Final = ("MS", "WS")
 
@@ -43,8 +44,6 @@ ATTACK: Final = np.isin(SHOTS, ATTACKS)
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
 """``[13]`` whether a shot type is a net shot."""
 
-Codes = npt.NDArray[np.int16]
-
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rows:
@@ -66,18 +65,18 @@ class Rows:
     run. The first stroke of a rally is a serve, so it counts as neither even where its row was dropped.
     """
 
-    codes: dict[str, Codes]
-    outcome: npt.NDArray[np.int8]
-    reason: npt.NDArray[np.int8]
-    next_contact: npt.NDArray[np.int8]
-    match: npt.NDArray[np.int32]
+    codes: dict[str, I16]
+    outcome: I8
+    reason: I8
+    next_contact: I8
+    match: I32
     matches: tuple[str, ...]
     striker: npt.NDArray[np.str_]
     receiver: npt.NDArray[np.str_]
-    stroke: npt.NDArray[np.int16]
-    attacks: npt.NDArray[np.int16]
-    opponent_attacks: npt.NDArray[np.int16]
-    net_run: npt.NDArray[np.int16]
+    stroke: I16
+    attacks: I16
+    opponent_attacks: I16
+    net_run: I16
 
     def __len__(self) -> int:
         return len(self.outcome)
@@ -104,12 +103,12 @@ class Rows:
         wanted = np.isin(np.array(self.matches), np.array(list(names)))
         return self.take(wanted[self.match])
 
-    def with_area(self, area: int | npt.NDArray[np.integer]) -> dict[str, Codes]:
+    def with_area(self, area: int | Ints) -> dict[str, I16]:
         """The codes, with another intended target."""
         return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
 
     @functools.cached_property
-    def cells(self) -> npt.NDArray[np.int64]:
+    def cells(self) -> I64:
         """``[N]`` index of (shot, area, height, technique) of the stroke itself; negative without area."""
         c = {k: v.astype(np.int64) for k, v in self.codes.items()}
         index = ((c["shot"] * N_AREAS + c["area"]) * 2 + c["contact"]) * N_TECHNIQUES + c["technique"]
@@ -131,7 +130,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     match = encoded.indices.to_numpy().astype(np.int32)
     key = np.stack([match, column["game"], column["rally"]])
     number = column["stroke"].astype(np.int16)
-    codes: dict[str, Codes] = {}
+    codes: dict[str, I16] = {}
     for lag, name in ((1, "incoming"), (2, "own")):
         before = _shift(np.arange(len(match)), lag)
         known = (before >= 0) & (key[:, before] == key).all(axis=0) & (number - number[before] == lag)
@@ -165,7 +164,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     )
 
 
-def _target_areas(strokes: pa.Table) -> Codes:
+def _target_areas(strokes: pa.Table) -> I16:
     """``[N]`` area of each stroke that means the same for every outcome; -1 where no landing was recorded."""
     recorded = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
     outcome, reason, shot, height = (strokes[name].to_numpy() for name in ("outcome", "reason", "shot", "height"))
@@ -185,7 +184,7 @@ def _target_areas(strokes: pa.Table) -> Codes:
     return np.where(moved, area_of(*met.T), recorded).astype(np.int16)
 
 
-def _counts(key: npt.NDArray[np.integer], number: Codes, shot: npt.NDArray[np.integer]) -> tuple[Codes, Codes, Codes]:
+def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
     """``[N]`` each: attacks of the striker, attacks of the receiver, and net shots in a row, before each stroke.
 
     Args:
@@ -212,7 +211,7 @@ def _counts(key: npt.NDArray[np.integer], number: Codes, shot: npt.NDArray[np.in
     return own, other, run
 
 
-def strokes_before(rows: Rows, name: str, strokes: npt.NDArray[np.integer], n_strokes: int) -> npt.NDArray[np.int64]:
+def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
     """``[N]`` catalogue index of the stroke before each: n for none yet, -1 where it is not known or not in the catalogue.
 
     Args:
@@ -230,7 +229,7 @@ def strokes_before(rows: Rows, name: str, strokes: npt.NDArray[np.integer], n_st
     return found
 
 
-def states_of(game: Game, rows: Rows, own: npt.NDArray[np.integer], incoming: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
+def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known.
 
     Args:
@@ -243,10 +242,10 @@ def states_of(game: Game, rows: Rows, own: npt.NDArray[np.integer], incoming: np
     return game.state_of(own, incoming, rows.codes["contact"], duel, *efforts).astype(np.int64)
 
 
-def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Codes]:
-    """Codes of the context of states, ``[N]`` each; without discipline."""
+def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
+    """I16 of the context of states, ``[N]`` each; without discipline."""
     catalogue = game.catalogue
-    codes: dict[str, Codes] = {}
+    codes: dict[str, I16] = {}
     for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
         for attribute, size in _BEFORE.items():
             values = np.append(getattr(catalogue, attribute), size - 2)
@@ -255,15 +254,15 @@ def codes_of_states(game: Game, state: npt.NDArray[np.integer]) -> dict[str, Cod
     return codes
 
 
-def codes_of_pairs(game: Game) -> dict[str, Codes]:
-    """Codes of every base pair of a game, ``[base pairs]`` each; without discipline."""
+def codes_of_pairs(game: Game) -> dict[str, I16]:
+    """I16 of every base pair of a game, ``[base pairs]`` each; without discipline."""
     codes = codes_of_states(game, game.base_pair_state)
     for attribute in ("shot", "technique", "area"):
         codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)
     return codes
 
 
-def _shift(index: npt.NDArray[np.int64], lag: int) -> npt.NDArray[np.int64]:
+def _shift(index: I64, lag: int) -> I64:
     """Row ``lag`` rows before each row, -1 where that is outside the table."""
     moved = index - lag
     return np.where((moved >= 0) & (moved < len(index)), moved, -1)

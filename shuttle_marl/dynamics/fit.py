@@ -5,10 +5,10 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.optimize import minimize
 
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
 from shuttle_marl.dynamics.compiled import (
@@ -48,10 +48,9 @@ from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game, GameError
 from shuttle_marl.game.stroke import N_TECHNIQUES
+from shuttle_marl.game.tables import Game, GameError
 
-Floats = npt.NDArray[np.float64]
 Report = Callable[[str], None]
 
 THREADS: Final = 1
@@ -214,7 +213,7 @@ def layout_of(rows: Rows) -> Game:
         ) from error
 
 
-def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
+def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> F64:
     """``[N, 9]`` probability of each intended target given what happened; rows without a use (unknown outcome) are zero."""
     soft = _known_targets(rows)
     latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))
@@ -226,22 +225,22 @@ def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> Floats:
     return soft
 
 
-def _known_targets(rows: Rows) -> Floats:
+def _known_targets(rows: Rows) -> F64:
     soft = np.zeros((len(rows), N_AREAS))
     seen = np.flatnonzero(~latent_target(rows))
     soft[seen, rows.codes["area"][seen]] = 1.0
     return soft
 
 
-def _targets(target: Ensemble, rows: Rows) -> Floats:
+def _targets(target: Ensemble, rows: Rows) -> F64:
     return np.asarray(softmax(predict(target, encode(target.spec, rows.codes))).mean(axis=0))
 
 
-def _probabilities(network: Ensemble, rows: Rows) -> Floats:
+def _probabilities(network: Ensemble, rows: Rows) -> F64:
     return sigmoid(predict(network, encode(network.spec, rows.codes))[..., 0])
 
 
-def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: TrainingConfig) -> tuple[Floats, Floats]:
+def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: TrainingConfig) -> tuple[F64, F64]:
     """``[N, 9]`` each: logit of a fault by target and probability of each target, from members that did not see the match."""
     probability = all_targets(success, rows)
     fault = unseen(1 - probability[..., GOOD], rows.match, config.folds)
@@ -249,7 +248,7 @@ def _blind_faults(success: Ensemble, target: Ensemble, rows: Rows, config: Train
     return log_odds(fault), share
 
 
-def _fault_correction(logit: Floats, share: Floats, situations: Situations, rows: Rows) -> Trees:
+def _fault_correction(logit: F64, share: F64, situations: Situations, rows: Rows) -> Trees:
     """Trees that correct the logit of a fault where that of members that did not see the match errs; they read no target.
 
     Args:
@@ -263,9 +262,7 @@ def _fault_correction(logit: Floats, share: Floats, situations: Situations, rows
     return fit_trees(rows.with_area(0), fault, rounds=_CORRECTIONS, rate=_CORRECTION_RATE, offset=log_odds(marginal))
 
 
-def _blind_blend(
-    network: Ensemble, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig, ridge: Floats | None = None
-) -> Floats:
+def _blind_blend(network: Ensemble, rows: Rows, label: Bools, config: TrainingConfig, ridge: F64 | None = None) -> F64:
     """``[N]`` logit of a blend whose parts did not see the match: the network, trees, and a ridge regression if one is given."""
     logits = log_odds(unseen(_probabilities(network, rows), rows.match, config.folds))
     fold = fold_of_match(rows.match, _BLIND_FOLDS)
@@ -281,10 +278,10 @@ def _blind_blend(
     return logits
 
 
-def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Floats:
+def _calibrate(logit: F64, share: F64, label: Bools) -> F64:
     """Slope and shift ``[2]`` that make the probability (a mixture of ``[N, M]`` logits with shares ``[N, M]``) most likely."""
 
-    def loss(line: Floats) -> float:
+    def loss(line: F64) -> float:
         p = np.clip((share * sigmoid(line[0] * logit + line[1])).sum(axis=1), 1e-9, 1 - 1e-9)
         return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
 
@@ -292,7 +289,7 @@ def _calibrate(logit: Floats, share: Floats, label: npt.NDArray[np.bool_]) -> Fl
 
 
 def player_shifts(
-    models: FittedModels, blind: dict[str, tuple[Rows, Floats, npt.NDArray[np.bool_]]], validation: Rows
+    models: FittedModels, blind: dict[str, tuple[Rows, F64, Bools]], validation: Rows
 ) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
     """Logit shifts of strikers and receivers; the precision of the prior is the best one on validation."""
     judges = {"striker": validation.take(known_outcome(validation)), "receiver": validation.take(was_good(validation))}
@@ -346,7 +343,7 @@ def player_choices(
     if not names:
         return empty, {}
     chosen: dict[str, Any] = {}
-    shifts: dict[str, Floats] = {}
+    shifts: dict[str, F64] = {}
     for kind, network, cell_slots in (
         ("style", networks["choice"], ("incoming_shot", "contact")),
         ("area", networks["target"], ("shot", "technique")),
@@ -360,7 +357,7 @@ def player_choices(
         members = softmax(predict(network, encode(network.spec, ours.codes)))
         base = members.mean(axis=0) if folds is None else unseen(members, ours.match, folds)
         judge = softmax(predict(network, encode(network.spec, theirs.codes))).mean(axis=0)
-        losses: list[tuple[float, float, Floats]] = []
+        losses: list[tuple[float, float, F64]] = []
         for precision in CHOICE_PRECISIONS:
             shift = pooling.fit_choice_shifts(base, cell[0], cells, empty.index(ours.striker), len(names), label[0], precision)
             moved = judge * np.exp(shift[empty.index(theirs.striker), cell[1]])
@@ -382,20 +379,20 @@ def player_choices(
     )
 
 
-def _judged(rows: Rows, kind: str) -> npt.NDArray[np.bool_]:
+def _judged(rows: Rows, kind: str) -> Bools:
     return np.ones(len(rows), dtype=bool) if kind == "style" else ~latent_target(rows)
 
 
-def _label(rows: Rows, kind: str) -> npt.NDArray[np.int64]:
+def _label(rows: Rows, kind: str) -> I64:
     if kind == "area":
         return rows.codes["area"].astype(np.int64)
     return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
 
 
-def _cross_entropy(p: Floats, label: npt.NDArray[np.int64]) -> float:
+def _cross_entropy(p: F64, label: I64) -> float:
     return float(-np.log(p[np.arange(len(p)), label]).mean())
 
 
-def _log_loss(label: npt.NDArray[np.bool_], p: Floats) -> float:
+def _log_loss(label: Bools, p: F64) -> float:
     p = np.clip(p, 1e-9, 1 - 1e-9)
     return float(-np.where(label, np.log(p), np.log1p(-p)).mean())

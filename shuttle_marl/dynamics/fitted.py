@@ -11,7 +11,8 @@ import numpy.typing as npt
 import torch
 from safetensors.torch import save
 
-from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Codes, Rows
+from shuttle_marl.arrays import F64, I16
+from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, blended_logits, log_odds, ridge_logits, sigmoid, softmax
 from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
 from shuttle_marl.dynamics.players import PlayerChoices
@@ -23,8 +24,6 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import NETWORKS, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.tensor_files import checked, parsed
-
-Floats = npt.NDArray[np.float64]
 
 
 class ModelError(ShuttleError):
@@ -48,26 +47,26 @@ class FittedModels:
     """
 
     networks: dict[str, Ensemble]
-    ridge: Floats
+    ridge: F64
     trees: dict[str, Trees]
-    calibration: Floats
+    calibration: F64
     situations: Situations
-    share: Floats
+    share: F64
     striker: dict[str, float]
     receiver: dict[str, float]
     choices: PlayerChoices
 
-    def targets(self, codes: dict[str, Codes]) -> Floats:
+    def targets(self, codes: dict[str, I16]) -> F64:
         """``[N, 9]`` probability of each intended target given state, shot type and technique."""
         target = self.networks["target"]
         return np.asarray(softmax(predict(target, encode(target.spec, codes))).mean(axis=0))
 
-    def choice(self, codes: dict[str, Codes]) -> Floats:
+    def choice(self, codes: dict[str, I16]) -> F64:
         """``[N, 13 * 3]`` probability of each shot type and technique given the state."""
         choice = self.networks["choice"]
         return np.asarray(softmax(predict(choice, encode(choice.spec, codes))).mean(axis=0))
 
-    def fault(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
+    def fault(self, codes: dict[str, I16], *, pessimism: float = 0.0, shift: F64 | float = 0.0) -> F64:
         """``[N]`` probability that the striker faults, for a known target, at effort 0 and outside of long duels.
 
         Args:
@@ -81,15 +80,15 @@ class FittedModels:
             shift = shift + self.trees["success"].logits(codes)
         return _calibrated(probability, self.calibration[0], pessimism, shift)
 
-    def returned(self, codes: dict[str, Codes], *, pessimism: float = 0.0, shift: Floats | float = 0.0) -> Floats:
+    def returned(self, codes: dict[str, I16], *, pessimism: float = 0.0, shift: F64 | float = 0.0) -> F64:
         """``[N]`` probability that the opponent returns a good stroke; arguments as for :meth:`fault`."""
         return _calibrated(self._blended("return", codes), self.calibration[1], pessimism, shift)
 
-    def above(self, codes: dict[str, Codes]) -> Floats:
+    def above(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that a returned stroke is met above the net."""
         return _calibrated(self._blended("contact", codes), self.calibration[2], 0.0, 0.0)
 
-    def _blended(self, name: str, codes: dict[str, Codes]) -> Floats:
+    def _blended(self, name: str, codes: dict[str, I16]) -> F64:
         """``[K, N]`` probabilities of the members of a network, each blended with the other parts of the model."""
         network = self.networks[name]
         others = [ridge_logits(self.ridge, codes)] if name == "return" else []
@@ -97,17 +96,17 @@ class FittedModels:
             others.append(self.trees[name].logits(codes))
         return sigmoid(blended_logits(predict(network, encode(network.spec, codes))[..., 0], others))
 
-    def fault_without_target(self, rows: Rows, shift: Floats | float = 0.0) -> Floats:
+    def fault_without_target(self, rows: Rows, shift: F64 | float = 0.0) -> F64:
         """``[N]`` probability of a fault given everything but the target: the mean over the targets."""
         shares = self.targets(rows.codes)
         faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
         return np.asarray((shares * self.situations.mixed(log_odds(faults), self.situations.weights(rows))).sum(axis=1))
 
-    def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> Floats:
+    def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> F64:
         """``[N]`` logit shift of each player, 0 for players without one."""
         return np.array([shifts.get(player, 0.0) for player in players.tolist()])
 
-    def averaged(self, probability: Any, codes: dict[str, Codes], **options: Any) -> Floats:
+    def averaged(self, probability: Any, codes: dict[str, I16], **options: Any) -> F64:
         """The average profile: a probability (one of the methods above) weighted over the disciplines."""
         n = len(codes["contact"])
         total = np.zeros(n)
@@ -238,7 +237,7 @@ def _shifts(values: Any) -> dict[str, float]:
     return shifts
 
 
-def _calibrated(members: Floats, line: Floats, pessimism: float, shift: Floats | float) -> Floats:
+def _calibrated(members: F64, line: F64, pessimism: float, shift: F64 | float) -> F64:
     """Mean of the members' probabilities ``[K, N]``, its logit moved along the calibration line."""
     z = log_odds(members.mean(axis=0))
     if pessimism:

@@ -24,6 +24,7 @@ import pyarrow as pa
 import torch
 from safetensors.numpy import save
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.fitted import ModelError
@@ -33,8 +34,6 @@ from shuttle_marl.dynamics.moments import Moments, moments_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.tensor_files import parsed, read_tensors
-
-Floats = npt.NDArray[np.float64]
 
 WORKERS: Final = 2
 """Parts that are fitted at the same time, each in one thread: sums in another order would give other weights."""
@@ -124,7 +123,7 @@ class Imitator:
         networks.members.requires_grad_(False).eval()
         return cls(players=players, config=config, networks=networks, trees=trees.result())
 
-    def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> Floats:
+    def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> F64:
         """``[N, 13, 9]`` probability of each shot type and area, for every stroke of a table.
 
         Nothing after the hit is read: outcome, landing and shot type of a stroke change nothing, nor do later rows.
@@ -179,7 +178,7 @@ def _part(prefix: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDA
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
-def _codes(players: tuple[str, ...], moments: Moments) -> npt.NDArray[np.int64]:
+def _codes(players: tuple[str, ...], moments: Moments) -> I64:
     """``[N, 2]`` position of striker and receiver among the players, from 1; 0 for everyone else."""
     position = {player: i for i, player in enumerate(players, start=1)}
     who = [[position.get(name, 0) for name in names.tolist()] for names in (moments.striker, moments.receiver)]

@@ -15,13 +15,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shuttle_marl.arrays import F32, F64, I64
 from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, Moments, cuts_of, steps_of
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.tensor_files import checked
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _LIMIT: Final = 4.0
 """Standardised numbers are cut off here: single points in the files are far off."""
@@ -115,9 +113,9 @@ class ImitatorNetworks:
 
     config: NetworksConfig
     players: int
-    mean: npt.NDArray[np.float32]
-    scale: npt.NDArray[np.float32]
-    cuts: npt.NDArray[np.float32]
+    mean: F32
+    scale: F32
+    cuts: F32
     members: nn.ModuleList
 
     @classmethod
@@ -130,7 +128,7 @@ class ImitatorNetworks:
         cuts = cuts_of(moments.numbers, config.steps)
         return cls(config=config, players=players, mean=mean, scale=scale, cuts=cuts, members=members)
 
-    def inputs(self, moments: Moments, who: Ints) -> tuple[Tensor, Tensor]:
+    def inputs(self, moments: Moments, who: I64) -> tuple[Tensor, Tensor]:
         """Inputs of the networks.
 
         Args:
@@ -190,7 +188,7 @@ class ImitatorNetworks:
                 optimiser.step()
                 schedule.step()
 
-    def predict(self, moments: Moments, who: Ints) -> Floats:
+    def predict(self, moments: Moments, who: I64) -> F64:
         """``[N, 13, 9]`` probability of each shot type and area; players as in :meth:`inputs`."""
         numbers, columns = self.inputs(moments, who)
         out = np.zeros((len(moments), N_SHOTS, N_AREAS))
@@ -228,13 +226,13 @@ class ImitatorNetworks:
         return cls(config=config, players=players, members=members, **scales)
 
     @property
-    def _starts(self) -> Ints:
+    def _starts(self) -> I64:
         """``[20 + F]`` first column of each code; of striker and receiver it is that of the average player."""
         sizes = [*CODES.values(), *2 * [self.players + 1], *len(self.mean) * [self.config.steps + 1]]
         return np.cumsum([0, *sizes[:-1]])
 
 
-def _scales(numbers: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def _scales(numbers: F32) -> tuple[F32, F32]:
     """Mean ``[F]`` and standard deviation ``[F]`` of numbers ``[N, F]``, of which some are NaN."""
     known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
     known = [column if len(column) else np.zeros(1) for column in known]

@@ -12,14 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
+from shuttle_marl.arrays import F32, F64, I16, I64
 from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, Moments, cuts_of, steps_of
 from shuttle_marl.dynamics.trees import OrderedTrees, fit_ordered_trees
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.tensor_files import checked
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 STEPS: Final = 64
 """Steps of the quantile scale of each number."""
@@ -62,7 +60,7 @@ class ImitatorTrees:
         areas: of the area; the last column that they read is the shot type.
     """
 
-    cuts: npt.NDArray[np.float32]
+    cuts: F32
     types: OrderedTrees
     areas: OrderedTrees
 
@@ -70,9 +68,9 @@ class ImitatorTrees:
     def fit(
         cls,
         moments: Moments,
-        who: Ints,
-        shot: Ints,
-        area: Ints,
+        who: I64,
+        shot: I64,
+        area: I64,
         config: TreesConfig,
         seed: int,
     ) -> Self:
@@ -101,7 +99,7 @@ class ImitatorTrees:
             areas=fit_ordered_trees(aimed, area[area >= 0], N_AREAS, rounds=config.area_rounds, **settings),
         )
 
-    def predict(self, moments: Moments, who: Ints) -> Floats:
+    def predict(self, moments: Moments, who: I64) -> F64:
         """``[N, 13, 9]`` probability of each shot type and area; ``who`` as in :meth:`fit`."""
         columns = _columns(moments, who, self.cuts)
         out = np.empty((len(columns), N_SHOTS, N_AREAS))
@@ -136,6 +134,6 @@ class ImitatorTrees:
         return cls(cuts=checked(arrays["cuts"], np.float32, (numbers, STEPS - 1)), types=types, areas=areas)
 
 
-def _columns(moments: Moments, who: Ints, cuts: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
+def _columns(moments: Moments, who: I64, cuts: F32) -> I16:
     """``[N, 20 + F]`` codes that have an order."""
     return np.concatenate([moments.codes, who, steps_of(moments.numbers, cuts)], axis=1).astype(np.int16)

@@ -18,13 +18,9 @@ Simulated strokes need none of this: they record the target itself.
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools, Ints
 from shuttle_marl.game.stroke import N_SHOTS
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Integers = npt.NDArray[np.integer]
 
 LEAST_LANDINGS: Final = 20
 """With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer nothing is moved."""
@@ -32,7 +28,7 @@ DEEPEST: Final = 0.9
 """Share of the returned strokes that are met nearer to the net than an out stroke can have been aimed."""
 
 
-def met_points(landing: Floats, start: Floats, shot: Integers, height: Integers, winner: Bools, out: Bools) -> Floats:
+def met_points(landing: F64, start: F64, shot: Ints, height: Ints, winner: Bools, out: Bools) -> F64:
     """Points ``[N, 2]`` at which a receiver met the shuttle of each stroke, or would have met it.
 
     Args:
@@ -65,7 +61,7 @@ def met_points(landing: Floats, start: Floats, shot: Integers, height: Integers,
     return np.stack([np.where(moved == depth, landing[:, 0], sideways), moved], axis=1)
 
 
-def _share_below(ordered: Floats, values: Floats) -> Floats:
+def _share_below(ordered: F64, values: F64) -> F64:
     """Share of a sorted sample below each value, half of the equal ones counted, never 0 or 1."""
     share = 0.5 * (np.searchsorted(ordered, values) + np.searchsorted(ordered, values, side="right")) / len(ordered)
     return np.clip(share, 0.5 / len(ordered), 1 - 0.5 / len(ordered))

@@ -11,6 +11,7 @@ import torch
 from safetensors.numpy import save
 
 from shuttle_marl import __version__
+from shuttle_marl.arrays import F32
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics.card import strokes_hash, write_card
@@ -34,7 +35,6 @@ from shuttle_marl.dynamics.splits import LEAST_FOR_REFITS, require_enough, rows_
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import (
     BC,
     GAME,
@@ -48,6 +48,7 @@ from shuttle_marl.game.shipped import (
     read_model_card,
 )
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import packed
 from shuttle_marl.tensor_files import checked
 
@@ -209,8 +210,8 @@ def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
 def save_clones(
     folder: Path,
     choices: PlayerChoices,
-    log_choice: npt.NDArray[np.float32],
-    profiles: Mapping[str, npt.NDArray[np.float32]],
+    log_choice: F32,
+    profiles: Mapping[str, F32],
 ) -> None:
     """Write the behaviour-cloned players of a model.
 

@@ -35,20 +35,18 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 from torch import Tensor
 from torch.nn import functional
 
+from shuttle_marl.arrays import F64, I16, I32, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import SLOTS, STATE, Codes, Rows
+from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.network import Ensemble, Spec, TrainingConfig, encode, fit_ensemble, predict
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
-
-Floats = npt.NDArray[np.float64]
 
 GOOD, OUT, SHORT = range(3)
 _STROKE: Final = (*STATE, "shot", "technique", "area")
@@ -113,30 +111,30 @@ RIDGE_COLUMNS: Final = sum(_SIZES)
 """Number of attributes and products of attributes that the ridge regression reads."""
 
 
-def fault_class(rows: Rows) -> npt.NDArray[np.int64]:
+def fault_class(rows: Rows) -> I64:
     """``[N]`` GOOD, OUT or SHORT; faults of unknown kind count as short."""
     fault = rows.outcome == Outcome.FAULT
     return np.where(~fault, GOOD, np.where(rows.reason == REASONS.index("out"), OUT, SHORT))
 
 
-def latent_target(rows: Rows) -> npt.NDArray[np.bool_]:
+def latent_target(rows: Rows) -> Bools:
     """``[N]`` whether the intended target is not known: the shuttle fell short, or no landing was recorded."""
     return (fault_class(rows) == SHORT) | (rows.codes["area"] < 0)
 
 
-def softmax(logits: Floats) -> Floats:
+def softmax(logits: F64) -> F64:
     """Softmax over the last axis."""
     z = np.exp(logits - logits.max(axis=-1, keepdims=True))
     return np.asarray(z / z.sum(axis=-1, keepdims=True))
 
 
-def log_odds(p: Floats) -> Floats:
+def log_odds(p: F64) -> F64:
     """Logit of probabilities, those of 0 and 1 moved by 1e-9 towards the middle."""
     p = np.clip(p, 1e-9, 1 - 1e-9)
     return np.asarray(np.log(p) - np.log1p(-p))
 
 
-def sigmoid(logits: Floats) -> Floats:
+def sigmoid(logits: F64) -> F64:
     """Logistic function."""
     return np.asarray(0.5 * (1 + np.tanh(0.5 * logits)))
 
@@ -156,7 +154,7 @@ def fit_choice(rows: Rows, config: TrainingConfig, seed: int) -> Ensemble:
     return fit_ensemble(SPECS["choice"], columns, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_target(rows: Rows, weights: Floats, config: TrainingConfig, seed: int) -> Ensemble:
+def fit_target(rows: Rows, weights: F64, config: TrainingConfig, seed: int) -> Ensemble:
     """Fit the intended targets to soft labels.
 
     Args:
@@ -177,7 +175,7 @@ def fit_target(rows: Rows, weights: Floats, config: TrainingConfig, seed: int) -
     return fit_ensemble(SPECS["target"], columns, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_success(rows: Rows, target: Floats, config: TrainingConfig, seed: int) -> Ensemble:
+def fit_success(rows: Rows, target: F64, config: TrainingConfig, seed: int) -> Ensemble:
     """Fit the outcome of strokes of known outcome, summing over the targets that are not known.
 
     Args:
@@ -215,7 +213,7 @@ def fit_success(rows: Rows, target: Floats, config: TrainingConfig, seed: int) -
     return fit_ensemble(SPECS["success"], columns, loss, rows.match, prior, config, seed, expand=expand)
 
 
-def fit_binary(name: str, rows: Rows, label: npt.NDArray[np.bool_], config: TrainingConfig, seed: int) -> Ensemble:
+def fit_binary(name: str, rows: Rows, label: Bools, config: TrainingConfig, seed: int) -> Ensemble:
     """Fit one of the networks with a single logit."""
     y = torch.from_numpy(label.astype(np.float32))
     rate = float(label.mean())
@@ -228,32 +226,32 @@ def fit_binary(name: str, rows: Rows, label: npt.NDArray[np.bool_], config: Trai
     return fit_ensemble(SPECS[name], encode(SPECS[name], rows.codes), loss, rows.match, prior, config, seed)
 
 
-def known_outcome(rows: Rows) -> npt.NDArray[np.bool_]:
+def known_outcome(rows: Rows) -> Bools:
     """``[N]`` rows that the success network is fitted to."""
     return rows.outcome != Outcome.UNKNOWN
 
 
-def was_good(rows: Rows) -> npt.NDArray[np.bool_]:
+def was_good(rows: Rows) -> Bools:
     """``[N]`` rows that the return network is fitted to."""
     return (rows.outcome == Outcome.RETURNED) | (rows.outcome == Outcome.WINNER)
 
 
-def was_met(rows: Rows) -> npt.NDArray[np.bool_]:
+def was_met(rows: Rows) -> Bools:
     """``[N]`` rows that the contact network is fitted to."""
     return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
 
 
-def outcome_probabilities(success: Ensemble, codes: dict[str, Codes]) -> Floats:
+def outcome_probabilities(success: Ensemble, codes: dict[str, I16]) -> F64:
     """``[K, N, 3]`` probabilities of good, out, short for given targets."""
     return softmax(predict(success, encode(success.spec, codes)))
 
 
-def all_targets(success: Ensemble, rows: Rows) -> Floats:
+def all_targets(success: Ensemble, rows: Rows) -> F64:
     """``[K, N, 9, 3]`` probabilities of good, out, short for each of the nine targets."""
     return np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
 
 
-def _ridge_columns(codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
+def _ridge_columns(codes: dict[str, I16]) -> I32:
     """``[N, crosses]`` active columns."""
     columns, offset = [], 0
     for cross in _CROSSES:
@@ -267,7 +265,7 @@ def _ridge_columns(codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
     return np.stack(columns, axis=1)
 
 
-def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_], start: Floats | None = None) -> Floats:
+def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> F64:
     """Coefficients ``[1 + columns]``, the intercept first, scales folded in.
 
     Args:
@@ -283,21 +281,21 @@ def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_], start: Floa
     scale = np.r_[1.0, np.repeat(_SCALE, _SIZES)]
     penalty = np.r_[0.0, np.full(width, _PENALTY)]
 
-    def probability(w: Floats) -> Floats:
+    def probability(w: F64) -> F64:
         return sigmoid(w[0] + x @ w[1:])
 
-    def gradient_of(error: Floats) -> Floats:
+    def gradient_of(error: F64) -> F64:
         return np.r_[error.sum(), x.T @ error]
 
-    def objective(w: Floats) -> tuple[float, Floats]:
+    def objective(w: F64) -> tuple[float, F64]:
         z = w[0] + x @ w[1:]
         value = float(np.logaddexp(0, z).sum() - y @ z + 0.5 * penalty @ (w * w))
         return value, gradient_of(sigmoid(z) - y) + penalty * w
 
     # The products of the Hessian at one place follow each other.
-    variance_at: dict[bytes, Floats] = {}
+    variance_at: dict[bytes, F64] = {}
 
-    def hessian_product(w: Floats, direction: Floats) -> Floats:
+    def hessian_product(w: F64, direction: F64) -> F64:
         key = w.tobytes()
         if key not in variance_at:
             p = probability(w)
@@ -310,16 +308,16 @@ def fit_ridge(codes: dict[str, Codes], label: npt.NDArray[np.bool_], start: Floa
     if start is not None:
         first = start / scale
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
-    weights: Floats = solution.x * scale
+    weights: F64 = solution.x * scale
     return weights
 
 
-def blended_logits(network: Floats, others: Sequence[Floats]) -> Floats:
+def blended_logits(network: F64, others: Sequence[F64]) -> F64:
     """Mean ``[..., N]`` of the logits of a network (``[..., N]``) and of the other parts of a model (``[N]`` each)."""
     return np.asarray((network + sum(others)) / (1 + len(others)))
 
 
-def ridge_logits(weights: Floats, codes: dict[str, Codes], chunk: int = 65536) -> Floats:
+def ridge_logits(weights: F64, codes: dict[str, I16], chunk: int = 65536) -> F64:
     """``[N]`` logits."""
     n = len(codes["shot"])
     out = np.empty(n)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import F32, F64, I16, I64
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
@@ -32,9 +33,6 @@ LONGEST: Final = 5.0
 """A longer time between two strokes [s] is an error of the file."""
 _USUAL_FRAME_RATE: Final = 30.0
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Moments:
@@ -47,8 +45,8 @@ class Moments:
         striker, receiver: ``[N]`` identifiers of the players.
     """
 
-    codes: npt.NDArray[np.int16]
-    numbers: npt.NDArray[np.float32]
+    codes: I16
+    numbers: F32
     striker: npt.NDArray[np.str_]
     receiver: npt.NDArray[np.str_]
 
@@ -87,21 +85,21 @@ def moments_of(strokes: pa.Table) -> Moments:
     )
 
 
-def cuts_of(numbers: npt.NDArray[np.float32], steps: int) -> npt.NDArray[np.float32]:
+def cuts_of(numbers: F32, steps: int) -> F32:
     """``[F, steps - 1]`` quantiles of numbers ``[N, F]``, of which some are NaN: the cuts between steps of a scale."""
     shares = np.linspace(0, 1, steps + 1)[1:-1]
     known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
     return np.array([np.quantile(column if len(column) else np.zeros(1), shares) for column in known], dtype=np.float32)
 
 
-def steps_of(numbers: npt.NDArray[np.float32], cuts: npt.NDArray[np.float32]) -> Ints:
+def steps_of(numbers: F32, cuts: F32) -> I64:
     """``[N, F]`` step of each number ``[N, F]`` on its scale, one more than the last step where it is NaN."""
     steps = np.stack([np.searchsorted(cut, column) for cut, column in zip(cuts, numbers.T, strict=True)], axis=1)
     steps[np.isnan(numbers)] = cuts.shape[1] + 1
     return steps
 
 
-def _rows_before(strokes: pa.Table) -> tuple[Ints, Ints]:
+def _rows_before(strokes: pa.Table) -> tuple[I64, I64]:
     """``[5, N]`` row of the stroke so many before each in its rally (0: its own row), -1 where there is none; and its number."""
     match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy(zero_copy_only=False)
     rally = np.stack([match, *(strokes[name].to_numpy(zero_copy_only=False).astype(np.int64) for name in ("game", "rally"))])
@@ -118,7 +116,7 @@ def _rows_before(strokes: pa.Table) -> tuple[Ints, Ints]:
     return before, number
 
 
-def _numbers(strokes: pa.Table, before: Ints, number: Ints) -> Floats:
+def _numbers(strokes: pa.Table, before: I64, number: I64) -> F64:
     place = {
         name: np.stack([_column(strokes, f"{name}_x"), _column(strokes, f"{name}_y")], axis=1)
         for name in ("striker", "receiver", "contact")
@@ -145,17 +143,17 @@ def _numbers(strokes: pa.Table, before: Ints, number: Ints) -> Floats:
     return np.concatenate(columns, axis=1)
 
 
-def _column(strokes: pa.Table, name: str) -> Floats:
+def _column(strokes: pa.Table, name: str) -> F64:
     return np.asarray(strokes[name].cast(pa.float64()).to_numpy(), dtype=np.float64)
 
 
-def _at(values: Floats, rows: Ints) -> Floats:
+def _at(values: F64, rows: I64) -> F64:
     """Values of rows, NaN for row -1."""
     known = rows >= 0
     return np.where(known.reshape(-1, *(1,) * (values.ndim - 1)), values[rows], np.nan)
 
 
-def _frame_rate(strokes: pa.Table) -> Floats:
+def _frame_rate(strokes: pa.Table) -> F64:
     """``[N]`` frames a second of the video, from frame and clock of the row itself: no later row is asked."""
     frame, clock = _column(strokes, "frame"), _column(strokes, "clock")
     # The clock shows whole seconds: early in a video it tells no rate.

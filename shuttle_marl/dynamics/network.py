@@ -11,12 +11,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from shuttle_marl.dynamics.features import SLOTS, Codes
+from shuttle_marl.arrays import F64, I16, I32, I64, Floats, Ints
+from shuttle_marl.dynamics.features import SLOTS
 
 Loss = Callable[[Tensor, Tensor], Tensor]
 """From the logits ``[K, B', outputs]`` of a batch and its row numbers ``[B]`` to losses ``[K, B]``."""
@@ -41,7 +41,7 @@ class Spec:
     members: int = 10
 
 
-def encode(spec: Spec, codes: dict[str, Codes]) -> npt.NDArray[np.int32]:
+def encode(spec: Spec, codes: dict[str, I16]) -> I32:
     """``[N, inputs + crosses]`` columns of the multi-hot input that are 1."""
     columns, offset = [], 0
     for name in spec.inputs:
@@ -137,7 +137,7 @@ QUICK: Final = TrainingConfig(folds=5, members=5)
 """Half the work: for refits and cross-validation, on blind folds at most .2 % worse in log-loss."""
 
 
-def fold_of_match(matches: npt.NDArray[np.integer], folds: int) -> npt.NDArray[np.int64]:
+def fold_of_match(matches: Ints, folds: int) -> I64:
     """``[N]`` fold of each row: matches are dealt to the folds in the order of their first row."""
     _, first, inverse = np.unique(matches, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
@@ -146,10 +146,10 @@ def fold_of_match(matches: npt.NDArray[np.integer], folds: int) -> npt.NDArray[n
 
 def fit_ensemble(
     spec: Spec,
-    columns: npt.NDArray[np.int32],
+    columns: I32,
     loss: Loss,
-    matches: npt.NDArray[np.integer],
-    prior: npt.NDArray[np.floating],
+    matches: Ints,
+    prior: Floats,
     config: TrainingConfig,
     seed: int,
     expand: Callable[[Tensor], Tensor] | None = None,
@@ -203,7 +203,7 @@ def fit_ensemble(
     return model.requires_grad_(False).eval()
 
 
-def predict(model: Ensemble, columns: npt.NDArray[np.int32], chunk: int = 1024) -> npt.NDArray[np.float64]:
+def predict(model: Ensemble, columns: I32, chunk: int = 1024) -> F64:
     """Logits ``[K, N, outputs]`` in double precision."""
     double = Ensemble(model.spec).double().requires_grad_(False)
     double.load_state_dict(model.state_dict())
@@ -214,7 +214,7 @@ def predict(model: Ensemble, columns: npt.NDArray[np.int32], chunk: int = 1024) 
     return out
 
 
-def unseen(logits: npt.NDArray[np.float64], matches: npt.NDArray[np.integer], folds: int) -> npt.NDArray[np.float64]:
+def unseen(logits: F64, matches: Ints, folds: int) -> F64:
     """Mean of the members that did not see a row's match: ``[K, N, ...]`` values to ``[N, ...]``."""
     fold = fold_of_match(matches, folds)
     blind = (np.arange(len(logits)) % folds)[:, None] == fold[None, :]

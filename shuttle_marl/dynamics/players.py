@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.dynamics.features import Codes
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.arrays import F64, I16, I64, Bools, Ints
 
 LEAST_STROKES: Final = 1000
 """A player with at least so many training strokes gets a model of their own."""
@@ -31,38 +29,38 @@ class PlayerChoices:
     """
 
     players: tuple[str, ...]
-    style: Floats
-    area: Floats
+    style: F64
+    area: F64
 
-    def shifted_choice(self, choice: Floats, codes: dict[str, Codes], player: npt.NDArray[np.integer]) -> Floats:
+    def shifted_choice(self, choice: F64, codes: dict[str, I16], player: Ints) -> F64:
         """``[N, 39]`` probabilities of the average moved to those of each row's player (-1: the average)."""
         if not self.players:
             return choice
         shift = self.style[player, codes["incoming_shot"], codes["contact"]]
         return _tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
 
-    def shifted_targets(self, targets: Floats, codes: dict[str, Codes], player: npt.NDArray[np.integer]) -> Floats:
+    def shifted_targets(self, targets: F64, codes: dict[str, I16], player: Ints) -> F64:
         """``[N, 9]`` likewise for the targets."""
         if not self.players:
             return targets
         shift = self.area[player, codes["shot"], codes["technique"]]
         return _tilted(targets, np.where((player < 0)[:, None], 0.0, shift))
 
-    def index(self, players: npt.NDArray[np.str_]) -> npt.NDArray[np.int64]:
+    def index(self, players: npt.NDArray[np.str_]) -> I64:
         """``[N]`` position of each player, -1 for players without own model."""
         position = {player: i for i, player in enumerate(self.players)}
         return np.array([position.get(player, -1) for player in players.tolist()], dtype=np.int64)
 
 
-def _tilted(probabilities: Floats, shift: Floats) -> Floats:
+def _tilted(probabilities: F64, shift: F64) -> F64:
     z = probabilities * np.exp(shift)
     return np.asarray(z / z.sum(axis=-1, keepdims=True))
 
 
 def fit_choice_shifts(
-    base: Floats, cell: npt.NDArray[np.integer], cells: int, player: npt.NDArray[np.integer], players: int,
-    label: npt.NDArray[np.integer], precision: float,
-) -> Floats:  # fmt: skip
+    base: F64, cell: Ints, cells: int, player: Ints, players: int,
+    label: Ints, precision: float,
+) -> F64:  # fmt: skip
     """Most probable shifts ``[players, cells, C]`` under a normal prior.
 
     The shift of a player in a cell is the sum of one that holds in every cell and one of the cell, both with prior mean
@@ -96,7 +94,7 @@ def fit_choice_shifts(
     return np.asarray(total.numpy())
 
 
-def fit_logit_shifts(logit: Floats, label: npt.NDArray[np.bool_], player: npt.NDArray[np.integer], precision: float) -> Floats:
+def fit_logit_shifts(logit: F64, label: Bools, player: Ints, precision: float) -> F64:
     """Most probable shift of a logit for each player (``[max + 1]``) under a normal prior, by Newton's method."""
     n = int(player.max()) + 1
     shift = np.zeros(n)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.optimize import minimize_scalar
 
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import players as pooling
 from shuttle_marl.dynamics.compiled import Support, support_of
@@ -23,10 +23,8 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import known_outcome, latent_target, log_odds, sigmoid, softmax, was_good, was_met
 from shuttle_marl.dynamics.network import Ensemble, encode, predict
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import N_TECHNIQUES
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import Game
 
 PRECISION: Final = 4.0
 """Of the normal prior of a shift of log-odds: half a unit on either side of none."""
@@ -68,7 +66,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     fault, share = _faults(models, known)
     weights = models.situations.weights(known)
 
-    def marginal(shift: float) -> Floats:
+    def marginal(shift: float) -> F64:
         return np.asarray((share * models.situations.mixed(fault + shift, weights)).sum(axis=1))
 
     returned, above = log_odds(models.returned(good.codes)), log_odds(models.above(met.codes))
@@ -106,13 +104,13 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     return Fit(models=models, game=prior.game, support=support, profiles=(support, support), chosen=chosen)
 
 
-def _faults(models: FittedModels, rows: Rows) -> tuple[Floats, Floats]:
+def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
     """``[N, 9]`` each: log-odds of a fault by target at effort 0, and probability of each target."""
     faults = [log_odds(models.fault(rows.with_area(area))) for area in range(N_AREAS)]
     return np.stack(faults, axis=1), models.targets(rows.codes)
 
 
-def _shift(probability: Any, label: npt.NDArray[np.bool_]) -> float:
+def _shift(probability: Any, label: Bools) -> float:
     """Most probable shift of log-odds under its prior; 0 without rows."""
 
     def loss(shift: float) -> float:
@@ -132,7 +130,7 @@ def _with_choices(
         ours, *others = ((rows if name == "choice" else rows.take(~latent_target(rows))) for rows in (train, validation) if rows)
         base, label = _predicted(network, ours), _labels(name, ours)
         judge = [(_predicted(network, rows), _labels(name, rows)) for rows in others if len(rows)]
-        candidates: list[tuple[float, float, Floats]] = []
+        candidates: list[tuple[float, float, F64]] = []
         for precision in CHOICE_PRECISIONS:
             nothing = np.zeros(len(ours), np.int64)
             shift = pooling.fit_choice_shifts(base, nothing, 1, nothing, 1, label, precision)[0, 0]
@@ -147,22 +145,22 @@ def _with_choices(
     return found, chosen
 
 
-def _predicted(network: Ensemble, rows: Rows) -> Floats:
+def _predicted(network: Ensemble, rows: Rows) -> F64:
     return np.asarray(softmax(predict(network, encode(network.spec, rows.codes))).mean(axis=0))
 
 
-def _labels(name: str, rows: Rows) -> npt.NDArray[np.int64]:
+def _labels(name: str, rows: Rows) -> I64:
     if name == "target":
         return rows.codes["area"].astype(np.int64)
     return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
 
 
-def _cross_entropy(base: Floats, label: npt.NDArray[np.int64], shift: Floats) -> float:
+def _cross_entropy(base: F64, label: I64, shift: F64) -> float:
     moved = base * np.exp(shift)
     return float(-np.log(moved[np.arange(len(label)), label] / moved.sum(axis=1)).mean())
 
 
-def _shifted(network: Ensemble, shift: Floats) -> Ensemble:
+def _shifted(network: Ensemble, shift: F64) -> Ensemble:
     moved = Ensemble(network.spec)
     moved.load_state_dict(network.state_dict())
     moved.requires_grad_(False).eval()
@@ -173,7 +171,7 @@ def _shifted(network: Ensemble, shift: Floats) -> Ensemble:
 def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
     """The ranges of the prior moved with the models, and its counts with those of the own strokes."""
 
-    def moved(bounds: Floats, shift: float) -> Floats:
+    def moved(bounds: F64, shift: float) -> F64:
         inside = (bounds > 0) & (bounds < 1)
         return np.where(inside, sigmoid(log_odds(bounds) + shift), bounds)
 

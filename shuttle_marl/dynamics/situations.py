@@ -17,14 +17,12 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from shuttle_marl.arrays import F64, I16, Ints
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Codes, Rows
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
 
 LEVELS: Final = 3
 """Levels of effort."""
@@ -49,23 +47,23 @@ class Situations:
         duel_share: share of long duels among the net shots that follow two net shots.
     """
 
-    effort: Floats
+    effort: F64
     duel: float
-    effort_share: Floats
+    effort_share: F64
     duel_share: float
 
     @property
-    def offsets(self) -> Floats:
+    def offsets(self) -> F64:
         """``[2 L]`` offset of each situation: the levels outside of long duels, then inside."""
         return np.concatenate([self.effort, self.effort + self.duel])
 
-    def weights(self, rows: Rows) -> Floats:
+    def weights(self, rows: Rows) -> F64:
         """``[N, 2 L]`` probability of each situation: 1 for the one a stroke was played in, shares where it is not known."""
         level = np.where(rows.attacks < 0, -1, np.minimum(rows.attacks, len(self.effort) - 1))
         long = np.where(rows.net_run < 0, -1, rows.net_run >= LONG_DUEL)
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
 
-    def spread(self, own_shot: npt.NDArray[np.integer], level: npt.NDArray[np.integer], long: npt.NDArray[np.integer]) -> Floats:
+    def spread(self, own_shot: Ints, level: Ints, long: Ints) -> F64:
         """``[N, 2 L]`` probability of each situation.
 
         Args:
@@ -77,7 +75,7 @@ class Situations:
         inside = np.where(long < 0, self.duel_share, long)
         return np.concatenate([(1 - inside)[:, None] * levels, inside[:, None] * levels], axis=1)
 
-    def mixed(self, logit: Floats, weights: Floats) -> Floats:
+    def mixed(self, logit: F64, weights: F64) -> F64:
         """Probability of a fault over the situations.
 
         Args:
@@ -92,7 +90,7 @@ class Situations:
             total += weight.reshape(-1, *(1,) * (logit.ndim - 1)) * expit(logit + offset)
         return total
 
-    def logit_of_mean(self, mean: Floats, weights: Floats) -> Floats:
+    def logit_of_mean(self, mean: F64, weights: F64) -> F64:
         """``[N]`` logit at effort 0 outside of long duels, by the ``[N]`` mean probability over the situations.
 
         Args:
@@ -107,7 +105,7 @@ class Situations:
             logit += aim - (np.log(found) - np.log1p(-found))
         return logit
 
-    def codes(self, rows: Rows) -> dict[str, Codes]:
+    def codes(self, rows: Rows) -> dict[str, I16]:
         """``[N]`` each: the situation as codes, ``effort`` (L where it is not known) and ``duel`` (0, 1, 2: not known)."""
         levels = len(self.effort)
         effort = np.where(rows.attacks < 0, levels, np.minimum(rows.attacks, levels - 1))
@@ -115,7 +113,7 @@ class Situations:
         return {"effort": effort.astype(np.int16), "duel": duel.astype(np.int16)}
 
 
-def fit_situations(logit: Floats, share: Floats, rows: Rows, *, levels: int = LEVELS) -> tuple[Floats, Situations]:
+def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:
     """Calibrate the log-odds of faults, and fit the offsets of the situations with them.
 
     Args:
@@ -133,7 +131,7 @@ def fit_situations(logit: Floats, share: Floats, rows: Rows, *, levels: int = LE
     columns = np.stack([effort, net & (rows.net_run >= LONG_DUEL)], axis=1)[known].astype(np.float64)
     z, part, fault = logit[known], share[known], (rows.outcome == Outcome.FAULT)[known]
 
-    def loss(x: Floats) -> tuple[float, Floats]:
+    def loss(x: F64) -> tuple[float, F64]:
         q = expit(x[0] * z + (x[1] + columns @ x[2:])[:, None])
         p = np.clip((part * q).sum(axis=1), 1e-9, 1 - 1e-9)
         value = -np.where(fault, np.log(p), np.log1p(-p)).sum() + 0.5 * _PRECISION * (x[2:] @ x[2:])
@@ -154,7 +152,7 @@ def fit_situations(logit: Floats, share: Floats, rows: Rows, *, levels: int = LE
     return found[:2], situations
 
 
-def _effort_shares(own_shot: npt.NDArray[np.integer], effort: npt.NDArray[np.integer], levels: int) -> Floats:
+def _effort_shares(own_shot: Ints, effort: Ints, levels: int) -> F64:
     """``[15, L]`` share of each level after each own last shot type; of all strokes where there was none."""
     count = np.zeros((SLOTS["own_shot"], levels))
     np.add.at(count, (own_shot, effort), 1)

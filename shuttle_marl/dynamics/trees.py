@@ -6,13 +6,12 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.dynamics.features import SLOTS, Codes
+from shuttle_marl.arrays import F64, I16, I32, Bools, Ints
+from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.tensor_files import checked
-
-Floats = npt.NDArray[np.float64]
 
 INPUTS: Final = tuple(SLOTS)
 """Attributes that trees over attribute codes read, in this order."""
@@ -51,19 +50,19 @@ class Trees:
 
     ORDERED: ClassVar = False
 
-    attribute: npt.NDArray[np.int32]
-    left: npt.NDArray[np.int32]
-    child: npt.NDArray[np.int32]
-    value: Floats
+    attribute: I32
+    left: I32
+    child: I32
+    value: F64
 
     def __len__(self) -> int:
         return len(self.value)
 
-    def logits(self, codes: dict[str, Codes]) -> Floats:
+    def logits(self, codes: dict[str, I16]) -> F64:
         """``[N]`` sums of the leaves of trees over attribute codes."""
         return self.sums(np.stack([codes[name] for name in INPUTS], axis=1))[:, 0]
 
-    def sums(self, columns: Codes, outputs: int = 1) -> Floats:
+    def sums(self, columns: I16, outputs: int = 1) -> F64:
         """``[N, outputs]`` sums of the leaves of codes ``[N, A]``; tree t adds to output t modulo ``outputs``."""
         return np.asarray(_sums(columns, self.attribute, self.left, self.child, self.value, self.ORDERED, outputs))
 
@@ -96,9 +95,9 @@ class OrderedTrees(Trees):
 
 @compiled
 def _sums(
-    columns: npt.NDArray[np.int16], attribute: npt.NDArray[np.int32], left: npt.NDArray[np.int32], child: npt.NDArray[np.int32],
-    value: Floats, ordered: bool, outputs: int,
-) -> Floats:  # fmt: skip
+    columns: I16, attribute: I32, left: I32, child: I32,
+    value: F64, ordered: bool, outputs: int,
+) -> F64:  # fmt: skip
     out = np.zeros((len(columns), outputs))
     for row in range(len(columns)):
         for tree in range(len(value)):
@@ -125,13 +124,13 @@ def lightgbm() -> Any:
 
 
 def fit_trees(
-    codes: dict[str, Codes],
-    label: npt.NDArray[np.bool_],
+    codes: dict[str, I16],
+    label: Bools,
     *,
     leaves: int = _LEAVES,
     rounds: int = _ROUNDS,
     rate: float = PARAMETERS["learning_rate"],
-    offset: Floats | None = None,
+    offset: F64 | None = None,
 ) -> Trees:
     """Fit trees that predict a label.
 
@@ -151,7 +150,7 @@ def fit_trees(
     return Trees(**_fitted(data, {"num_leaves": leaves, "learning_rate": rate}, rounds))
 
 
-def fit_ordered_trees(columns: Codes, label: npt.NDArray[np.integer], classes: int, *, leaves: int, rounds: int, rate: float,
+def fit_ordered_trees(columns: I16, label: Ints, classes: int, *, leaves: int, rounds: int, rate: float,
                       features: float, seed: int) -> OrderedTrees:  # fmt: skip
     """Fit trees whose sums are the logits of classes: one tree of each class a round.
 

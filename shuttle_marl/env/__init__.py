@@ -1,4 +1,4 @@
-"""Environments over the rules of :mod:`shuttle_marl.game.rally` and :mod:`shuttle_marl.game.scoring`.
+"""Environments over the rules of :mod:`shuttle_marl.game.rules` and :mod:`shuttle_marl.game.scoring`.
 
 ``rally_v0`` and ``match_v0`` are PettingZoo AEC environments; they run on tables and do not import torch.
 """

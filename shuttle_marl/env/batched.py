@@ -6,16 +6,15 @@ Given the same strokes they play the rallies of ``rally_v0`` with the same seed:
 
 from typing import Any, cast
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from shuttle_marl.arrays import I32
 from shuttle_marl.errors import whole_number
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch, VersusBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
@@ -62,8 +61,8 @@ class _BatchedEnv(EnvBase):
         )
 
     @property
-    def states(self) -> npt.NDArray[np.int32]:
-        """``[B]`` state of each striker, as in :mod:`shuttle_marl.game.rally`; a copy."""
+    def states(self) -> I32:
+        """``[B]`` state of each striker, as in :mod:`shuttle_marl.game.tables`; a copy."""
         return self._batch.rows.state.copy()
 
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:

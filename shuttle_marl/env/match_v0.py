@@ -3,15 +3,15 @@
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
 from shuttle_marl.env.strokes import EpisodeDraws
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
+from shuttle_marl.game.tables import Game
 
 __all__ = ["env", "raw_env"]
 
@@ -129,7 +129,7 @@ class raw_env(ShuttleEnv):
         self._scores = tuple(rows)
         self._server = server
 
-    def _vector(self, row: npt.NDArray[np.float32], player: int) -> npt.NDArray[np.float32]:
+    def _vector(self, row: F32, player: int) -> F32:
         vector = np.empty(RALLY_WIDTH + SCORE_WIDTH, dtype=np.float32)
         vector[:RALLY_WIDTH] = row
         vector[RALLY_WIDTH:] = self._scores[player]

@@ -14,7 +14,7 @@ from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")

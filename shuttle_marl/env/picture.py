@@ -4,8 +4,8 @@ import itertools
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import U8
 from shuttle_marl.env.painting import (
     GREEN,
     INK,
@@ -24,7 +24,7 @@ from shuttle_marl.env.painting import (
 )
 from shuttle_marl.env.snapshot import Flight, Plan, Point, Snapshot, area_corners, plan_of
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, LENGTH, LONG_SERVICE, SHORT_SERVICE, WIDTH
-from shuttle_marl.game.rally import FAULT, WINNER
+from shuttle_marl.game.rules import FAULT, WINNER
 
 PX: Final = 51.0
 """Pixels per metre."""
@@ -193,7 +193,7 @@ class CourtRenderer:
         self._clock: Any = None
         self._dismissed = False
 
-    def frame(self, snapshot: Snapshot) -> npt.NDArray[np.uint8]:
+    def frame(self, snapshot: Snapshot) -> U8:
         """``[584, 1200, 3]`` picture."""
         pixels = pygame.surfarray.array3d(self._paint(snapshot))
         return np.ascontiguousarray(pixels.swapaxes(0, 1))

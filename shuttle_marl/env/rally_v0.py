@@ -6,18 +6,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
 
+from shuttle_marl.arrays import F32, U8
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.env.strokes import EpisodeDraws, Observation, Stroke, tables_of
 from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import ActionError, OptionError, whole_number
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.rally import FAULT, OUTCOMES, RETURNED_BELOW, ROOT, Game, IllegalStrokeError
+from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tables import ROOT, Game
 
 if TYPE_CHECKING:
     from shuttle_marl.env.picture import CourtRenderer
@@ -98,7 +99,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     @property
     def state_number(self) -> int:
-        """State of the agent to move, as in :mod:`shuttle_marl.game.rally`; what policies and exact values are tables over."""
+        """State of the agent to move, as in :mod:`shuttle_marl.game.tables`; what policies and exact values are tables over."""
         return self._state
 
     def choice_draw(self) -> int:
@@ -202,7 +203,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self.render_mode == "human":
             self.render()
 
-    def render(self) -> npt.NDArray[np.uint8] | str | None:
+    def render(self) -> U8 | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``).
 
         Raises:
@@ -258,7 +259,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _title(self) -> str:
         raise NotImplementedError
 
-    def _vector(self, row: npt.NDArray[np.float32], player: int) -> npt.NDArray[np.float32]:  # noqa: ARG002
+    def _vector(self, row: F32, player: int) -> F32:  # noqa: ARG002
         """A new array for the observation of a player."""
         return row.copy()
 

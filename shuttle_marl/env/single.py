@@ -9,19 +9,20 @@ from typing import Any, Literal, cast
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
+from shuttle_marl.arrays import U8, Bools
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
 from shuttle_marl.env.strokes import Observation
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
-from shuttle_marl.game.rally import Game, IllegalStrokeError
+from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import named
 
 Seat = Literal[0, 1]
@@ -105,7 +106,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def state_number(self) -> int:
-        """State of the learner, as in :mod:`shuttle_marl.game.rally`."""
+        """State of the learner, as in :mod:`shuttle_marl.game.tables`."""
         return self.raw.state_number
 
     @property
@@ -114,7 +115,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         won, lost = self._unseen.tolist()
         return won, lost
 
-    def action_masks(self) -> npt.NDArray[np.bool_]:
+    def action_masks(self) -> Bools:
         """``[n]`` legal strokes, none before the first reset; sb3-contrib asks for them by this name."""
         return self.raw.observe(self._agent)["action_mask"].astype(bool)
 
@@ -157,7 +158,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = self.raw.terminations[self._agent]
         return self._seen(), reward, self._over, False, self._info()
 
-    def render(self) -> npt.NDArray[np.uint8] | str | None:
+    def render(self) -> U8 | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``)."""
         return self.raw.render()
 

@@ -21,8 +21,9 @@ from shuttle_marl.game.court import (
     SIDE_CUT,
     area_centre,
 )
-from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.game.tables import Game
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,6 +1,6 @@
 """One stroke at a time, in plain Python numbers: its observation, its draw, and the table read that decides it.
 
-The rule is that of :func:`shuttle_marl.game.rally.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
+The rule is that of :func:`shuttle_marl.game.rules.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
 the cost of numpy calls on single numbers; tests hold both equal.
 """
 
@@ -11,9 +11,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
+from shuttle_marl.arrays import F32, U64
+from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
-from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
 
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
@@ -25,7 +28,7 @@ class Stroke(NamedTuple):
     Attributes:
         player: who played it, 0 or 1.
         stroke: catalogue index.
-        outcome: index into :data:`shuttle_marl.game.rally.OUTCOMES`.
+        outcome: index into :data:`shuttle_marl.game.rules.OUTCOMES`.
         p_succ: probability that the stroke was good.
         p_ret: probability that a good one was returned.
     """
@@ -73,10 +76,10 @@ class StrokeTables:
     def __reduce__(self) -> tuple[Any, ...]:
         return tables_of, (self.game,)
 
-    def row(self, state: int) -> npt.NDArray[np.float32]:
+    def row(self, state: int) -> F32:
         """``[59]`` observation of the striker in a state, a new array."""
         block, base = divmod(state, self._size)
-        row: npt.NDArray[np.float32] = self.rows[base].copy()
+        row: F32 = self.rows[base].copy()
         if block:
             row[self._efforts] = self._shares[block]
         return row
@@ -136,7 +139,7 @@ class EpisodeDraws:
     def __init__(self, seed: int, *numbers: int) -> None:
         self._name = (seed, *numbers)
         self._block = -1
-        self._bits: UInt64s = np.empty(0, np.uint64)
+        self._bits: U64 = np.empty(0, np.uint64)
         self._outcomes = array("H")
         self._choices = array("H")
         self._first_servers = b""

@@ -9,27 +9,26 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from shuttle_marl.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.env.rally_v0 import ILLEGAL
 from shuttle_marl.env.strokes import tables_of
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
-from shuttle_marl.game.rally import FAULT, OUTCOMES, WINNER, Game
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, as_shares
 from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import MatchVersusBatch, VersusBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 Arrays = dict[str, npt.NDArray[Any]]
-Scores = npt.NDArray[np.int32]
-Floats = npt.NDArray[np.float32]
-Bools = npt.NDArray[np.bool_]
 
 _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
 
 
-class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]]):
+class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     """Base of the two: row b of B plays the episodes b, b + B, b + 2 B, … of the seed.
 
     Episodes begin again in the step in which they end (``AutoresetMode.SAME_STEP``). Where they end, ``infos["final_obs"]`` holds
@@ -69,7 +68,7 @@ class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]])
         """``[B, n]`` legal strokes of each row."""
         return self.game.mask(self._kernel.rows.state)
 
-    def random_actions(self) -> npt.NDArray[np.int64]:
+    def random_actions(self) -> I64:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
         return self._kernel.random_strokes()
 
@@ -98,7 +97,7 @@ class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]])
         self._kernel.reset(seed, mask)
         return self._seen()
 
-    def step(self, actions: npt.NDArray[np.integer]) -> tuple[Any, Floats, Bools, Bools, dict[str, Any]]:
+    def step(self, actions: Ints) -> tuple[Any, F32, Bools, Bools, dict[str, Any]]:
         """Play a stroke and what the opponent plays until the next one, in every row; an illegal stroke loses the episode.
 
         Args:
@@ -132,7 +131,7 @@ class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]])
         if not self._begun:
             raise ResetNeeded("no episode has begun; call reset() first")
 
-    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
+    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
         """Rewards, which episodes are over, and which strokes were not legal, ``[B]`` each."""
         raise NotImplementedError
 
@@ -140,11 +139,11 @@ class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]])
         """``[B, w]`` what the learners see, who are to strike."""
         raise NotImplementedError
 
-    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:
+    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
         """``[D, w]`` what learners see whose episode is over; ``own``: whether the learner is the striker of the state."""
         raise NotImplementedError
 
-    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:
+    def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner, and not a fault."""
         raise NotImplementedError
 
@@ -159,9 +158,7 @@ class VersusVectorEnv(VectorEnv[Any, npt.NDArray[np.integer], npt.NDArray[Any]])
             infos |= {"action_mask": mask, "_action_mask": every.copy()}
         return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
 
-    def _final(
-        self, rows: npt.NDArray[np.intp], over: Bools, before: npt.NDArray[np.int32], illegal: Bools, rewards: Floats
-    ) -> dict[str, Any]:
+    def _final(self, rows: Intp, over: Bools, before: I32, illegal: Bools, rewards: F32) -> dict[str, Any]:
         """Gymnasium's ``final_obs`` and ``final_info`` of the episodes that are over."""
         kernel, lost = self._kernel, illegal[rows]
         # The learner looks from the other side where the last stroke was theirs.
@@ -210,7 +207,7 @@ class RallyVectorEnv(VersusVectorEnv):
         num_envs: int = 1,
         *,
         opponent: Opponents = "bc",
-        seat: int | npt.NDArray[np.integer] = 0,
+        seat: int | Ints = 0,
         server: Server = None,
         game: Game | str | None = None,
         profile: str | None = None,
@@ -236,7 +233,7 @@ class RallyVectorEnv(VersusVectorEnv):
         """The batch of the kernel, to assign and replace opponents."""
         return self._batch
 
-    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
+    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
         illegal = self.game.rank(before, actions) < 0
         if illegal.any():
             # The rally is lost whatever else is played in it, so let it continue with any legal stroke.
@@ -248,14 +245,14 @@ class RallyVectorEnv(VersusVectorEnv):
     def _vectors(self) -> npt.NDArray[Any]:
         return self._tokens if self._features is None else with_efforts(self.game, self._features, self._batch.rows.state)
 
-    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
+    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
         if self._features is None:
             striker = self.game.observation(state)
             return np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4]])
         seen = with_efforts(self.game, self._features, state)
         return np.where(own[:, None], seen, seen[:, SWAP])
 
-    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:
+    def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         return (rewards[rows] > 0) != own
 
 
@@ -290,7 +287,7 @@ class MatchVectorEnv(VersusVectorEnv):
         num_envs: int = 1,
         *,
         opponent: Opponents = "bc",
-        seat: int | npt.NDArray[np.integer] = 0,
+        seat: int | Ints = 0,
         first_server: Server = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
@@ -322,7 +319,7 @@ class MatchVectorEnv(VersusVectorEnv):
         """The batch of the kernel, to assign and replace opponents."""
         return self._batch
 
-    def _play(self, before: npt.NDArray[np.int32], actions: npt.NDArray[np.integer]) -> tuple[Floats, Bools, Bools]:
+    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
         illegal = self.game.rank(before, actions) < 0
         rewards, terminated = self._batch.play(actions)
         return rewards, terminated, illegal
@@ -331,11 +328,11 @@ class MatchVectorEnv(VersusVectorEnv):
         rally = with_efforts(self.game, self._features, self._batch.rows.state)
         return np.concatenate([rally, self._scores(np.arange(self.num_envs))], axis=1)
 
-    def _final_vectors(self, rows: npt.NDArray[np.intp], state: npt.NDArray[np.int32], own: Bools) -> npt.NDArray[Any]:
+    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
         seen = with_efforts(self.game, self._features, state)
         return np.concatenate([np.where(own[:, None], seen, seen[:, SWAP]), self._scores(rows)], axis=1)
 
-    def _won_by_stroke(self, rows: npt.NDArray[np.intp], own: Bools, rewards: Floats) -> Bools:  # noqa: ARG002
+    def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:  # noqa: ARG002
         return self._batch.matches.reason[rows] == 1
 
     def _seen(self) -> tuple[Any, dict[str, Any]]:
@@ -345,12 +342,12 @@ class MatchVectorEnv(VersusVectorEnv):
             infos[name], infos[f"_{name}"] = np.stack(self._of_seats(values, every), axis=1), infos["_unseen"].copy()
         return seen, infos
 
-    def _of_seats(self, values: Scores, rows: npt.NDArray[np.intp]) -> tuple[Scores, Scores]:
+    def _of_seats(self, values: I32, rows: Intp) -> tuple[I32, I32]:
         """``[D]`` each: of the learner's seat, and of the other."""
         seat = self._batch.opponents.seat[rows].astype(np.intp)
         return values[rows, seat], values[rows, 1 - seat]
 
-    def _scores(self, rows: npt.NDArray[np.intp]) -> Floats:
+    def _scores(self, rows: Intp) -> F32:
         """``[D, 6]`` the score as each learner sees it; see ``match_v0``."""
         matches = self._batch.matches
         shares = as_shares(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)

@@ -8,10 +8,11 @@ from gymnasium import spaces
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
+from shuttle_marl.arrays import I8
 from shuttle_marl.env.strokes import Observation
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
-from shuttle_marl.game.rally import IllegalStrokeError
+from shuttle_marl.game.rules import IllegalStrokeError
 
 if TYPE_CHECKING:
     from shuttle_marl.env.rally_v0 import ShuttleEnv
@@ -184,7 +185,7 @@ def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
     return info or ("full" if mask == "observation" else "none")
 
 
-def component_masks(mask: npt.NDArray[np.int8]) -> tuple[npt.NDArray[np.int8], ...]:
+def component_masks(mask: I8) -> tuple[I8, ...]:
     """Cut a ``[27]`` mask into those of shot type, area, height and technique."""
     return tuple(np.split(mask, _CUTS))
 

@@ -12,17 +12,17 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import stdtrit
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
-Values = float | npt.NDArray[np.float64]
+Values = float | F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,24 +9,22 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import Linear, newton
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 
-Floats = npt.NDArray[np.float64]
-
-BlockLinear = Callable[[Floats | None, Floats | None], Floats]
+BlockLinear = Callable[[F64 | None, F64 | None], F64]
 """``[base states]`` change of the values of a block, from those of the block after a stroke that is no attack and after an
 attack; None: no change."""
-BlockSweep = Callable[[int, Floats, Floats], tuple[Floats, BlockLinear]]
+BlockSweep = Callable[[int, F64, F64], tuple[F64, BlockLinear]]
 """Number of a block, and values of the block after a stroke that is no attack and after an attack, to the values of the block
 and how these change."""
 
 
 def by_blocks(
     game: Game, first: BlockSweep, second: BlockSweep, contraction: float, tolerance: float, *, affine: bool = False
-) -> tuple[Floats, int]:
+) -> tuple[F64, int]:
     """Nearly the values of the states in which the first player strikes.
 
     Args:
@@ -40,7 +38,7 @@ def by_blocks(
         ``[S]`` values, and how often all legal pairs were swept for them, rounded up.
     """
     levels = range(game.levels)
-    striking: tuple[dict[tuple[int, int], Floats], dict[tuple[int, int], Floats]] = {}, {}
+    striking: tuple[dict[tuple[int, int], F64], dict[tuple[int, int], F64]] = {}, {}
     x, swept = np.zeros(game.n_base_states), 0
     for own, other in sorted(itertools.product(levels, repeat=2), key=lambda efforts: -sum(efforts)):
         if first is second and (own, other) in striking[1]:
@@ -50,17 +48,17 @@ def by_blocks(
         here, there = own * game.levels + other, other * game.levels + own
         spent = striking[0].get((own, other + 1)), striking[1].get((other, own + 1))
 
-        def reply(x: Floats, there: int = there, spent: Floats | None = spent[0]) -> tuple[Floats, BlockLinear]:
+        def reply(x: F64, there: int = there, spent: F64 | None = spent[0]) -> tuple[F64, BlockLinear]:
             return second(there, x, x if spent is None else spent)
 
         def operator(
-            x: Floats, here: int = here, reply: Callable[[Floats], tuple[Floats, BlockLinear]] = reply,
-            spent: tuple[Floats | None, Floats | None] = spent,
-        ) -> tuple[Floats, Linear]:  # fmt: skip
+            x: F64, here: int = here, reply: Callable[[F64], tuple[F64, BlockLinear]] = reply,
+            spent: tuple[F64 | None, F64 | None] = spent,
+        ) -> tuple[F64, Linear]:  # fmt: skip
             y, of_reply = reply(x)
             z, of_stroke = first(here, y, y if spent[1] is None else spent[1])
 
-            def linear(change: Floats) -> Floats:
+            def linear(change: F64) -> F64:
                 between = of_reply(change, change if spent[0] is None else None)
                 return of_stroke(between, between if spent[1] is None else None)
 

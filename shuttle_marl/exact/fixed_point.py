@@ -34,12 +34,11 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.rally import ONE, Game
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
 
 ROUNDING: Final = 2.0**-40
 """More than the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at
@@ -59,9 +58,9 @@ _DIRECTIONS: Final = 60
 _SOLVED: Final = 1e-3
 """A Newton step is solved up to this part of the residual that it starts from."""
 
-Linear = Callable[[Floats], Floats]
+Linear = Callable[[F64], F64]
 """The linear part of an operator at some x: ``[S]`` to ``[S]``."""
-Operator = Callable[[Floats], tuple[Floats, Linear]]
+Operator = Callable[[F64], tuple[F64, Linear]]
 """x to T x and the linear part of T at x."""
 
 
@@ -95,8 +94,8 @@ def error_bound(residual: float, contraction: float) -> float:
 
 
 def newton(
-    operator: Operator, start: Floats, contraction: float, tolerance: float, *, affine: bool = False
-) -> tuple[Floats, int, float, float]:
+    operator: Operator, start: F64, contraction: float, tolerance: float, *, affine: bool = False
+) -> tuple[F64, int, float, float]:
     """The fixed point of an operator that is not linear, by Newton's method: policy iteration, where it takes a maximum.
 
     Each step solves the operator's linear part at x. From far away such a step may miss, in games of two players who both
@@ -135,7 +134,7 @@ def newton(
         x, z, linear, residual = there, image, slope, left
 
 
-def accelerated(linear: Linear, constant: Floats, done: Callable[[Floats], bool]) -> Floats:
+def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F64:
     """An approximate solution of x = constant + linear(x), by generalised conjugate residuals.
 
     (Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 1983.) Values of rallies have one slow mode, that the rally continues, and
@@ -151,7 +150,7 @@ def accelerated(linear: Linear, constant: Floats, done: Callable[[Floats], bool]
         ``[S]``; where the method stagnates, what it had by then.
     """
     x, residual = constant.copy(), linear(constant)
-    directions: list[tuple[Floats, Floats]] = []
+    directions: list[tuple[F64, F64]] = []
     while not done(residual) and len(directions) < _DIRECTIONS:
         p, q = residual.copy(), residual - linear(residual)
         for before, image in directions:
@@ -171,13 +170,13 @@ def accelerated(linear: Linear, constant: Floats, done: Callable[[Floats], bool]
 
 
 def solve_linear(
-    constant: Floats,
+    constant: F64,
     linear: Linear,
     *,
-    norm: Callable[[Floats], float],
-    bound: Callable[[float, Floats], float],
+    norm: Callable[[F64], float],
+    bound: Callable[[float, F64], float],
     tolerance: float,
-) -> tuple[Floats, float, float]:
+) -> tuple[F64, float, float]:
     """Solve x = T x = constant + linear(x) for an affine contraction T.
 
     Args:
@@ -201,14 +200,14 @@ def solve_linear(
         x = z
 
 
-def _distance(first: Floats, second: Floats) -> float:
+def _distance(first: F64, second: F64) -> float:
     return _largest(first - second)
 
 
-def _largest(difference: Floats) -> float:
+def _largest(difference: F64) -> float:
     """Over the rally states."""
     return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
-def _small(enough: float, difference: Floats) -> bool:
+def _small(enough: float, difference: F64) -> bool:
     return _largest(difference) <= enough

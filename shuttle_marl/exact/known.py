@@ -26,7 +26,7 @@ from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate_chains, induced
 from shuttle_marl.exact.sources import solvers_hash
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 

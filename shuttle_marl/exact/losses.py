@@ -19,7 +19,7 @@ import numpy as np
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

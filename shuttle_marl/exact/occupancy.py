@@ -4,14 +4,13 @@ import dataclasses
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
-from shuttle_marl.game.rally import ONE, ROOT
 from shuttle_marl.game.stroke import N_SHOTS
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.thresholds import ONE
 
 ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
 """Ways in which a rally can end; the first two are won by player 0."""
@@ -28,15 +27,15 @@ class Visits:
     """
 
     policies: tuple[StatePolicy, StatePolicy]
-    states: tuple[Floats, Floats]
+    states: tuple[F64, F64]
     error_bound: float
 
-    def pairs(self, player: int) -> Floats:
+    def pairs(self, player: int) -> F64:
         """``[P]`` how often a player plays each legal pair."""
         policy = self.policies[player]
         return np.asarray(policy.pair_probabilities() * policy.game.of_pairs(self.states[player]))
 
-    def base_pairs(self, player: int) -> Floats:
+    def base_pairs(self, player: int) -> F64:
         """``[L, base pairs]`` how often a player plays each base pair at each own effort."""
         policy = self.policies[player]
         game = policy.game
@@ -63,7 +62,7 @@ class Visits:
             shares[f"fault of player {player}"] = float((played * fault).sum())
         return shares
 
-    def shot_mix(self, player: int) -> Floats:
+    def shot_mix(self, player: int) -> F64:
         """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.game.stroke.SHOTS`."""
         game = self.policies[player].game
         played = np.bincount(game.catalogue.shot[game.base_pair_stroke], self.base_pairs(player).sum(axis=0), N_SHOTS)
@@ -102,7 +101,7 @@ def visits(
     contraction = chains[0].contraction * chains[1].contraction
     constant = backward[1](start[1] + backward[0](start[0]))
 
-    def bound(residual: float, w: Floats) -> float:
+    def bound(residual: float, w: F64) -> float:
         # All terms are positive, so rounding is relative to their sum.
         rounding = ROUNDING * (1 + float(np.abs(w).sum()))
         return 2 * ((residual + rounding) * contraction / (1 - contraction) + rounding)

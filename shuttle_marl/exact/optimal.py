@@ -13,18 +13,16 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I32, Intp
 from shuttle_marl.exact.blocks import BlockLinear, BlockSweep, by_blocks
 from shuttle_marl.exact.fixed_point import TOLERANCE, Linear, largest_continuation, newton
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import InducedChain, ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import Ints, after_block_choices, after_choices, block_choices, choices
+from shuttle_marl.exact.sweeps import after_block_choices, after_choices, block_choices, choices
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.rally import ROOT, Game
-from shuttle_marl.game.table import TabulatedPolicy
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,7 +41,7 @@ class Solution:
     """
 
     games: tuple[Game, Game]
-    value: tuple[Floats, Floats]
+    value: tuple[F64, F64]
     policy: tuple[TabulatedPolicy, TabulatedPolicy]
     sweeps: int
     residual: float
@@ -72,7 +70,7 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     check_same_layout(game, other)
     contraction = largest_continuation(game) * largest_continuation(other)
 
-    def operator(x: Floats) -> tuple[Floats, Linear]:
+    def operator(x: F64) -> tuple[F64, Linear]:
         theirs = choices([other], x)
         own = choices([game], theirs.value)
         first, second = after_choices([game], own), after_choices([other], theirs)
@@ -97,7 +95,7 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
 def _solve_symmetric(game: Game, tolerance: float) -> Solution:
     contraction = largest_continuation(game)
 
-    def operator(x: Floats) -> tuple[Floats, Linear]:
+    def operator(x: F64) -> tuple[F64, Linear]:
         chosen = choices([game], x)
         return chosen.value, after_choices([game], chosen)
 
@@ -122,14 +120,14 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
 def best_sweep(games: Sequence[Game], *, against: bool = False) -> BlockSweep:
     """Sweep of a player who plays the best strokes; see :func:`shuttle_marl.exact.sweeps.choices`."""
 
-    def sweep(block: int, plain: Floats, after_attack: Floats) -> tuple[Floats, BlockLinear]:
+    def sweep(block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         chosen = block_choices(games, block, plain, after_attack, against=against)
         return chosen.value, after_block_choices(games, block, chosen)
 
     return sweep
 
 
-def pure_policy(game: Game, rank: Ints) -> TabulatedPolicy:
+def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
     """The policy that plays in every state the legal stroke at one position, ``[S]``; -1 in states without any."""
     cumulative = np.empty(game.n_pairs, dtype=np.uint16)
     for block in range(game.n_blocks):
@@ -151,7 +149,7 @@ class Response:
     """
 
     game: Game
-    rank: Ints
+    rank: I32
     value: ProfileValue
     sweeps: int
 
@@ -200,7 +198,7 @@ def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = Non
     opponent = policy if isinstance(policy, InducedChain) else induced(policy)
     contraction = largest_continuation(own) * opponent.contraction
 
-    def operator(x: Floats) -> tuple[Floats, Linear]:
+    def operator(x: F64) -> tuple[F64, Linear]:
         chosen = choices([own], opponent.values(x))
         follow = after_choices([own], chosen)
         # The opponent's part is minus what continues.
@@ -244,8 +242,8 @@ class Regret:
         error_bound: ``per_rally`` is within this of the true one.
     """
 
-    state: Floats
-    weight: Floats
+    state: F64
+    weight: F64
     per_rally: float
     error_bound: float
 
@@ -254,7 +252,7 @@ class Regret:
         """Loss of a stroke of the policy, on average."""
         return self.per_rally / float(self.weight.sum())
 
-    def largest(self, count: int) -> npt.NDArray[np.intp]:
+    def largest(self, count: int) -> Intp:
         """The states in which the policy gives away most in a rally, most first."""
         return np.argsort(-self.state * self.weight, kind="stable")[:count]
 

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.blocks import BlockLinear, by_blocks
 from shuttle_marl.exact.fixed_point import (
     FIRST_RALLY_STATE,
@@ -20,29 +20,27 @@ from shuttle_marl.exact.fixed_point import (
 )
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.sweeps import Chances, Weights, block_mean, mean_following, played, propagate
-from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
-from shuttle_marl.game.table import TabulatedPolicy
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 _FIRST_BLOCK: Final = 0
 """Block of the states before any effort of either player: the serve is one of them."""
 
 
 class StatePolicy(Protocol):
-    """A policy that reads the state alone, such as :class:`shuttle_marl.game.table.TabulatedPolicy`."""
+    """A policy that reads the state alone, such as :class:`shuttle_marl.game.tabulated.TabulatedPolicy`."""
 
     @property
     def game(self) -> Game:
         """The tables with which the player strikes."""
         ...
 
-    def pair_probabilities(self) -> Floats:
+    def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state."""
         ...
 
-    def block_probabilities(self, block: int) -> Floats:
+    def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` the same in one block of states."""
         ...
 
@@ -58,13 +56,13 @@ class PairPolicy:
     """
 
     game: Game
-    probability: Floats
+    probability: F64
 
-    def pair_probabilities(self) -> Floats:
+    def pair_probabilities(self) -> F64:
         """``[P]`` the same; see :class:`StatePolicy`."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
 
-    def block_probabilities(self, block: int) -> Floats:
+    def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` the same in one block of states."""
         alike = len(self.probability) == self.game.n_base_pairs
         return self.probability if alike else self.probability[self.game.block_pairs(block)]
@@ -83,30 +81,30 @@ class InducedChain:
     """
 
     game: Game
-    reward: Floats
+    reward: F64
     weight: tuple[Weights, ...]
     contraction: float
 
-    def continuation(self, following: Floats) -> Floats:
+    def continuation(self, following: F64) -> F64:
         """``[S]`` C following: the mean of what follows each state, the end of the rally counting as 0."""
         return mean_following(self.game, self.weight, following)
 
-    def block_sweep(self, block: int, plain: Floats, after_attack: Floats) -> tuple[Floats, BlockLinear]:
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         """Values of one block and how they change; see :data:`~shuttle_marl.exact.blocks.BlockSweep`."""
         weight, reward = self.weight[block], self.reward[self.game.block_states(block)]
 
-        def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
+        def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
             none = np.zeros(self.game.n_base_states)
             changes = (none if change is None else change for change in (plain, after_attack))
             return -block_mean(self.game, weight, *changes)
 
         return reward + linear(plain, after_attack), linear
 
-    def propagate(self, visits: Floats) -> Floats:
+    def propagate(self, visits: F64) -> F64:
         """``[S]`` C' visits: how often each state follows, given how often the striker is in each state."""
         return propagate(self.game, self.weight, visits)
 
-    def values(self, following: Floats) -> Floats:
+    def values(self, following: F64) -> F64:
         """``[S]`` value of every state to the striker, ``following`` the value of the next states to the receiver."""
         return self.reward - self.continuation(following)
 
@@ -185,7 +183,7 @@ class ProfileValue:
         error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
-    striking: tuple[Floats, Floats]
+    striking: tuple[F64, F64]
     residual: float
     contraction: float
     error_bound: float
@@ -221,7 +219,7 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
     """:func:`evaluate` for policies whose chains are there already; both must be of games with the same layout."""
     contraction = first.contraction * second.contraction
 
-    def operator(x: Floats) -> tuple[Floats, Linear]:
+    def operator(x: F64) -> tuple[F64, Linear]:
         # The second player eliminated: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
         return first.values(second.values(x)), lambda change: first.continuation(second.continuation(change))
 
@@ -242,20 +240,20 @@ class Crossplay:
         error_bound: every probability is within this of the true one.
     """
 
-    serving: Floats
+    serving: F64
     error_bound: float
 
     @property
-    def receiving(self) -> Floats:
+    def receiving(self) -> F64:
         """``[N, N]`` probability that the policy of the row wins a rally that the policy of the column serves."""
         return 1 - self.serving.T
 
     @property
-    def rally(self) -> Floats:
+    def rally(self) -> F64:
         """``[N, N]`` probability that the policy of the row wins a rally, both serving equally often."""
         return (self.serving + self.receiving) / 2
 
-    def match(self, rules: Rules = BWF) -> Floats:
+    def match(self, rules: Rules = BWF) -> F64:
         """``[N, N]`` probability that the policy of the row wins a match, the first serve drawn at random."""
         return match_win_probability(self.serving, self.receiving, rules=rules)
 

@@ -18,19 +18,15 @@ the whole rally, is less cautious, but finding its best policy is NP-hard (Wiese
 import dataclasses
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.blocks import by_blocks
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_sweep, pure_policy
 from shuttle_marl.exact.profile import ProfileValue, check_same_layout
 from shuttle_marl.exact.sweeps import after_choices, choices
-from shuttle_marl.game.rally import ROOT, Game
-from shuttle_marl.game.table import TabulatedPolicy
-
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +66,7 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
         check_same_layout(games[0], game)
     contraction = max(map(largest_continuation, games)) ** 2
 
-    def operator(x: Floats) -> tuple[Floats, Linear]:
+    def operator(x: F64) -> tuple[F64, Linear]:
         theirs = choices(games, x)
         own = choices(games, theirs.value, against=True)
         first, second = after_choices(games, own), after_choices(games, theirs)

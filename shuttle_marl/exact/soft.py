@@ -15,28 +15,26 @@ probability of the policy is off by at most 2 / tau times the bound.
 import dataclasses
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, check_same_layout
-from shuttle_marl.exact.sweeps import Ints, Singles, arranged, probabilities
-from shuttle_marl.game.rally import ROOT
+from shuttle_marl.exact.sweeps import arranged, probabilities
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled
 def _soften(
-    rewards: Singles,
-    continuation: Singles,
-    pair_start: Ints,
-    first_reply: Ints,
-    prior: Floats,
+    rewards: F32,
+    continuation: F32,
+    pair_start: I32,
+    first_reply: I32,
+    prior: F64,
     tau: float,
-    following: Floats,
-    out: Floats,
-    policy: Floats,
+    following: F64,
+    out: F64,
+    policy: F64,
 ) -> None:
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
@@ -64,7 +62,7 @@ def _soften(
 
 
 @compiled
-def _continue(continuation: Singles, pair_start: Ints, first_reply: Ints, policy: Floats, following: Floats, out: Floats) -> None:
+def _continue(continuation: F32, pair_start: I32, first_reply: I32, policy: F64, following: F64, out: F64) -> None:
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
         weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]
@@ -83,7 +81,7 @@ class _Player:
         self._prior = tuple(each_once(prior))
         self.policy = np.empty(self.game.n_pairs)
 
-    def values(self, following: Floats) -> Floats:
+    def values(self, following: F64) -> F64:
         """``[S]`` the soft maximum, ``following`` the value of the next states to the receiver."""
         game, table = self.game, probabilities(self.game)
         out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
@@ -94,7 +92,7 @@ class _Player:
             _soften(*where, prior, self._tau, value, *found)
         return out
 
-    def linear(self, following: Floats) -> Floats:
+    def linear(self, following: F64) -> F64:
         """``[S]`` the linear part at the last call of :meth:`values`: minus what follows under the policy."""
         game, table = self.game, probabilities(self.game)
         out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
@@ -105,9 +103,9 @@ class _Player:
         return out
 
 
-def each_once(policy: StatePolicy) -> list[Floats]:
+def each_once(policy: StatePolicy) -> list[F64]:
     """``[base pairs]`` probabilities of each block, one array for blocks that are alike: most policies do not look at efforts."""
-    kept: list[Floats] = []
+    kept: list[F64] = []
     for block in range(policy.game.n_blocks):
         probability = policy.block_probabilities(block)
         kept.append(next((seen for seen in kept if np.array_equal(seen, probability)), probability))
@@ -130,7 +128,7 @@ class SoftSolution:
     """
 
     tau: float
-    value: tuple[Floats, Floats]
+    value: tuple[F64, F64]
     policy: tuple[PairPolicy, PairPolicy]
     sweeps: int
     residual: float
@@ -166,7 +164,7 @@ def solve_soft(
         other = _Player(opponent, tau)
         contraction = largest_continuation(own.game) * largest_continuation(other.game)
 
-        def operator(x: Floats) -> tuple[Floats, Linear]:
+        def operator(x: F64) -> tuple[F64, Linear]:
             return own.values(other.values(x)), lambda change: own.linear(other.linear(change))
 
         z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)

@@ -1,6 +1,6 @@
 """Sweeps over all legal pairs of a game, compiled: the best stroke of every state, the mean under a policy, and its transpose.
 
-The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.rally`). So a sweep
+The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). So a sweep
 takes one block of states after the other, and first arranges the values of the states that can follow in the order of the
 replies, contact below and above in turn: those of a state with K legal strokes are 2 K neighbours. It then reads weights and
 values in order and needs no index of its own. Sums run in four lanes whose order is fixed: they have the same bits on every
@@ -12,21 +12,17 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, F64, I32, U16, U32, Bools
 from shuttle_marl.exact.blocks import BlockLinear
 from shuttle_marl.exact.fixed_point import Linear
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel.compiling import cached
 
-Floats = npt.NDArray[np.float64]
-Singles = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int32]
-UInts = npt.NDArray[np.uint16]
-Chances = Floats | UInts
-Weights = Floats | npt.NDArray[np.uint32]
-Bools = npt.NDArray[np.bool_]
+Chances = F64 | U16
+Weights = F64 | U32
 F = TypeVar("F", bound=Callable[..., Any])
 
 TIE: Final = 1e-12
@@ -44,7 +40,7 @@ def _compiled_without_nan(function: F) -> F:
 
 
 @_compiled
-def _arrange(values: Floats, after_attack: Floats, reply_edge: Ints, attack: Bools, out: Floats) -> None:
+def _arrange(values: F64, after_attack: F64, reply_edge: I32, attack: Bools, out: F64) -> None:
     """Values of the states that follow each reply, from those of the block after a stroke that is no attack and after one."""
     for v in range(reply_edge.size):
         edge = reply_edge[v]
@@ -54,7 +50,7 @@ def _arrange(values: Floats, after_attack: Floats, reply_edge: Ints, attack: Boo
 
 
 @_compiled
-def _hand_back(arranged: Floats, reply_edge: Ints, attack: Bools, plain: Floats, after_attack: Floats) -> None:
+def _hand_back(arranged: F64, reply_edge: I32, attack: Bools, plain: F64, after_attack: F64) -> None:
     """The transpose of :func:`_arrange`: adds what came to each reply to the states that follow it."""
     for v in range(reply_edge.size):
         edge = reply_edge[v]
@@ -65,15 +61,15 @@ def _hand_back(arranged: Floats, reply_edge: Ints, attack: Bools, plain: Floats,
 
 @_compiled_without_nan
 def _choose(
-    rewards: Singles,
-    continuation: Singles,
-    pair_start: Ints,
-    first_reply: Ints,
-    following: Floats,
+    rewards: F32,
+    continuation: F32,
+    pair_start: I32,
+    first_reply: I32,
+    following: F64,
     against: bool,
-    out: Floats,
-    rank: Ints,
-    picked: Ints,
+    out: F64,
+    rank: I32,
+    picked: I32,
 ) -> None:
     longest = 0
     for s in range(out.size):
@@ -114,7 +110,7 @@ def _choose(
 
 
 @_compiled
-def _mean(weights: Weights, unit: float, pair_start: Ints, first_reply: Ints, following: Floats, out: Floats) -> None:
+def _mean(weights: Weights, unit: float, pair_start: I32, first_reply: I32, following: F64, out: F64) -> None:
     for s in range(out.size):
         weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
         value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
@@ -132,16 +128,16 @@ def _mean(weights: Weights, unit: float, pair_start: Ints, first_reply: Ints, fo
 
 @_compiled
 def _follow(
-    continuation: Singles,
-    pair_start: Ints,
-    first_reply: Ints,
-    reply_edge: Ints,
+    continuation: F32,
+    pair_start: I32,
+    first_reply: I32,
+    reply_edge: I32,
     attack: Bools,
-    rank: Ints,
-    picked: Ints,
-    plain: Floats,
-    after_attack: Floats,
-    out: Floats,
+    rank: I32,
+    picked: I32,
+    plain: F64,
+    after_attack: F64,
+    out: F64,
 ) -> None:
     """Change in the value of each state's chosen stroke, from the changes of the states that follow."""
     for s in range(out.size):
@@ -154,7 +150,7 @@ def _follow(
 
 
 @_compiled
-def _propagate(weights: Weights, unit: float, pair_start: Ints, first_reply: Ints, visits: Floats, out: Floats) -> None:
+def _propagate(weights: Weights, unit: float, pair_start: I32, first_reply: I32, visits: F64, out: F64) -> None:
     for s in range(visits.size):
         if visits[s] == 0.0:
             continue
@@ -165,9 +161,7 @@ def _propagate(weights: Weights, unit: float, pair_start: Ints, first_reply: Int
 
 
 @_compiled
-def _play(
-    chance: Chances, unit: float, limits: UInts, pair_start: Ints, weight: Weights, reward: Floats, continuation: Floats
-) -> None:
+def _play(chance: Chances, unit: float, limits: U16, pair_start: I32, weight: Weights, reward: F64, continuation: F64) -> None:
     for s in range(reward.size):
         gained = continued = 0.0
         for p in range(pair_start[s], pair_start[s + 1]):
@@ -182,9 +176,9 @@ def _play(
 class Probabilities(NamedTuple):
     """The probabilities of a game in units of 1/65536: whole numbers, so exact in single precision."""
 
-    reward: Singles
+    reward: F32
     """``[L, base pairs]`` winner minus fault."""
-    continuation: Singles
+    continuation: F32
     """``[L, 2 base pairs]`` returned from below, from above, in turn."""
 
 
@@ -196,7 +190,7 @@ def probabilities(game: Game) -> Probabilities:
     return Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
 
 
-def arranged(game: Game, following: Floats, block: int, out: Floats | None = None) -> Floats:
+def arranged(game: Game, following: F64, block: int, out: F64 | None = None) -> F64:
     """``[2 V]`` values of the states that follow each reply in a block, contact below and above in turn, from ``[S]`` values."""
     out = np.empty(2 * len(game.reply_edge)) if out is None else out
     plain, attack = (following[game.block_states(after)] for after in game.block_following(block))
@@ -207,15 +201,15 @@ def arranged(game: Game, following: Floats, block: int, out: Floats | None = Non
 class Choices(NamedTuple):
     """The best stroke of every state."""
 
-    value: Floats
+    value: F64
     """``[S]`` value to the striker; 0 in a state without legal strokes."""
-    rank: Ints
+    rank: I32
     """``[S]`` which legal stroke is played, the first one of a tie; -1 in a state without any."""
-    game: Ints
+    game: I32
     """``[S]`` number of the game in which it is played."""
 
 
-def choices(games: Sequence[Game], following: Floats, *, against: bool = False) -> Choices:
+def choices(games: Sequence[Game], following: F64, *, against: bool = False) -> Choices:
     """The best strokes where nature picks the game after each, or of the one game there is.
 
     Args:
@@ -231,7 +225,7 @@ def choices(games: Sequence[Game], following: Floats, *, against: bool = False) 
     return Choices(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def block_choices(games: Sequence[Game], block: int, plain: Floats, after_attack: Floats, *, against: bool = False) -> Choices:
+def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
     """The best strokes in the states of one block: ``[base states]`` of :class:`Choices`.
 
     Args:
@@ -257,7 +251,7 @@ def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> B
     where = (game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
     none = np.zeros(game.n_base_states)
 
-    def linear(plain: Floats | None, after_attack: Floats | None) -> Floats:
+    def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
         out = np.empty(game.n_base_states)
         first, second = (none if change is None else change for change in (plain, after_attack))
         _follow(continuation, *where, chosen.rank, chosen.game, first, second, out)
@@ -267,7 +261,7 @@ def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> B
 
 
 @functools.lru_cache(maxsize=12)
-def _stacked(games: tuple[Game, ...], level: int) -> tuple[Singles, Singles]:
+def _stacked(games: tuple[Game, ...], level: int) -> tuple[F32, F32]:
     """``[games, base pairs]`` rewards and ``[games, 2 base pairs]`` continuations of the games at one effort."""
     tables = [probabilities(game) for game in games]
     if len(tables) == 1:
@@ -286,7 +280,7 @@ def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
         weight[here] = game.outcome_probabilities(pairs[here])[:, 2:]
     below, above = games[0].arrivals(pairs).T
 
-    def linear(following: Floats) -> Floats:
+    def linear(following: F64) -> F64:
         out = np.zeros(len(playable))
         out[playable] = -(weight[:, 0] * following[below] + weight[:, 1] * following[above])
         return out
@@ -300,9 +294,9 @@ class Played(NamedTuple):
     weight: Weights
     """``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn, in
     units of :func:`weight_unit`."""
-    reward: Floats
+    reward: F64
     """``[base states]`` expected reward to the striker of the stroke played."""
-    continuation: Floats
+    continuation: F64
     """``[base states]`` probability that the rally continues."""
 
 
@@ -330,7 +324,7 @@ def played(game: Game, level: int, chance: Chances) -> Played:
     return found
 
 
-def mean_following(game: Game, weights: Sequence[Weights], following: Floats) -> Floats:
+def mean_following(game: Game, weights: Sequence[Weights], following: F64) -> F64:
     """``[S]`` what follows a state on average.
 
     Args:
@@ -345,7 +339,7 @@ def mean_following(game: Game, weights: Sequence[Weights], following: Floats) ->
     return out
 
 
-def block_mean(game: Game, weight: Weights, plain: Floats, after_attack: Floats) -> Floats:
+def block_mean(game: Game, weight: Weights, plain: F64, after_attack: F64) -> F64:
     """``[base states]`` what follows the states of one block on average.
 
     Args:
@@ -359,7 +353,7 @@ def block_mean(game: Game, weight: Weights, plain: Floats, after_attack: Floats)
     return out
 
 
-def propagate(game: Game, weights: Sequence[Weights], visits: Floats) -> Floats:
+def propagate(game: Game, weights: Sequence[Weights], visits: F64) -> F64:
     """``[S]`` how often each state follows ``[S]`` visits: the transpose of :func:`mean_following`."""
     out, room = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
         checked_probabilities,
         reads_score,
     )
-    from shuttle_marl.game.rally import Game, GameError, strike
+    from shuttle_marl.game.rules import strike
     from shuttle_marl.game.scoring import BWF, Rules, Score
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
     from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-    from shuttle_marl.game.table import TabulatedPolicy, tabulate
+    from shuttle_marl.game.tables import Game, GameError
+    from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 
 __all__ = [
     "BWF",
@@ -68,10 +69,11 @@ __getattr__, __dir__, _ = lazy_loader.attach(
             "checked_probabilities",
             "reads_score",
         ),
-        "rally": ("Game", "GameError", "strike"),
+        "rules": ("strike",),
+        "tables": ("Game", "GameError"),
         "scoring": ("BWF", "Rules", "Score"),
         "shipped": ("default_game", "load_game", "model_folder"),
         "stroke": ("HEIGHTS", "SHOTS", "TECHNIQUES", "Catalogue"),
-        "table": ("TabulatedPolicy", "tabulate"),
+        "tabulated": ("TabulatedPolicy", "tabulate"),
     },
 )

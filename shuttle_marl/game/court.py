@@ -9,7 +9,8 @@ The cuts between the areas are those with which ShuttleSet was annotated (Wang e
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
+
+from shuttle_marl.arrays import F64, I8, Bools, Floats, Ints
 
 LENGTH: Final = 13.40
 """Length of the court [m]."""
@@ -55,10 +56,8 @@ AREAS: Final = (
 """The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
 N_AREAS: Final = len(AREAS)
 
-Floats = npt.NDArray[np.floating]
 
-
-def area_of(x: Floats, y: Floats) -> npt.NDArray[np.int8]:
+def area_of(x: Floats, y: Floats) -> I8:
     """The area of a landing point, the nearest one for points outside the court.
 
     Args:
@@ -76,14 +75,14 @@ def area_of(x: Floats, y: Floats) -> npt.NDArray[np.int8]:
     return np.where(np.isnan(x) | np.isnan(y), np.int8(-1), area)
 
 
-def in_court(x: Floats, y: Floats, margin: float = 0.0) -> npt.NDArray[np.bool_]:
+def in_court(x: Floats, y: Floats, margin: float = 0.0) -> Bools:
     """Whether a point lies in the opponent's singles court, lines widened by ``margin`` metres; False for NaN."""
     x, y = np.asarray(x), np.asarray(y)
-    inside: npt.NDArray[np.bool_] = (np.abs(x) <= HALF_WIDTH + margin) & (y >= -margin) & (y <= HALF_LENGTH + margin)
+    inside: Bools = (np.abs(x) <= HALF_WIDTH + margin) & (y >= -margin) & (y <= HALF_LENGTH + margin)
     return inside
 
 
-def area_centre(area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+def area_centre(area: Ints) -> F64:
     """Centres of areas in the striker's frame, shape ``area.shape + (2,)`` [m]."""
     area = np.asarray(area)
     xs = np.array([-(SIDE_CUT + HALF_WIDTH) / 2, 0.0, (SIDE_CUT + HALF_WIDTH) / 2])

@@ -8,11 +8,9 @@ import hashlib
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I32, U16, U64, Intp, Ints
 from shuttle_marl.errors import whole_number
-
-UInt64s = npt.NDArray[np.uint64]
 
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
@@ -22,14 +20,14 @@ MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
 MIX_2: Final = np.uint64(0x94D049BB133111EB)
 
 
-def mix(x: UInt64s) -> UInt64s:
+def mix(x: U64) -> U64:
     """A bijection of 64-bit integers that scrambles all bits; any shape."""
     x = (x ^ (x >> np.uint64(30))) * MIX_1
     x = (x ^ (x >> np.uint64(27))) * MIX_2
     return x ^ (x >> np.uint64(31))
 
 
-def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
+def stream(seed: int, *numbers: int | Ints) -> U64:
     """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts.
 
     Raises:
@@ -43,7 +41,7 @@ def stream(seed: int, *numbers: int | npt.NDArray[np.integer]) -> UInt64s:
     return key
 
 
-def extend(key: UInt64s, number: int | npt.NDArray[np.integer]) -> UInt64s:
+def extend(key: U64, number: int | Ints) -> U64:
     """Key of the stream named by the numbers of ``key`` and one more: ``stream(s, a, b) == extend(stream(s, a), b)``."""
     with np.errstate(over="ignore"):
         return mix((key ^ np.asarray(number).astype(np.uint64)) + GOLDEN)
@@ -55,23 +53,23 @@ def pairing_key(*names: str) -> int:
     return int.from_bytes(digest[:8], "big") >> 1
 
 
-def draw(key: UInt64s, counter: npt.NDArray[np.integer] | int) -> UInt64s:
+def draw(key: U64, counter: Ints | int) -> U64:
     """64 random bits for each key and counter."""
     with np.errstate(over="ignore"):
         return mix(mix(key + np.asarray(counter).astype(np.uint64) * GOLDEN) + GOLDEN)
 
 
-def outcome_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
+def outcome_draw(bits: U64) -> I32:
     """The part of a draw that decides the outcome of a stroke: uniform in [0, 65536)."""
     return (bits & np.uint64(0xFFFF)).astype(np.int32)
 
 
-def choice_draw(bits: UInt64s) -> npt.NDArray[np.int32]:
+def choice_draw(bits: U64) -> I32:
     """The part of a draw that chooses a stroke: uniform in [0, 65535)."""
     return (((bits >> np.uint64(32)) * np.uint64(CHOICE_ONE)) >> np.uint64(32)).astype(np.int32)
 
 
-def chosen(cumulative: npt.NDArray[np.uint16] | npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:
     """The one rule by which draws choose strokes: the first entry above the draw.
 
     The compiled kernel and environments of one rally at a time do the same.

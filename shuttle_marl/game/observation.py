@@ -3,11 +3,11 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, Ints
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.tables import LONGEST_DUEL, Game
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""
@@ -30,7 +30,7 @@ SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SER
 """Permutation that turns the striker's observation into the receiver's."""
 
 
-def stroke_features(game: Game) -> npt.NDArray[np.float32]:
+def stroke_features(game: Game) -> F32:
     """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""
     catalogue = game.catalogue
     table = np.zeros((len(catalogue) + 1, STROKE_WIDTH), dtype=np.float32)
@@ -41,7 +41,7 @@ def stroke_features(game: Game) -> npt.NDArray[np.float32]:
     return table
 
 
-def features(game: Game) -> npt.NDArray[np.float32]:
+def features(game: Game) -> F32:
     """``[base states, 59]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
 
     0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
@@ -53,15 +53,15 @@ def features(game: Game) -> npt.NDArray[np.float32]:
     return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
 
 
-def with_efforts(game: Game, rows: npt.NDArray[np.float32], state: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+def with_efforts(game: Game, rows: F32, state: Ints) -> F32:
     """``[B, 59]`` observations of ``[B]`` states, from the rows of :func:`features`."""
-    found: npt.NDArray[np.float32] = rows.take(game.base(state), axis=0)
+    found: F32 = rows.take(game.base(state), axis=0)
     highest = max(1, game.levels - 1)
     found[:, EFFORT] = game.effort(state) / highest
     found[:, EFFORT + 1] = game.opponent_effort(state) / highest
     return found
 
 
-def observations(game: Game, state: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+def observations(game: Game, state: Ints) -> F32:
     """``[B, 59]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
     return with_efforts(game, features(game), np.asarray(state))

@@ -6,12 +6,12 @@ import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
 from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import frozen
+from shuttle_marl.game.tables import Game
 
 
 class PolicyError(ShuttleError):
@@ -30,8 +30,8 @@ class States:
     """
 
     game: Game
-    state: npt.NDArray[np.int32]
-    score: npt.NDArray[np.int16] | None = None
+    state: I32
+    score: I16 | None = None
 
     def __post_init__(self) -> None:
         # Copies that cannot be written to: a policy must not reach into the matches that it plays.
@@ -43,37 +43,37 @@ class States:
         return len(self.state)
 
     @functools.cached_property
-    def own(self) -> npt.NDArray[np.int32]:
+    def own(self) -> I32:
         """``[B]`` catalogue index of the striker's own last stroke, n for none."""
         return frozen(self.game.own(self.state))
 
     @functools.cached_property
-    def incoming(self) -> npt.NDArray[np.int32]:
+    def incoming(self) -> I32:
         """``[B]`` catalogue index of the incoming stroke, n for none: the striker serves."""
         return frozen(self.game.incoming(self.state))
 
     @functools.cached_property
-    def contact(self) -> npt.NDArray[np.int32]:
+    def contact(self) -> I32:
         """``[B]`` contact offered: 0 below, 1 above the net."""
         return frozen(self.game.contact(self.state))
 
     @functools.cached_property
-    def duel(self) -> npt.NDArray[np.int32]:
+    def duel(self) -> I32:
         """``[B]`` net shots in a row that end with the incoming stroke; 3: three or more."""
         return frozen(self.game.duel(self.state))
 
     @functools.cached_property
-    def effort(self) -> npt.NDArray[np.int32]:
+    def effort(self) -> I32:
         """``[B]`` the striker's effort: own attacking strokes so far in the rally."""
         return frozen(self.game.effort(self.state))
 
     @functools.cached_property
-    def opponent_effort(self) -> npt.NDArray[np.int32]:
+    def opponent_effort(self) -> I32:
         """``[B]`` the same of the receiver."""
         return frozen(self.game.opponent_effort(self.state))
 
     @functools.cached_property
-    def mask(self) -> npt.NDArray[np.bool_]:
+    def mask(self) -> Bools:
         """``[B, n]`` legal strokes."""
         return frozen(self.game.mask(self.state))
 
@@ -82,7 +82,7 @@ class States:
 class Policy(Protocol):
     """Contract of every player. A policy that reads ``states.score`` must say so with ``reads_score = True``."""
 
-    def probabilities(self, states: States) -> npt.NDArray[np.floating]:
+    def probabilities(self, states: States) -> Floats:
         """``[B, n]`` probability of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
         ...
 
@@ -101,7 +101,7 @@ def reads_score(policy: Policy) -> bool:
         raise PolicyError(f"reads_score of {type(policy).__name__} raised {described(error)}") from error
 
 
-def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDArray[np.float64]:
+def checked_probabilities(policy: Policy, states: States, name: str) -> F64:
     """Call a policy and check what it returns.
 
     Raises:
@@ -144,7 +144,7 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> npt.NDAr
     return p
 
 
-def _as_numbers(raw: object) -> npt.NDArray[np.float64]:
+def _as_numbers(raw: object) -> F64:
     """The return value of a policy, as real numbers; nothing is dropped or made finite on the way."""
     found = np.asarray(raw)
     if found.dtype.kind not in "fiub":
@@ -153,7 +153,7 @@ def _as_numbers(raw: object) -> npt.NDArray[np.float64]:
         return found.astype(np.float64)
 
 
-def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+def drawn_strokes(p: F64, draw: Ints) -> Intp:
     """``[B]`` catalogue index of the stroke that each row of ``[B, n]`` probabilities plays.
 
     Args:
@@ -167,10 +167,10 @@ def drawn_strokes(p: npt.NDArray[np.float64], draw: npt.NDArray[np.integer]) -> 
 class UniformPolicy:
     """Uniform random policy: every legal stroke is as likely as any other. The baseline of all others."""
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` one over the number of legal strokes."""
         mask = states.mask
-        p: npt.NDArray[np.float64] = mask / mask.sum(axis=1, keepdims=True)
+        p: F64 = mask / mask.sum(axis=1, keepdims=True)
         return p
 
 
@@ -198,7 +198,7 @@ class TemperedPolicy:
         """Whether the base reads the score."""
         return reads_score(self.base)
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` tempered probabilities.
 
         Raises:
@@ -212,5 +212,5 @@ class TemperedPolicy:
             return greedy
         with np.errstate(under="ignore"):
             weight = (p / best) ** (1 / self.temperature)  # the best stroke keeps weight 1, so nothing overflows
-        tempered: npt.NDArray[np.float64] = weight / weight.sum(axis=1, keepdims=True)
+        tempered: F64 = weight / weight.sum(axis=1, keepdims=True)
         return tempered

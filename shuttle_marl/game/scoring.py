@@ -12,10 +12,8 @@ from typing import Any, Final, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I8, I16, I64, Bools, Ints
 from shuttle_marl.errors import ShuttleError
-
-Int8s = npt.NDArray[np.int8]
-Floats = npt.NDArray[np.float64]
 
 
 class ScoringError(ShuttleError):
@@ -107,14 +105,14 @@ def count_rally(own: Any, other: Any, games: Any, rules: Any) -> Counted:
 @overload
 def wins_game(own: int, other: int, rules: Rules = BWF) -> bool: ...
 @overload
-def wins_game(own: Int8s, other: Int8s, rules: Rules = BWF) -> npt.NDArray[np.bool_]: ...
-def wins_game(own: int | Int8s, other: int | Int8s, rules: Rules = BWF) -> bool | npt.NDArray[np.bool_]:
+def wins_game(own: I8, other: I8, rules: Rules = BWF) -> Bools: ...
+def wins_game(own: int | I8, other: int | I8, rules: Rules = BWF) -> bool | Bools:
     """Whether the first of two point scores has won the game; two numbers, or arrays of any shape."""
-    won: bool | npt.NDArray[np.bool_] = count_rally(own - 1, other, 0, rules).game_won
+    won: bool | Bools = count_rally(own - 1, other, 0, rules).game_won
     return won
 
 
-def is_over(games: npt.NDArray[np.integer], rules: Rules = BWF) -> npt.NDArray[np.bool_]:
+def is_over(games: Ints, rules: Rules = BWF) -> Bools:
     """``[...]`` whether matches with ``[..., 2]`` games are over."""
     return np.asarray(games.max(axis=-1) >= rules.games)
 
@@ -161,35 +159,35 @@ class Score:
         rules: when a game and a match are won.
     """
 
-    by_game: Int8s
-    games: Int8s
-    server: Int8s
+    by_game: I8
+    games: I8
+    server: I8
     rules: Rules
 
     def __len__(self) -> int:
         return len(self.server)
 
     @property
-    def over(self) -> npt.NDArray[np.bool_]:
+    def over(self) -> Bools:
         """``[B]`` whether the match is over."""
         return is_over(self.games, self.rules)
 
     @property
-    def winner(self) -> Int8s:
+    def winner(self) -> I8:
         """``[B]`` who won the match, -1 while it continues."""
         return np.where(self.over, self.games.argmax(axis=1), -1).astype(np.int8)
 
     @property
-    def game(self) -> npt.NDArray[np.int64]:
+    def game(self) -> I64:
         """``[B]`` index of the current game, of the last one played when the match is over."""
         return self.games.sum(axis=1, dtype=np.int64) - self.over
 
     @property
-    def points(self) -> Int8s:
+    def points(self) -> I8:
         """``[B, 2]`` points in the current game, of the last one played when the match is over."""
         return self.by_game[np.arange(len(self)), self.game]
 
-    def seen_by(self, player: npt.NDArray[np.integer] | int) -> npt.NDArray[np.int16]:
+    def seen_by(self, player: Ints | int) -> I16:
         """``[B, 4]`` points of a player, of the opponent, games of the player, of the opponent."""
         rows = np.arange(len(self))
         points = self.points
@@ -219,7 +217,7 @@ def new(first_server: npt.ArrayLike, rules: Rules = BWF) -> Score:
     )
 
 
-def step(score: Score, winner: npt.NDArray[np.integer]) -> Score:
+def step(score: Score, winner: Ints) -> Score:
     """Count one rally of each match.
 
     Args:
@@ -243,7 +241,7 @@ def game_win_probability(
     points: tuple[int, int] = (0, 0),
     server: int | None = None,
     rules: Rules = BWF,
-) -> Floats:
+) -> F64:
     """Exact probability that player 0 wins the current game.
 
     Args:
@@ -272,7 +270,7 @@ def match_win_probability(
     games: tuple[int, int] = (0, 0),
     points: tuple[int, int] = (0, 0),
     rules: Rules = BWF,
-) -> Floats:
+) -> F64:
     """Exact probability that player 0 wins the match, if rallies are independent given who serves.
 
     Args:
@@ -295,7 +293,7 @@ def match_win_probability(
         raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match continues")
     whole_game = _game(serving, receiving, (0, 0), rules)
     one, zero = np.ones_like(serving), np.zeros_like(serving)
-    odds: dict[tuple[int, int], tuple[Floats, Floats]] = {}
+    odds: dict[tuple[int, int], tuple[F64, F64]] = {}
     for own in range(rules.games, games[0] - 1, -1):
         for other in range(rules.games, games[1] - 1, -1):
             if rules.games in (own, other):
@@ -308,16 +306,16 @@ def match_win_probability(
     return _by_server(odds[games], first_server)
 
 
-def _game(serving: Floats, receiving: Floats, points: tuple[int, int], rules: Rules) -> tuple[Floats, Floats]:
+def _game(serving: F64, receiving: F64, points: tuple[int, int], rules: Rules) -> tuple[F64, F64]:
     """Probability that player 0 wins a game from a score, when player 0 serves next and when player 1 does."""
     own, other = points
     if own < 0 or other < 0 or wins_game(own, other, rules) or wins_game(other, own, rules):
         raise ScoringError(f"points {points}: expected a game that continues, to {rules.points} points, cap {rules.cap}")
     one, zero = np.ones_like(serving), np.zeros_like(serving)
     # Rows of the score table from the cap downwards; below[j] is the row of one more own point.
-    below: dict[int, tuple[Floats, Floats]] = {}
+    below: dict[int, tuple[F64, F64]] = {}
     for i in range(rules.cap, own - 1, -1):
-        row: dict[int, tuple[Floats, Floats]] = {}
+        row: dict[int, tuple[F64, F64]] = {}
         for j in range(rules.cap, other - 1, -1):
             if wins_game(i, j, rules):
                 row[j] = (one, one)
@@ -330,7 +328,7 @@ def _game(serving: Floats, receiving: Floats, points: tuple[int, int], rules: Ru
     return below[other]
 
 
-def _probabilities(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[Floats, Floats]:
+def _probabilities(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[F64, F64]:
     serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
     for p in (serving, receiving):
         bad = ~((p >= 0) & (p <= 1))
@@ -344,5 +342,5 @@ def _check_server(server: int | None) -> None:
         raise ScoringError(f"server {server!r}: expected 0, 1, or None to draw it at random")
 
 
-def _by_server(odds: tuple[Floats, Floats], server: int | None) -> Floats:
+def _by_server(odds: tuple[F64, F64], server: int | None) -> F64:
     return np.asarray((odds[0] + odds[1]) / 2 if server is None else odds[server])

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.files import FileReadError, read_sealed
-from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.variants import hashes_of, unpacked
 from shuttle_marl.tensor_files import Tensors, checked, read_tensors
 
@@ -213,7 +213,7 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if name not in PROFILES)
 
 
-def real_strokes(game: Game) -> npt.NDArray[np.float64] | None:
+def real_strokes(game: Game) -> F64 | None:
     """``[E]`` real strokes behind each edge: those in the innermost cell of the data that its stroke belongs to.
 
     None where that is not known: for games that belong to no model.

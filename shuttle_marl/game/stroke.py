@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import I8, I16, Bools
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
 
@@ -58,8 +59,6 @@ N_TECHNIQUES: Final = len(TECHNIQUES)
 BELOW: Final = 0
 ABOVE: Final = 1
 
-Int8s = npt.NDArray[np.int8]
-
 
 class UnknownStrokeError(ShuttleError):
     """A name or a combination that is not in the catalogue."""
@@ -76,10 +75,10 @@ class Catalogue:
         technique: ``[n]`` index into :data:`TECHNIQUES`.
     """
 
-    shot: Int8s
-    area: Int8s
-    height: Int8s
-    technique: Int8s
+    shot: I8
+    area: I8
+    height: I8
+    technique: I8
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -111,17 +110,17 @@ class Catalogue:
         return tuple(f"{SHOTS[s]}:{AREAS[a]}:{HEIGHTS[h]}:{TECHNIQUES[t]}" for s, a, h, t in rows)
 
     @functools.cached_property
-    def is_serve(self) -> npt.NDArray[np.bool_]:
+    def is_serve(self) -> Bools:
         """``[n]`` whether a stroke is a serve."""
         return frozen(self.shot < N_SERVES)
 
     @functools.cached_property
-    def is_attack(self) -> npt.NDArray[np.bool_]:
+    def is_attack(self) -> Bools:
         """``[n]`` whether a stroke is an attack, which costs effort: a smash or a half-smash."""
         return frozen(np.isin(self.shot, [SHOTS.index(shot) for shot in ATTACKS]))
 
     @functools.cached_property
-    def is_net_shot(self) -> npt.NDArray[np.bool_]:
+    def is_net_shot(self) -> Bools:
         """``[n]`` whether a stroke is a net shot, straight or cross-court: the strokes of a duel at the net."""
         return frozen(np.isin(self.shot, [SHOTS.index(shot) for shot in NET_SHOTS]))
 
@@ -149,7 +148,7 @@ class Catalogue:
         return {name: i for i, name in enumerate(self.names)}
 
     @functools.cached_property
-    def by_parts(self) -> npt.NDArray[np.int16]:
+    def by_parts(self) -> I16:
         """``[13, 9, 2, 3]`` catalogue index of every combination, -1 where there is none."""
         table = np.full((N_SHOTS, len(AREAS), len(HEIGHTS), N_TECHNIQUES), -1, dtype=np.int16)
         table[self.shot, self.area, self.height, self.technique] = np.arange(len(self))

@@ -1,7 +1,7 @@
 """Variants of a game: the same strokes and rules, other probabilities, stored as small steps from the tables of a model.
 
 For every base pair a variant says by how many steps of :data:`STEP` the log-odds of three probabilities differ from those of
-the model: of a fault, of a winner given a good stroke, and of a return from below given a return. Steps are 8-bit numbers.
+the model: of a fault, of a winner given a good stroke, and of a return from below given a return. I8 are 8-bit numbers.
 They are applied in whole numbers, with multipliers that are exact by definition, so a variant has the same tables, and the
 same hash, on every machine.
 """
@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.game.rally import ONE, Game, GameError
+from shuttle_marl.arrays import F64, I8, I32, U64, Intp, Ints
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import Tensors, parsed
-
-Steps = npt.NDArray[np.int8]
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
@@ -30,11 +30,8 @@ _RARE: Final = 0.01
 _SLACK: Final = 1e-6
 
 
-Units = npt.NDArray[np.uint64]
-
-
 @functools.cache
-def _multipliers() -> tuple[Units, Units]:
+def _multipliers() -> tuple[U64, U64]:
     """``[256]`` each, by a step as an unsigned byte: what the odds are multiplied and divided by, in units of 1/65536."""
     with decimal.localcontext(decimal.Context(prec=40)):
         odds = [(decimal.Decimal(STEP) * k).exp() * ONE for k in range(_MOST + 1)]
@@ -44,14 +41,14 @@ def _multipliers() -> tuple[Units, Units]:
     return rising[up], rising[down]
 
 
-def _shares(threshold: npt.NDArray[np.integer]) -> tuple[tuple[Units, Units], ...]:
+def _shares(threshold: Ints) -> tuple[tuple[U64, U64], ...]:
     """Part and whole of the three probabilities, in units of 1/65536: fault, winner of good, from below of returned."""
     fault, winner, below = threshold.T.astype(np.uint64)
     one = np.uint64(ONE)
     return (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
 
 
-def _moved(part: Units, whole: Units, step: Steps, of: Units) -> Units:
+def _moved(part: U64, whole: U64, step: I8, of: U64) -> U64:
     """The share part / whole with its odds moved by steps, of another whole, to the nearest unit (halves up)."""
     up, down = (table[step.view(np.uint8)] for table in _multipliers())
     inside = part * up
@@ -61,7 +58,7 @@ def _moved(part: Units, whole: Units, step: Steps, of: Units) -> Units:
     return np.asarray((two * inside * of + total) // (two * total), dtype=np.uint64)
 
 
-def moved(game: Game, steps: Steps, fault_odds: npt.NDArray[np.int32] | None = None) -> Game:
+def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
     """A game of the same layout whose log-odds differ by steps.
 
     Args:
@@ -78,7 +75,7 @@ def moved(game: Game, steps: Steps, fault_odds: npt.NDArray[np.int32] | None = N
     return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
 
 
-def steps_between(game: Game, other: Game) -> Steps:
+def steps_between(game: Game, other: Game) -> I8:
     """``[3, base pairs]`` steps that lead from a game to another one of the same layout.
 
     To the nearest; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
@@ -90,12 +87,12 @@ def steps_between(game: Game, other: Game) -> Steps:
     return np.clip(np.rint(steps), -_MOST, _MOST).astype(np.int8)
 
 
-def _log_odds(part: Units, whole: Units) -> npt.NDArray[np.float64]:
+def _log_odds(part: U64, whole: U64) -> F64:
     # Half a unit on either side: a probability that was rounded to 0 or 1 is finite.
     return np.asarray(np.log(part + 0.5) - np.log((whole - part) + 0.5))
 
 
-def _order(game: Game) -> npt.NDArray[np.intp]:
+def _order(game: Game) -> Intp:
     """Order of the base pairs in a file: by the edge that follows, because the same answer differs alike and packs well."""
     return np.argsort(game.base_pair_edge, kind="stable")
 

@@ -14,17 +14,19 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyspiel
 from open_spiel.python import policy as spiel_policy
 
+from shuttle_marl.arrays import F32
 from shuttle_marl.env.strokes import tables_of
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SWAP
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally import FAULT, ONE, OUTCOMES, RETURNED_BELOW, ROOT, WINNER, Game
+from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
 
 __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 
@@ -98,12 +100,12 @@ class RallyGame(pyspiel.Game):
 
 
 class RallyState(pyspiel.State):
-    """A state, named by who strikes in which state of :mod:`shuttle_marl.game.rally`.
+    """A state, named by who strikes in which state of :mod:`shuttle_marl.game.tables`.
 
     Attributes:
         tables: the tables of the game.
         striker: who is to strike or has just struck, 0 or 1; -1: it is not decided who serves.
-        number: state of the striker, as in :mod:`shuttle_marl.game.rally`.
+        number: state of the striker, as in :mod:`shuttle_marl.game.tables`.
         strokes: strokes so far.
     """
 
@@ -124,7 +126,7 @@ class RallyState(pyspiel.State):
         return sorted(self.tables.legal_strokes(self.number).tolist())
 
     def chance_outcomes(self) -> list[tuple[int, float]]:
-        """Outcomes of the stroke with their probabilities, as in :data:`shuttle_marl.game.rally.OUTCOMES`; or who serves."""
+        """Outcomes of the stroke with their probabilities, as in :data:`shuttle_marl.game.rules.OUTCOMES`; or who serves."""
         if self.striker < 0:
             return [(0, 0.5), (1, 0.5)]
         limits = [0, *self.tables.limits_of(self._pair).tolist(), ONE]
@@ -174,7 +176,7 @@ class RallyObserver:
     def __init__(self, tables: Game) -> None:
         self._rows = tables_of(tables)
         self.tensor = np.zeros(RALLY_WIDTH + 1, np.float32)
-        self.dict: dict[str, npt.NDArray[np.float32]] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH:]}
+        self.dict: dict[str, F32] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH:]}
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import FAULT, WINNER
+from shuttle_marl.arrays import F32, I8, I32, I64, U8, Bools, Floats, Ints, UInts
+from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import Tables, base_of, tables_of
 from shuttle_marl.kernel.rally import RallyBatch
@@ -27,33 +27,33 @@ class _Strokes(NamedTuple):
         extra: ``[E, B, N]`` float32 what was given with them, NaN for strokes of opponents.
     """
 
-    length: npt.NDArray[np.int32]
-    running: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
-    extra: npt.NDArray[np.float32]
+    length: I32
+    running: I32
+    stroke: UInts
+    extra: F32
 
 
 class _Ended(NamedTuple):
     """Room for rallies that ended: their row, and what :class:`SingleRallies` says of them."""
 
-    row: npt.NDArray[np.int32]
-    rally: npt.NDArray[np.int64]
-    opponent: npt.NDArray[np.int32]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
+    row: I32
+    rally: I64
+    opponent: I32
+    server: U8
+    winner: U8
+    reason: U8
+    length: I32
 
 
 @compiled
 def _keep(
     tables: Tables,
     rows: Rows,
-    seat: npt.NDArray[np.int8],
-    opponent: npt.NDArray[np.int32],
-    reward: npt.NDArray[np.float32],
-    over: npt.NDArray[np.bool_],
-    given: npt.NDArray[np.float32],
+    seat: I8,
+    opponent: I32,
+    reward: F32,
+    over: Bools,
+    given: F32,
     kept: _Strokes,
     ended: _Ended,
     count: int,
@@ -91,7 +91,7 @@ def _keep(
 
 
 @compiled
-def _take(kept: _Strokes, stroke: npt.NDArray[np.unsignedinteger], extra: npt.NDArray[np.float32]) -> None:
+def _take(kept: _Strokes, stroke: UInts, extra: F32) -> None:
     """Move the strokes of rallies that ended out, row after row, and those of running rallies to the front."""
     n = 0
     for i in range(kept.length.size):
@@ -145,7 +145,7 @@ class BatchLog:
         self.batch.reseed(seed)
         self._serve(np.ones(len(self.batch), np.bool_))
 
-    def play(self, stroke: npt.NDArray[np.integer], extra: npt.NDArray[np.floating] | None = None) -> npt.NDArray[np.float32]:
+    def play(self, stroke: Ints, extra: Floats | None = None) -> F32:
         """Play T strokes in every row, as :meth:`~shuttle_marl.kernel.VersusBatch.step` does, and keep them.
 
         Args:
@@ -188,13 +188,13 @@ class BatchLog:
         self._rallies = 0
         return SingleRallies(**ended, stroke=stroke, extra=extra)
 
-    def _serve(self, over: npt.NDArray[np.bool_]) -> None:
+    def _serve(self, over: Bools) -> None:
         """Begin rallies where they are over, until all rows wait for a stroke."""
         while np.count_nonzero(over):
             reward, over = self.batch.serve(over)
             self._keep(reward, over, self._none)
 
-    def _keep(self, reward: npt.NDArray[np.float32], over: npt.NDArray[np.bool_], given: npt.NDArray[np.floating]) -> None:
+    def _keep(self, reward: F32, over: Bools, given: Floats) -> None:
         kept, size = self._kept, len(self.batch)
         self._longest += 2
         if self._longest > kept.stroke.shape[1]:

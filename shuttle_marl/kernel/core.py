@@ -4,7 +4,7 @@ A stroke reads tables at two places that no one can foresee, and each of them ma
 tight loop over all rows of a block that does one thing: the reads of many rows are then under way at once, and arithmetic is
 done for several rows in one instruction. A loop that did everything for one row after the other takes twice as long.
 
-Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.game.rally.strike`, the draws
+Everything here is inlined into the loops of this package. The rule is that of :func:`shuttle_marl.game.rules.strike`, the draws
 are those of :mod:`shuttle_marl.game.draws`; tests hold them equal bit for bit.
 """
 
@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I8, I16, I32, I64, U8, U16, U64, Bools
 from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
@@ -54,19 +54,19 @@ class Tables(NamedTuple):
         mask: ``[2 (n + 1), m]`` bool legal strokes; m is n and what is missing to whole vectors of the processor, False.
     """
 
-    limits: npt.NDArray[np.uint64]
-    head: npt.NDArray[np.int32]
+    limits: U64
+    head: I32
     inverse: np.uint64
-    first: npt.NDArray[np.int32]
-    follows: npt.NDArray[np.int32]
-    efforts: npt.NDArray[np.int32]
-    arrival: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.int16]
-    incoming: npt.NDArray[np.int16]
-    own: npt.NDArray[np.int16]
-    duel: npt.NDArray[np.int8]
-    rank: npt.NDArray[np.int16]
-    mask: npt.NDArray[np.bool_]
+    first: I32
+    follows: I32
+    efforts: I32
+    arrival: I32
+    stroke: I16
+    incoming: I16
+    own: I16
+    duel: I8
+    rank: I16
+    mask: Bools
 
 
 @functools.lru_cache(maxsize=8)
@@ -228,16 +228,16 @@ class Players(NamedTuple):
     """K tabulated policies, packed for choosing strokes.
 
     Attributes:
-        cumulative: ``[K, P]`` uint16, as in :class:`shuttle_marl.game.table.TabulatedPolicy`.
+        cumulative: ``[K, P]`` uint16, as in :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
         guide: ``[K, S, 16]`` uint8, where to begin looking, by the highest four bits of a draw.
     """
 
-    cumulative: npt.NDArray[np.uint16]
-    guide: npt.NDArray[np.uint8]
+    cumulative: U16
+    guide: U8
 
 
 @compiled
-def _write_guide(cumulative: npt.NDArray[np.uint16], pair_start: npt.NDArray[np.int32], guide: npt.NDArray[np.uint8]) -> None:
+def _write_guide(cumulative: U16, pair_start: I32, guide: U8) -> None:
     for s in range(len(pair_start) - 1):
         k = pair_start[s]
         if pair_start[s + 1] > k:
@@ -320,13 +320,13 @@ class Block(NamedTuple):
         listed: int64 rows that are to be looked at once more.
     """
 
-    bits: npt.NDArray[np.uint64]
-    limit: npt.NDArray[np.int32]
-    reply: npt.NDArray[np.int32]
-    arrival: npt.NDArray[np.int32]
-    limits: npt.NDArray[np.uint64]
-    outcome: npt.NDArray[np.int64]
-    listed: npt.NDArray[np.int64]
+    bits: U64
+    limit: I32
+    reply: I32
+    arrival: I32
+    limits: U64
+    outcome: I64
+    listed: I64
 
 
 @inlined

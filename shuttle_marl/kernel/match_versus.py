@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, I8, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     Tables,
@@ -49,14 +49,14 @@ class MatchRows(NamedTuple):
         reason: ``[B]`` int8 how the last rally ended.
     """
 
-    match: npt.NDArray[np.int64]
-    key: npt.NDArray[np.uint64]
-    rally: npt.NDArray[np.int64]
-    points: npt.NDArray[np.int32]
-    games: npt.NDArray[np.int32]
-    server: npt.NDArray[np.int8]
-    owed: npt.NDArray[np.float32]
-    reason: npt.NDArray[np.int8]
+    match: I64
+    key: U64
+    rally: I64
+    points: I32
+    games: I32
+    server: I8
+    owed: F32
+    reason: I8
 
 
 @inlined
@@ -151,7 +151,7 @@ def _reset(
     rows: Rows,
     matches: MatchRows,
     opponents: Opponents,
-    which: npt.NDArray[np.bool_],
+    which: Bools,
     seed_key: np.uint64,
     server: int,
     rules: Numbers,
@@ -168,9 +168,9 @@ def _step(
     rows: Rows,
     matches: MatchRows,
     opponents: Opponents,
-    stroke: npt.NDArray[np.int64],
-    reward: npt.NDArray[np.float32],
-    done: npt.NDArray[np.bool_],
+    stroke: I64,
+    reward: F32,
+    done: Bools,
     rules: Numbers,
     each: int,
     first: int,
@@ -225,7 +225,7 @@ class MatchVersusBatch(AgainstBatch):
         *,
         opponents: Sequence[TabulatedPolicy],
         seed: int = 0,
-        seat: int | npt.NDArray[np.integer] = 0,
+        seat: int | Ints = 0,
         server: Server = None,
         rules: Rules = BWF,
         each_rally: bool = False,
@@ -251,7 +251,7 @@ class MatchVersusBatch(AgainstBatch):
         self.matches.match[:] = np.arange(len(self)) - len(self)
         self.opponents.unseen[:] = 0
 
-    def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
+    def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
         """Start the next match in some rows, up to the learner's first stroke.
 
         Args:
@@ -265,7 +265,7 @@ class MatchVersusBatch(AgainstBatch):
             self._tables, self.rows, self.matches, self.opponents, which, self._seed_key, self._server, self._rules, self._each
         )
 
-    def play(self, stroke: npt.NDArray[np.integer]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    def play(self, stroke: Ints) -> tuple[F32, Bools]:
         """Play the learner's stroke and the opponent's until the learner is to strike again, in every row.
 
         A stroke that is not legal loses the match. Rows whose match is over wait for :meth:`reset`.

@@ -11,11 +11,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.arrays import I8, I32, U8, U64, UInts
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -61,16 +61,16 @@ class _Log(NamedTuple):
         stroke: ``[M, N]`` catalogue index of every stroke; no columns where strokes are not kept.
     """
 
-    begun: npt.NDArray[np.int32]
-    length: npt.NDArray[np.int32]
-    points: npt.NDArray[np.int32]
-    games: npt.NDArray[np.int32]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    score: npt.NDArray[np.uint8]
-    strokes: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
+    begun: I32
+    length: I32
+    points: I32
+    games: I32
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    strokes: I32
+    stroke: UInts
 
 
 @inlined
@@ -88,7 +88,7 @@ def _begin_rally(lanes: Any, lane: Any, log: Any, match: Any, key: Any, server: 
 
 
 @compiled
-def _begin(lanes: Rows, log: _Log, match_key: npt.NDArray[np.uint64], first_server: npt.NDArray[np.int8]) -> None:
+def _begin(lanes: Rows, log: _Log, match_key: U64, first_server: I8) -> None:
     for m in range(match_key.size):
         lanes.rally[m] = m
         _begin_rally(lanes, m, log, m, match_key[m], np.int64(first_server[m]))
@@ -98,8 +98,8 @@ def _begin(lanes: Rows, log: _Log, match_key: npt.NDArray[np.uint64], first_serv
 def _play(
     tables: Tables,
     players: Players,
-    entrant: npt.NDArray[np.int32],
-    match_key: npt.NDArray[np.uint64],
+    entrant: I32,
+    match_key: U64,
     rules: Numbers,
     keep: bool,
     lanes: Rows,

@@ -4,10 +4,10 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.arrays import F32, I16, I64, Bools, Ints
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -36,14 +36,14 @@ _NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np
 
 
 @compiled
-def _reset(rows: Rows, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int) -> None:
+def _reset(rows: Rows, which: Bools, seed_key: np.uint64, server: int) -> None:
     for i in range(rows.state.size):
         if which[i]:
             begin(rows, i, seed_key, server)
 
 
 @compiled
-def _choose(tables: Tables, rows: Rows, players: Players, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
+def _choose(tables: Tables, rows: Rows, players: Players, stroke: I64, first: int, last: int) -> None:
     for i in range(first, last):
         s = rows.state[i]
         k = table_choice(players, rows.striker[i], s, first_pair(tables, s), draw(rows.key[i], rows.stroke[i]))
@@ -54,9 +54,9 @@ def _choose(tables: Tables, rows: Rows, players: Players, stroke: npt.NDArray[np
 def _step(
     tables: Tables,
     rows: Rows,
-    rank: npt.NDArray[np.int16],
-    reward: npt.NDArray[np.float32],
-    done: npt.NDArray[np.bool_],
+    rank: I16,
+    reward: F32,
+    done: Bools,
     observed: Observations,
     seed_key: np.uint64,
     server: int,
@@ -88,7 +88,7 @@ def _run(
     tables: Tables,
     rows: Rows,
     players: Players,
-    tally: npt.NDArray[np.int64],
+    tally: I64,
     seed_key: np.uint64,
     server: int,
     strokes: int,
@@ -159,7 +159,7 @@ class RallyBatch(Batch):
         super().__init__(game, batch, server=server, threads=threads)
         self.reset(seed)
 
-    def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
+    def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
         """Start the next rally in some rows.
 
         Args:
@@ -170,7 +170,7 @@ class RallyBatch(Batch):
             self.reseed(seed)
         _reset(self.rows, self._chosen_rows(rows), self._seed_key, self._server)
 
-    def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    def serve(self, rows: Bools) -> tuple[F32, Bools]:
         """Start the next rally in some rows; returns rewards and which rows are over, as :meth:`step` does: none.
 
         Args:
@@ -179,7 +179,7 @@ class RallyBatch(Batch):
         self.reset(rows=rows)
         return np.zeros(len(self), np.float32), np.zeros(len(self), np.bool_)
 
-    def policy_strokes(self, players: Players) -> npt.NDArray[np.int64]:
+    def policy_strokes(self, players: Players) -> I64:
         """``[B]`` the stroke of each row that a tabulated policy plays, by the draw of the stroke that is due.
 
         Args:
@@ -193,9 +193,7 @@ class RallyBatch(Batch):
         in_slices(lambda a, b: _choose(self._tables, self.rows, players, stroke, a, b), len(self), self.threads)
         return stroke
 
-    def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, observed: Observations | None = None
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
         """Play one stroke in every row.
 
         Args:
@@ -227,7 +225,7 @@ class RallyBatch(Batch):
         """
         strokes = checked_number("strokes", strokes, 0)
         players = pack(policies, self.game) if policies else _NO_PLAYERS
-        tallies: list[npt.NDArray[np.int64]] = []
+        tallies: list[I64] = []
 
         def work(first: int, last: int) -> None:
             tally = np.zeros(3, np.int64)

@@ -8,10 +8,11 @@ from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import Game, IllegalStrokeError
+from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -51,12 +52,12 @@ class Rows(NamedTuple):
         live: ``[B]`` bool whether the rally continues.
     """
 
-    state: npt.NDArray[np.int32]
-    striker: npt.NDArray[np.int8]
-    stroke: npt.NDArray[np.int32]
-    rally: npt.NDArray[np.int64]
-    key: npt.NDArray[np.uint64]
-    live: npt.NDArray[np.bool_]
+    state: I32
+    striker: I8
+    stroke: I32
+    rally: I64
+    key: U64
+    live: Bools
 
 
 def new_rows(batch: int) -> Rows:
@@ -104,9 +105,7 @@ def begin(rows: Any, i: Any, seed_key: Any, server: Any) -> Any:
 
 
 @compiled
-def find_ranks(
-    tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], rank: npt.NDArray[np.int16], first: int, last: int
-) -> int:
+def find_ranks(tables: Tables, rows: Rows, stroke: I64, rank: I16, first: int, last: int) -> int:
     """Position of each stroke among the legal ones; returns the first row where it has none or is over, else -1."""
     n = tables.rank.shape[1]
     for i in range(first, last):
@@ -131,8 +130,8 @@ class Observations(NamedTuple):
         mask: ``[B, n]`` bool legal strokes.
     """
 
-    tokens: npt.NDArray[np.int32]
-    mask: npt.NDArray[np.bool_]
+    tokens: I32
+    mask: Bools
 
 
 NO_OBSERVATIONS: Final = Observations(np.empty((0, TOKENS), np.int32), np.empty((0, 0), np.bool_))
@@ -171,7 +170,7 @@ def _show(tables: Tables, rows: Rows, observed: Observations, first: int, last: 
 
 
 @compiled
-def choose_uniform(tables: Tables, rows: Rows, stroke: npt.NDArray[np.int64], first: int, last: int) -> None:
+def choose_uniform(tables: Tables, rows: Rows, stroke: I64, first: int, last: int) -> None:
     """A legal stroke for each of the rows ``first`` up to ``last``, equally likely."""
     block = new_block()
     for begin_block in range(first, last, BLOCK):
@@ -240,7 +239,7 @@ class Batch:
         check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
         check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
 
-    def _chosen_rows(self, rows: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_]:
+    def _chosen_rows(self, rows: Bools | None) -> Bools:
         """``[B]`` which rows were asked for, all for None.
 
         Raises:
@@ -248,13 +247,13 @@ class Batch:
         """
         return np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
 
-    def random_strokes(self) -> npt.NDArray[np.int64]:
+    def random_strokes(self) -> I64:
         """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
         stroke = np.empty(len(self), np.int64)
         in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
         return stroke
 
-    def _ranks(self, stroke: npt.NDArray[np.integer]) -> npt.NDArray[np.int16]:
+    def _ranks(self, stroke: Ints) -> I16:
         """``[B]`` position of each stroke among the legal ones.
 
         Raises:

@@ -16,16 +16,15 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.core import Players, pack, put, tables_of
 from shuttle_marl.kernel.table_play import (
     NO_ROOM,
     Learned,
-    Singles,
     Strokes,
     Sums,
     Tape,
@@ -38,10 +37,10 @@ from shuttle_marl.kernel.table_play import (
     tape_for,
     write,
 )
-from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Ints, Longs, Starts, no_starts, room_for
+from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Starts, no_starts, room_for
 from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, checked_array, stroke_type
 
-Assess = Callable[[Ints], tuple[Singles, Singles]]
+Assess = Callable[[I32], tuple[F32, F32]]
 """``[U]`` states to ``[U, n]`` logits of all strokes and ``[U]`` values to the striker."""
 
 _WHOLE: Final = 1 << 16
@@ -72,14 +71,14 @@ class Distinct:
         played: strokes of both players.
     """
 
-    state: Ints
-    visits: Singles
-    returns: Singles
-    start: Longs
-    row: Longs
-    stroke: Longs
-    log_probability: Singles
-    advantage: Singles
+    state: I32
+    visits: F32
+    returns: F32
+    start: I64
+    row: I64
+    stroke: I64
+    log_probability: F32
+    advantage: F32
     strokes: int
     deviation: float
     rallies: int
@@ -111,7 +110,7 @@ class RallySampler:
         *,
         decay: float = 1.0,
         age: int = 1,
-        shaping: npt.NDArray[np.floating] | None = None,
+        shaping: Floats | None = None,
     ) -> None:
         if not 0 <= decay <= 1 or age < 1:
             raise KernelError(f"decay {decay}, age {age}: expected 0 to 1, and 1 iteration or more")
@@ -144,11 +143,11 @@ class RallySampler:
         self.reset(0)
 
     @property
-    def known(self) -> Ints:
+    def known(self) -> I32:
         """The states of the last iteration, whose entries are written again at the beginning of the next one."""
         return self._known
 
-    def reset(self, seed: int, known: npt.NDArray[np.integer] | None = None) -> None:
+    def reset(self, seed: int, known: Ints | None = None) -> None:
         """Begin again with rally 0 of a seed. From here on, what is played depends on it, on ``known`` and on the network alone.
 
         Args:
@@ -166,7 +165,7 @@ class RallySampler:
         if known is not None:
             self._known = self._playable(known)
 
-    def assign(self, opponents: npt.NDArray[np.integer]) -> None:
+    def assign(self, opponents: Ints) -> None:
         """Say whom the learner meets.
 
         Args:
@@ -178,7 +177,7 @@ class RallySampler:
         number = checked_array("opponents", opponents, np.int32, (len(opponents),), -1, len(self._learned.players.guide) - 2)
         self._opponents = np.where(number < 0, -1, number + 1).astype(np.int32)
 
-    def restart(self, states: npt.NDArray[np.integer], share: float) -> None:
+    def restart(self, states: Ints, share: float) -> None:
         """Let some rallies of self-play begin in other states than the serve.
 
         Args:
@@ -192,7 +191,7 @@ class RallySampler:
             raise KernelError(f"share {share}: expected 0 to 1")
         self._starts = Starts(self._playable(states), np.full(1, round(share * _WHOLE), np.int64))
 
-    def _playable(self, states: npt.NDArray[np.integer]) -> Ints:
+    def _playable(self, states: Ints) -> I32:
         found = checked_array("states", states, np.int32, (len(states),), 0, self.game.n_states - 1)
         if not self.game.playable[found].all():
             raise KernelError("states: one has no legal strokes")
@@ -260,7 +259,7 @@ class RallySampler:
         """Iteration from which on an entry may be used."""
         return max(1, self._now - self._age + 1)
 
-    def _finish(self, numbers: Longs, assess: Assess) -> None:
+    def _finish(self, numbers: I64, assess: Assess) -> None:
         """Play these rallies, whatever entries they need, and add them up."""
         while len(numbers):
             aside, asked = np.empty_like(numbers), np.empty(len(numbers), np.int32)
@@ -295,7 +294,7 @@ class RallySampler:
         self.strokes = Strokes._make([column[: self._used] for column in self.strokes])
         self._known = self._sums.visited[: int(self._sums.total[6])].copy()
 
-    def _refresh(self, states: Ints, assess: Assess) -> None:
+    def _refresh(self, states: I32, assess: Assess) -> None:
         self._learned.written[states] = 0  # what is asked for is asked for again should the network fail
         for first in range(0, len(states), 1 << 13):
             part = np.ascontiguousarray(states[first : first + (1 << 13)])
@@ -306,7 +305,7 @@ class RallySampler:
             if wrong >= 0:
                 raise KernelError(f"the network gives no finite numbers in state: {self.game.describe(int(part[wrong]))}")
 
-    def take(self, order: npt.NDArray[np.integer] | None = None) -> Distinct:
+    def take(self, order: Ints | None = None) -> Distinct:
         """Hand over the strokes as distinct states; the sums begin again at zero.
 
         Args:
@@ -350,11 +349,11 @@ class RallySampler:
         return int(self._sums.total[0])
 
     @property
-    def numbers(self) -> Longs:
+    def numbers(self) -> I64:
         """``[R]`` numbers of the rallies of the last iteration."""
         return np.arange(self._first, self._next, dtype=np.int64)
 
-    def usual(self, numbers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+    def usual(self, numbers: Ints) -> Bools:
         """``[R]`` which rallies begin with a serve, and in self-play are played by the learner alone."""
         opponent = self._opponents[numbers % len(self._opponents)]
         if not (self._opponents < 0).any():
@@ -368,7 +367,7 @@ class RallySampler:
         """Note the rallies of the next iteration while they are played, so that :meth:`record` need not play them again."""
         self._note_next = True
 
-    def record(self, numbers: npt.NDArray[np.integer], *, figures: bool = False) -> SingleRallies:
+    def record(self, numbers: Ints, *, figures: bool = False) -> SingleRallies:
         """Some rallies of the last iteration as they were played, for a log; before the next iteration.
 
         Args:
@@ -399,7 +398,7 @@ class RallySampler:
             extra=extra,
         )
 
-    def _replayed(self, numbers: Longs) -> Tape:
+    def _replayed(self, numbers: I64) -> Tape:
         """Rallies of the last iteration, played again."""
         mean = self._sums.total[5] / max(1.0, self._sums.total[1])
         tape = tape_for(len(numbers), 4096 + int(1.25 * len(numbers) * mean))

@@ -6,15 +6,13 @@
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, F64, I32, I64, U8, UInts
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import FAULT, WINNER
+from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import BLOCK, Players, Tables, block_of
-from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, Ints, Longs, Room, Starts, play
-
-Singles = npt.NDArray[np.float32]
+from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, Room, Starts, play
 
 NO_ROOM: Final = -3
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
@@ -31,9 +29,9 @@ class Learned(NamedTuple):
     """
 
     players: Players
-    log_probability: Singles
-    value: Singles
-    written: Ints
+    log_probability: F32
+    value: F32
+    written: I32
 
 
 class Sums(NamedTuple):
@@ -47,10 +45,10 @@ class Sums(NamedTuple):
             players, and states visited.
     """
 
-    pair: Singles
-    state: Singles
-    visited: Ints
-    total: npt.NDArray[np.float64]
+    pair: F32
+    state: F32
+    visited: I32
+    total: F64
 
 
 class Strokes(NamedTuple):
@@ -64,11 +62,11 @@ class Strokes(NamedTuple):
         advantage: ``[N]`` lambda-weighted, by the values of the table.
     """
 
-    state: Ints
-    pair: Ints
-    following: Ints
-    reward: Singles
-    advantage: Singles
+    state: I32
+    pair: I32
+    following: I32
+    reward: F32
+    advantage: F32
 
 
 def no_strokes(room: int = 0) -> Strokes:
@@ -88,12 +86,12 @@ class Tape(NamedTuple):
         used: ``[2]`` places of ``[R]`` and of ``[N]`` that are used.
     """
 
-    rally: Longs
-    length: Ints
-    ended: npt.NDArray[np.uint8]
-    state: Ints
-    pair: Ints
-    used: Longs
+    rally: I64
+    length: I32
+    ended: U8
+    state: I32
+    pair: I32
+    used: I64
 
 
 def tape_for(rallies: int = 0, strokes: int = 0) -> Tape:
@@ -188,20 +186,20 @@ def _credit(
 def collect(
     tables: Tables,
     learned: Learned,
-    opponents: Ints,
+    opponents: I32,
     starts: Starts,
     seed_key: np.uint64,
-    numbers: Longs,
+    numbers: I64,
     oldest: int,
     decay: float,
-    shaping: Singles,
+    shaping: F32,
     room: Room,
     sums: Sums,
     strokes: Strokes,
     used: int,
     tape: Tape,
-    aside: Longs,
-    asked: Ints,
+    aside: I64,
+    asked: I32,
 ) -> tuple[int, int, int, int]:
     """Play rallies and add them up; returns how many were put aside, how many states are asked for, how many places of the
     list are used, and what room is too small: TOO_LONG, NO_ROOM or 0."""
@@ -244,7 +242,7 @@ def collect(
 
 
 @compiled
-def write(tables: Tables, learned: Learned, states: Ints, logits: Singles, value: Singles, now: int) -> int:
+def write(tables: Tables, learned: Learned, states: I32, logits: F32, value: F32, now: int) -> int:
     """Write the entries of some states; returns the first whose numbers are not finite, or -1."""
     for i in range(states.size):
         s = states[i]
@@ -282,14 +280,14 @@ def take(
     tables: Tables,
     learned: Learned,
     sums: Sums,
-    states: Ints,
-    start: Longs,
-    row: Longs,
-    stroke: Longs,
-    log_probability: Singles,
-    advantage: Singles,
-    visits: Singles,
-    returns: Singles,
+    states: I32,
+    start: I64,
+    row: I64,
+    stroke: I64,
+    log_probability: F32,
+    advantage: F32,
+    visits: F32,
+    returns: F32,
 ) -> int:
     """Move the sums of some states out; returns the number of rows, two for a pair with advantages of both signs."""
     rows = 0
@@ -319,10 +317,10 @@ def take(
 def replay(
     tables: Tables,
     learned: Learned,
-    opponents: Ints,
+    opponents: I32,
     starts: Starts,
     seed_key: np.uint64,
-    numbers: Longs,
+    numbers: I64,
     room: Room,
     tape: Tape,
 ) -> int:
@@ -342,12 +340,12 @@ def replay(
 def read_tape(
     tables: Tables,
     learned: Learned,
-    opponents: Ints,
+    opponents: I32,
     tape: Tape,
-    rows: Longs,
-    start: Longs,
-    stroke: npt.NDArray[np.unsignedinteger],
-    figures: Singles,
+    rows: I64,
+    start: I64,
+    stroke: UInts,
+    figures: F32,
 ) -> None:
     """Name the strokes of some rallies of a tape, one rally after the other, with the learner's figures of them.
 

@@ -7,8 +7,8 @@ thing each: what many rallies wait for is then under way at once.
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I32, I64, U64
 from shuttle_marl.kernel.compiling import inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -22,10 +22,6 @@ from shuttle_marl.kernel.core import (
     outcome_of,
     table_rank,
 )
-
-Ints = npt.NDArray[np.int32]
-Longs = npt.NDArray[np.int64]
-Draws = npt.NDArray[np.uint64]
 
 OPEN: Final = 2
 """Least outcome of a stroke after which the rally continues."""
@@ -42,8 +38,8 @@ class Starts(NamedTuple):
         share: ``[1]`` of the rallies, in units of 1/65536.
     """
 
-    states: Ints
-    share: Longs
+    states: I32
+    share: I64
 
 
 def no_starts() -> Starts:
@@ -63,12 +59,12 @@ class Rallies(NamedTuple):
         outcome: ``[BLOCK]`` of the last stroke.
     """
 
-    state: Ints
-    pair: Ints
-    limit: Ints
-    length: Longs
-    server: Longs
-    outcome: Longs
+    state: I32
+    pair: I32
+    limit: I32
+    length: I64
+    server: I64
+    outcome: I64
 
 
 class Lanes(NamedTuple):
@@ -89,18 +85,18 @@ class Lanes(NamedTuple):
         arrival: state of who strikes next, contact below.
     """
 
-    rally: Longs
-    key: Draws
-    player: Longs
-    other: Longs
-    state: Longs
-    bits: Draws
-    block: Longs
-    first: Longs
-    reply: Longs
-    rank: Longs
-    limits: Draws
-    arrival: Longs
+    rally: I64
+    key: U64
+    player: I64
+    other: I64
+    state: I64
+    bits: U64
+    block: I64
+    first: I64
+    reply: I64
+    rank: I64
+    limits: U64
+    arrival: I64
 
 
 class Room(NamedTuple):
@@ -114,8 +110,8 @@ def room_for(strokes: int) -> Room:
     """Room for rallies of up to a number of strokes."""
     kinds = {"key": np.uint64, "bits": np.uint64, "limits": np.uint64}
     lanes: dict[str, Any] = {name: np.empty(BLOCK, kinds.get(name, np.int64)) for name in Lanes._fields}
-    lists: list[Ints] = [np.empty((BLOCK, strokes), np.int32) for _ in range(3)]
-    ends: list[Longs] = [np.empty(BLOCK, np.int64) for _ in range(3)]
+    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(3)]
+    ends: list[I64] = [np.empty(BLOCK, np.int64) for _ in range(3)]
     return Room(Rallies(lists[0], lists[1], lists[2], ends[0], ends[1], ends[2]), Lanes(**lanes))
 
 

@@ -17,11 +17,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, I8, I32, I64, U8, U64, Bools, Intp, UInts
 from shuttle_marl.errors import OptionError, ShuttleError, whole_number
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
-from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
+from shuttle_marl.game.tables import ROOT, Game
 
 
 class KernelError(ShuttleError):
@@ -97,9 +99,9 @@ class Matches:
         KernelError: arrays of other shapes or kinds of numbers, a negative entrant, or a server that is neither 0 nor 1.
     """
 
-    entrant: npt.NDArray[np.int32]
-    first_server: npt.NDArray[np.int8]
-    key: draws.UInt64s
+    entrant: I32
+    first_server: I8
+    key: U64
 
     def __post_init__(self) -> None:
         size = len(self.key)
@@ -122,22 +124,22 @@ class PlayedMatches:
         rally: ``[R]`` int32 number of the rally within its match, from 0.
         server: ``[R]`` uint8 seat that served.
         winner: ``[R]`` uint8 seat that won.
-        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rules`.
         score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
         length: ``[R]`` int32 strokes of each rally.
         stroke: ``[N]`` uint8 (uint16 in a game of more than 256 strokes) catalogue index of every stroke; empty where
             strokes were not kept.
     """
 
-    games: npt.NDArray[np.int32]
-    match: npt.NDArray[np.int32]
-    rally: npt.NDArray[np.int32]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    score: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
+    games: I32
+    match: I32
+    rally: I32
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    length: I32
+    stroke: UInts
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,20 +151,20 @@ class SingleRallies:
         opponent: ``[R]`` int32 the learner's opponent; 0 where there is none.
         server: ``[R]`` uint8 seat that served.
         winner: ``[R]`` uint8 seat that won.
-        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rally`.
+        reason: ``[R]`` uint8 how the last stroke ended the rally: FAULT or WINNER of :mod:`shuttle_marl.game.rules`.
         length: ``[R]`` int32 strokes of each rally.
         stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally.
         extra: ``[E, N]`` float32 what was given with the strokes, NaN for those of opponents.
     """
 
-    rally: npt.NDArray[np.int64]
-    opponent: npt.NDArray[np.int32]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
-    extra: npt.NDArray[np.float32]
+    rally: I64
+    opponent: I32
+    server: U8
+    winner: U8
+    reason: U8
+    length: I32
+    stroke: UInts
+    extra: F32
 
 
 def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:
@@ -170,8 +172,7 @@ def stroke_type(game: Game) -> np.dtype[np.unsignedinteger]:
     return np.dtype(np.uint8 if game.n_strokes <= 256 else np.uint16)
 
 
-Ints = npt.NDArray[np.int32]
-Choose = Callable[[Ints, Ints, Ints, Ints, Ints], npt.NDArray[np.intp]]
+Choose = Callable[[I32, I32, I32, I32, I32], Intp]
 """``(entrant [B], state [B], draw [B], striker [B], score [4, B]) -> [B]``: which of its legal strokes each striker plays.
 
 ``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1.
@@ -244,7 +245,7 @@ def play(
     return log.read(games)
 
 
-def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
     """Which of its legal strokes a policy plays that has to be asked; for :data:`Choose`, whose arrays it takes.
 
     Raises:
@@ -260,7 +261,7 @@ def ask(policy: Policy, name: str, game: Game, state: Ints, draw: Ints, striker:
     return rank.astype(np.intp)
 
 
-def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.NDArray[np.bool_]:
+def _count_rally(now: I32, won_by: Intp, rules: Rules) -> Bools:
     """Count a rally in each column of ``now`` and set up the next one; returns which matches are over."""
     column = np.arange(now.shape[1])
     own, other, games = _POINTS + won_by, _POINTS + 1 - won_by, _GAMES + won_by
@@ -270,11 +271,11 @@ def _count_rally(now: Ints, won_by: npt.NDArray[np.intp], rules: Rules) -> npt.N
     now[_STATE], now[_STROKE] = ROOT, 0
     now[_STRIKER] = now[_SERVER] = won_by
     now[_RALLY] += 1
-    over: npt.NDArray[np.bool_] = counted.match_won
+    over: Bools = counted.match_won
     return over
 
 
-def _without(gone: npt.NDArray[np.intp], slots: Ints, key: draws.UInt64s) -> tuple[Ints, draws.UInt64s]:
+def _without(gone: Intp, slots: I32, key: U64) -> tuple[I32, U64]:
     """Slots and keys without some columns: what stands at the end moves into the gaps, and the rest is cut off."""
     alive = len(key) - len(gone)
     moved = np.setdiff1d(np.arange(alive, len(key)), gone, assume_unique=True)
@@ -294,14 +295,14 @@ class _MatchLog:
         self._score = np.zeros((size, 4), dtype=np.uint8)
         self._length = np.zeros(size, dtype=np.int32)
         self._stroke_type = type_
-        self._steps: list[npt.NDArray[np.unsignedinteger]] = []
+        self._steps: list[UInts] = []
 
-    def write_strokes(self, match: Ints, stroke: Ints) -> None:
+    def write_strokes(self, match: I32, stroke: I32) -> None:
         row = np.empty(self._shape[0], dtype=self._stroke_type)
         row[match] = stroke
         self._steps.append(row)
 
-    def write_rallies(self, now: Ints, won_by: npt.NDArray[np.intp], reason: npt.NDArray[np.int8]) -> None:
+    def write_rallies(self, now: I32, won_by: Intp, reason: I8) -> None:
         at = now[_MATCH] * self.longest + now[_RALLY]
         self._server[at] = now[_SERVER]
         self._winner[at] = won_by
@@ -309,7 +310,7 @@ class _MatchLog:
         self._score[at] = now[_POINTS:].T
         self._length[at] = now[_STROKE]
 
-    def read(self, games: Ints) -> PlayedMatches:
+    def read(self, games: I32) -> PlayedMatches:
         at = np.flatnonzero(self._length)
         match, rally = np.divmod(at, self.longest)
         total = self._length.reshape(self._shape).sum(axis=1)

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.arrays import F32, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -44,10 +44,10 @@ class Opponents(NamedTuple):
     """
 
     players: Players
-    seat: npt.NDArray[np.int8]
-    opponent: npt.NDArray[np.int32]
-    following: npt.NDArray[np.int32]
-    unseen: npt.NDArray[np.int64]
+    seat: I8
+    opponent: I32
+    following: I32
+    unseen: I64
 
 
 @inlined
@@ -78,9 +78,7 @@ def _begin_learner(tables: Any, rows: Any, opponents: Any, i: Any, seed_key: Any
 
 
 @compiled
-def _reset(
-    tables: Tables, rows: Rows, opponents: Opponents, which: npt.NDArray[np.bool_], seed_key: np.uint64, server: int
-) -> None:
+def _reset(tables: Tables, rows: Rows, opponents: Opponents, which: Bools, seed_key: np.uint64, server: int) -> None:
     for i in range(rows.state.size):
         if which[i]:
             _begin_learner(tables, rows, opponents, i, seed_key, server)
@@ -91,9 +89,9 @@ def _serve(
     tables: Tables,
     rows: Rows,
     opponents: Opponents,
-    which: npt.NDArray[np.bool_],
-    reward: npt.NDArray[np.float32],
-    done: npt.NDArray[np.bool_],
+    which: Bools,
+    reward: F32,
+    done: Bools,
     seed_key: np.uint64,
     server: int,
 ) -> None:
@@ -108,9 +106,9 @@ def _step(
     tables: Tables,
     rows: Rows,
     opponents: Opponents,
-    rank: npt.NDArray[np.int16],
-    reward: npt.NDArray[np.float32],
-    done: npt.NDArray[np.bool_],
+    rank: I16,
+    reward: F32,
+    done: Bools,
     observed: Observations,
     seed_key: np.uint64,
     server: int,
@@ -179,7 +177,7 @@ class AgainstBatch(Batch):
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],
-        seat: int | npt.NDArray[np.integer],
+        seat: int | Ints,
         server: Server,
         threads: int,
     ) -> None:
@@ -208,7 +206,7 @@ class AgainstBatch(Batch):
         won, lost = self.opponents.unseen.sum(axis=0).tolist()
         return won, lost
 
-    def assign(self, opponent: npt.NDArray[np.integer]) -> None:
+    def assign(self, opponent: Ints) -> None:
         """Say which opponent each row meets in the rallies that it begins from now on.
 
         Args:
@@ -256,7 +254,7 @@ class VersusBatch(AgainstBatch):
         *,
         opponents: Sequence[TabulatedPolicy],
         seed: int = 0,
-        seat: int | npt.NDArray[np.integer] = 0,
+        seat: int | Ints = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
@@ -268,7 +266,7 @@ class VersusBatch(AgainstBatch):
         super().reseed(seed)
         self.opponents.unseen[:] = 0
 
-    def serve(self, rows: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    def serve(self, rows: Bools) -> tuple[F32, Bools]:
         """Start the next rally in some rows, also one that ends on the opponent's serve and that :meth:`reset` passes over.
 
         Args:
@@ -281,7 +279,7 @@ class VersusBatch(AgainstBatch):
         _serve(self._tables, self.rows, self.opponents, self._chosen_rows(rows), reward, done, self._seed_key, self._server)
         return reward, done
 
-    def reset(self, seed: int | None = None, rows: npt.NDArray[np.bool_] | None = None) -> None:
+    def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
         """Start the next rally in some rows, up to the learner's first stroke.
 
         Args:
@@ -293,9 +291,7 @@ class VersusBatch(AgainstBatch):
         which = self._chosen_rows(rows)
         _reset(self._tables, self.rows, self.opponents, which, self._seed_key, self._server)
 
-    def step(
-        self, stroke: npt.NDArray[np.integer], *, reset: bool = True, observed: Observations | None = None
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
         """Play the learner's stroke and the opponent's reply in every row.
 
         Args:

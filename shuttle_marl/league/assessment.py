@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import kendalltau
 
+from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.league.meta_games import alpha_rank, maximal_lottery, nash_average
 from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
-from shuttle_marl.league.ratings import ELO, Floats, Misfit, Pairs, fewest_to_flip, misfit, prior_wins, wins_of
+from shuttle_marl.league.ratings import ELO, Misfit, fewest_to_flip, misfit, prior_wins, wins_of
 from shuttle_marl.league.style import Style
 from shuttle_marl.league.tournament import PairResult
 
@@ -35,9 +35,9 @@ class MetaGame:
     """
 
     names: tuple[str, ...]
-    nash_average: Floats
-    maximal_lottery: Floats
-    alpha_rank: Floats
+    nash_average: F64
+    maximal_lottery: F64
+    alpha_rank: F64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -81,9 +81,9 @@ class Stability:
     """
 
     names: tuple[str, ...]
-    home: npt.NDArray[np.intp]
-    away: npt.NDArray[np.intp]
-    agreement: Floats
+    home: Intp
+    away: Intp
+    agreement: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,7 +105,7 @@ class Assessment:
     """
 
     names: tuple[str, ...]
-    win: Floats
+    win: F64
     misfit: Misfit
     pairs: list[tuple[str, str]]
     games: dict[str, MetaGame]
@@ -160,7 +160,7 @@ def assess(
     )
 
 
-def _win(exact: ExactOdds, cells: Floats, pairs: Pairs, theta: Floats) -> Floats:
+def _win(exact: ExactOdds, cells: F64, pairs: Intp, theta: F64) -> F64:
     win = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
     wins = wins_of(cells, pairs, len(win))
     wins += prior_wins(wins)
@@ -171,7 +171,7 @@ def _win(exact: ExactOdds, cells: Floats, pairs: Pairs, theta: Floats) -> Floats
     return np.asarray(np.round((win + 1 - win.T) / 2, _DECIMALS + 1))
 
 
-def meta_games(names: Sequence[str], pool: Sequence[str], win: Floats) -> dict[str, MetaGame]:
+def meta_games(names: Sequence[str], pool: Sequence[str], win: F64) -> dict[str, MetaGame]:
     """The games between entrants: all of them, and without perfect play if it is one of three or more.
 
     Args:
@@ -185,7 +185,7 @@ def meta_games(names: Sequence[str], pool: Sequence[str], win: Floats) -> dict[s
     return {about: _meta_game(some, win[np.ix_(at, at)]) for about, some in games.items() if (at := [*map(pool.index, some)])}
 
 
-def _meta_game(names: Sequence[str], win: Floats) -> MetaGame:
+def _meta_game(names: Sequence[str], win: F64) -> MetaGame:
     payoff = win - win.T
     return MetaGame(
         names=tuple(names),
@@ -195,7 +195,7 @@ def _meta_game(names: Sequence[str], win: Floats) -> MetaGame:
     )
 
 
-def cyclic_share(win: Floats) -> float:
+def cyclic_share(win: F64) -> float:
     """Share of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
 
     Args:
@@ -208,7 +208,7 @@ def cyclic_share(win: Floats) -> float:
     return round(float(((odds - level[:, None] + level) ** 2).sum()) / whole, _DECIMALS) if whole else 0.0
 
 
-def cycles(names: Sequence[str], win: Floats) -> list[Cycle]:
+def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
     """Threes of whom each beats the next and the last the first: those whose closest match is clearest first, twenty at most.
 
     Args:
@@ -241,7 +241,7 @@ def stability(exact: ExactOdds) -> Stability | None:
     return Stability(names=tuple(exact.names[i] for i in known), home=home, away=away, agreement=np.array(tau))
 
 
-def _ranks(shares: Floats) -> npt.NDArray[np.intp]:
+def _ranks(shares: F64) -> Intp:
     """``[N]`` ranks from 1 for the largest share; equal ones share the better rank."""
     return np.asarray(1 + (shares[None, :] > shares[:, None]).sum(axis=1))
 

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import tyro
 
+from shuttle_marl.arrays import I32, Intp
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.uncompiled import Ints, ask
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.kernel.uncompiled import ask
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
@@ -204,7 +204,7 @@ class Strikers:
         for first, table in zip(self._first_row, tables, strict=True):
             self._rows[first : first + len(table), : table.shape[1]] = table
 
-    def choose(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+    def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
         """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.uncompiled.Choose`.
 
         Raises:
@@ -221,10 +221,10 @@ class Strikers:
             k[at] = self._ask(i, state[at], draw[at], striker[at], score[:, at])
         return k
 
-    def _read(self, entrant: Ints, state: Ints, draw: Ints) -> npt.NDArray[np.intp]:
+    def _read(self, entrant: I32, state: I32, draw: I32) -> Intp:
         return chosen(self._rows.take(self._first_row[entrant] + state, axis=0), draw)
 
-    def _ask(self, i: int, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+    def _ask(self, i: int, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
         entrant = self._entrants[i]
         try:
             return ask(entrant.policy, entrant.name, self._game, state, draw, striker, score)

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from shuttle_marl import runs
 from shuttle_marl.files import open_file, problem, replace_file
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.tournament import Pairing, PairResult
 

@@ -20,9 +20,8 @@ import numpy.typing as npt
 from scipy.optimize import linprog, minimize
 from scipy.special import softmax
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.errors import ShuttleError
-
-Floats = npt.NDArray[np.float64]
 
 _ROUNDING: Final = 1e-9
 """Payoffs, as shares of the largest one, that differ by less are the same."""
@@ -44,8 +43,8 @@ class Equilibrium(NamedTuple):
         value: what the player of the row gets.
     """
 
-    row: Floats
-    column: Floats
+    row: F64
+    column: F64
     value: float
 
 
@@ -62,7 +61,7 @@ def nash(payoff: npt.ArrayLike) -> Equilibrium:
     return Equilibrium(row=_maximin(a), column=_maximin(-a.T), value=float((_maximin(a) @ a).min()))
 
 
-def _maximin(a: Floats) -> Floats:
+def _maximin(a: F64) -> F64:
     """``[N]`` probabilities of rows whose least payoff is largest."""
     rows, columns = a.shape
     scale = max(float(np.abs(a).max()), 1e-300)
@@ -81,13 +80,13 @@ def _maximin(a: Floats) -> Floats:
     return _normalised(found.x[:rows])
 
 
-def uniform(payoff: npt.ArrayLike) -> Floats:
+def uniform(payoff: npt.ArrayLike) -> F64:
     """``[N]`` equal probabilities."""
     count = len(_matrix(payoff))
     return np.full(count, 1 / count)
 
 
-def nash_average(payoff: npt.ArrayLike) -> Floats:
+def nash_average(payoff: npt.ArrayLike) -> F64:
     """``[N]`` probabilities of the equilibrium with most entropy of a symmetric zero-sum game.
 
     Args:
@@ -103,7 +102,7 @@ def nash_average(payoff: npt.ArrayLike) -> Floats:
     return _most_entropy(a, support)
 
 
-def _largest_support(a: Floats) -> npt.NDArray[np.bool_]:
+def _largest_support(a: F64) -> Bools:
     """``[N]`` policies that some equilibrium plays.
 
     Strategies that are not normalised form a cone, in which one can be found whose every positive entry is 1 or more: by a linear
@@ -119,7 +118,7 @@ def _largest_support(a: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray(found.x[:n] > 0.5)
 
 
-def _most_entropy(a: Floats, support: npt.NDArray[np.bool_]) -> Floats:
+def _most_entropy(a: F64, support: Bools) -> F64:
     """``[N]`` the equilibrium with most entropy, by its dual.
 
     The equilibrium is ``p = softmax(A weight)`` over the support. The weights of the policies, which are not negative outside of
@@ -131,14 +130,14 @@ def _most_entropy(a: Floats, support: npt.NDArray[np.bool_]) -> Floats:
     order = np.r_[free, outside]
     rows = rows[:, order]
 
-    def dual(weight: Floats) -> tuple[float, Floats]:
+    def dual(weight: F64) -> tuple[float, F64]:
         logits = rows @ weight
         top = float(logits.max())
         return top + math.log(float(np.exp(logits - top).sum())), softmax(logits) @ rows
 
     bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(free) + [(0, None)] * len(outside)
     options = {"ftol": 1e-16, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
-    weight: Floats = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+    weight: F64 = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
     # Newton's method over what is not at its bound gets the last digits.
     moving = np.r_[np.ones(len(free), np.bool_), weight[len(free) :] > 0]
     for _ in range(_NEWTON_STEPS):
@@ -159,7 +158,7 @@ def _most_entropy(a: Floats, support: npt.NDArray[np.bool_]) -> Floats:
     return out
 
 
-def maximal_lottery(votes: npt.ArrayLike) -> Floats:
+def maximal_lottery(votes: npt.ArrayLike) -> F64:
     """``[N]`` probabilities of the maximal lottery with most entropy: it is liked at least as well as any other lottery.
 
     Args:
@@ -173,7 +172,7 @@ def maximal_lottery(votes: npt.ArrayLike) -> Floats:
     return nash_average(counts - counts.T)
 
 
-def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int = 50, noise: float = 0.01) -> Floats:
+def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int = 50, noise: float = 0.01) -> F64:
     """``[N]`` shares of the time that a population spends at each policy when mutants appear rarely and the fitter ones spread.
 
     A mutant r takes over a population of s with the probability of fixation ``(1 - exp(-u)) / (1 - exp(-m u))``, ``u = alpha
@@ -201,7 +200,7 @@ def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int =
     return _stationary(rate)
 
 
-def _log_fixation(u: Floats, m: int) -> Floats:
+def _log_fixation(u: F64, m: int) -> F64:
     """Log of the probability that one mutant takes over m - 1 others, u its advantage in the log of the odds of copying."""
     size = np.maximum(np.abs(u), 1e-12)
     # log(exp(x) - 1) = x + log(1 - exp(-x)) for x > 0; the two signs of u differ by exp((m - 1) u).
@@ -209,7 +208,7 @@ def _log_fixation(u: Floats, m: int) -> Floats:
     return np.asarray(np.where(np.abs(u) < 1e-14, -math.log(m), np.where(u > 0, log, log - (m - 1) * size)))
 
 
-def _stationary(rate: Floats) -> Floats:
+def _stationary(rate: F64) -> F64:
     """``[N]`` stationary distribution of a chain with these positive rates between its states.
 
     By elimination of one state after another without a subtraction (Grassmann, Taksar & Heyman 1985), so that small shares are as
@@ -229,27 +228,27 @@ def _stationary(rate: Floats) -> Floats:
     return _normalised(out)
 
 
-def _matrix(payoff: npt.ArrayLike) -> Floats:
+def _matrix(payoff: npt.ArrayLike) -> F64:
     a = np.asarray(payoff, dtype=np.float64)
     if a.ndim != 2 or not a.size or not np.isfinite(a).all():
         raise MetaGameError(f"payoffs of shape {a.shape}: expected a matrix of finite numbers")
     return a
 
 
-def _square(payoff: npt.ArrayLike) -> Floats:
+def _square(payoff: npt.ArrayLike) -> F64:
     a = _matrix(payoff)
     if a.shape[0] != a.shape[1]:
         raise MetaGameError(f"payoffs of shape {a.shape}: expected as many rows as columns")
     return a
 
 
-def _antisymmetric(payoff: npt.ArrayLike) -> Floats:
+def _antisymmetric(payoff: npt.ArrayLike) -> F64:
     a = _square(payoff)
     if not np.allclose(a, -a.T, rtol=0, atol=1e-6 * max(float(np.abs(a).max()), 1e-300)):
         raise MetaGameError("payoffs of a game in which one player does not lose what the other wins; expected a = -a.T")
     return np.asarray((a - a.T) / 2)
 
 
-def _normalised(p: Floats) -> Floats:
+def _normalised(p: F64) -> F64:
     p = np.maximum(p, 0.0)
     return np.asarray(p / p.sum())

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pyarrow as pa
 
+from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.league.ratings import ELO, TAILS, Floats, Pairs, exact_ratings, rank_intervals, ratings
+from shuttle_marl.league.ratings import ELO, TAILS, exact_ratings, rank_intervals, ratings
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
@@ -46,11 +47,11 @@ class ExactOdds:
     """
 
     names: tuple[str, ...]
-    match: Floats
-    exploitability: Floats
-    normalised_score: Floats
+    match: F64
+    exploitability: F64
+    normalised_score: F64
     away: "Spread | None" = None
-    away_shares: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    away_shares: F64 = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
@@ -116,7 +117,7 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
     return dataclasses.replace(filled, away=away, away_shares=shares)
 
 
-def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "tuple[Spread, Floats]":
+def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "tuple[Spread, F64]":
     """``[N]`` share of the matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
@@ -128,7 +129,7 @@ def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game])
         each.append(share)
         return {"share": share}
 
-    each: list[Floats] = []
+    each: list[F64] = []
     # The pairs of one refit keep all cores busy, and so the refits come in their order.
     return over(refits, shares, at_once=1)["share"], np.array(each)
 
@@ -207,7 +208,7 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
     return [_with_exact(standing, played, exact, float(exact_rating[standing.player])) for standing in placed]
 
 
-def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], Floats, Pairs]:
+def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], F64, Intp]:
     """The P pairings that were not forfeited, ``[P, 3]`` their cells and ``[P, 2]`` their entrants, as the fit takes them."""
     played = [result for result in results if not result.forfeit]
     place = {name: i for i, name in enumerate(pool)}

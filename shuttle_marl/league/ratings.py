@@ -10,12 +10,10 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
-Floats = npt.NDArray[np.float64]
-Pairs = npt.NDArray[np.intp]
+from shuttle_marl.arrays import F64, I64, Bools, Intp
 
 ELO: Final = 400 / np.log(10)
 """Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
@@ -33,7 +31,7 @@ _SURE: Final = 5e-7
 """Exact odds are known to six decimals; nearer to certainty than this is taken as this, which keeps ratings finite."""
 
 
-def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
+def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
     """Fit ratings by a damped Newton's method on the likelihood.
 
     Args:
@@ -62,18 +60,18 @@ def bradley_terry(wins: Floats, start: Floats | None = None) -> Floats:
         theta = theta + step * (np.log1p(longest) / longest)
         if longest.max(initial=0) < 1e-9:
             break
-    centred: Floats = theta - theta.mean(axis=-1, keepdims=True)
+    centred: F64 = theta - theta.mean(axis=-1, keepdims=True)
     return centred
 
 
-def _anchor(met: npt.NDArray[np.bool_]) -> Floats:
+def _anchor(met: Bools) -> F64:
     """``[n, n]`` to add to the curvature: only differences within a connected part are determined, and this holds its mean."""
     _, part = connected_components(met, directed=False)
     together = part[:, None] == part
     return np.asarray(together / together.sum(axis=1))
 
 
-def wins_of(cells: Floats, pairs: Pairs, n: int) -> Floats:
+def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
     """``[..., n, n]`` matches won, for :func:`bradley_terry`.
 
     Args:
@@ -87,7 +85,7 @@ def wins_of(cells: Floats, pairs: Pairs, n: int) -> Floats:
     return wins
 
 
-def prior_wins(wins: Floats) -> Floats:
+def prior_wins(wins: F64) -> F64:
     """``[n, n]`` matches to add to those that were won, in all one less than there are entrants.
 
     They come from Jeffreys' prior (Firth, Biometrika 1993): finite ratings for the unbeaten, and the bias of the likeliest
@@ -108,7 +106,7 @@ def prior_wins(wins: Floats) -> Floats:
     return prior
 
 
-def _information(played: Floats, theta: Floats) -> tuple[Floats, Floats]:
+def _information(played: F64, theta: F64) -> tuple[F64, F64]:
     """``[n, n]`` curvature of each pair's likelihood, and the covariance of the ratings."""
     probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
     curvature = played * probability * (1 - probability)
@@ -117,12 +115,12 @@ def _information(played: Floats, theta: Floats) -> tuple[Floats, Floats]:
     return curvature, np.asarray(np.linalg.inv(_anchor(played > 0) + np.diag(curvature.sum(axis=1)) - curvature))
 
 
-def expected_share(theta: Floats, pairs: Pairs) -> Floats:
+def expected_share(theta: F64, pairs: Intp) -> F64:
     """``[P]`` probability that the first entrant of a pairing wins a match, by the ratings."""
     return np.asarray(1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]])))
 
 
-def ratings(cells: Floats, pairs: Pairs, n: int, seed: int, replicates: int = 1000) -> tuple[Floats, Floats]:
+def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) -> tuple[F64, F64]:
     """Ratings, and what they would be under other draws of the cells: a Bayesian bootstrap (Rubin, Ann. Statist. 1981).
 
     The two matches of a cell share their draws, so cells are drawn and not matches.
@@ -151,7 +149,7 @@ def ratings(cells: Floats, pairs: Pairs, n: int, seed: int, replicates: int = 10
     return theta, np.concatenate([bradley_terry(part + _KEPT * prior, theta) for part in parts])
 
 
-def exact_ratings(match: Floats) -> Floats:
+def exact_ratings(match: F64) -> F64:
     """Ratings that the sampled ones approach if every pair plays the same, infinite number of matches.
 
     Args:
@@ -168,7 +166,7 @@ def exact_ratings(match: Floats) -> Floats:
     return theta
 
 
-def rank_intervals(theta: Floats, drawn: Floats) -> npt.NDArray[np.intp]:
+def rank_intervals(theta: F64, drawn: F64) -> Intp:
     """95 % confidence intervals of the ranks (Mogstad, Romano, Shaikh & Wilhelm, Rev. Econ. Stud. 2024).
 
     A percentile of bootstrapped ranks is too narrow where entrants are nearly equal. Here an entrant's rank is bounded by those
@@ -208,15 +206,15 @@ class Misfit:
         p: probability of a statistic as large if Bradley-Terry's model holds; NaN without degrees of freedom.
     """
 
-    share: Floats
-    expected: Floats
-    z: Floats
+    share: F64
+    expected: F64
+    z: F64
     statistic: float
     degrees: int
     p: float
 
 
-def misfit(cells: Floats, pairs: Pairs, theta: Floats) -> Misfit:
+def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
     """Compare the results with the ratings, pairing by pairing; arguments as in :func:`ratings`."""
     total = cells.sum(axis=1)
     won = np.array([0.0, 0.5, 1.0])
@@ -247,7 +245,7 @@ def misfit(cells: Floats, pairs: Pairs, theta: Floats) -> Misfit:
     )
 
 
-def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) -> int | None:
+def fewest_to_flip(cells: F64, pairs: Intp, n: int, above: int, below: int) -> int | None:
     """Number of matches whose removal puts one entrant behind another: small where a ranking hangs on few results.
 
     The matches with the largest influence on the difference of the two ratings go first (Broderick, Giordano & Meager,
@@ -265,7 +263,7 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
         0 if they are in the other order, which equal ones are not; None if no removal does it.
     """
 
-    def behind(theta: Floats) -> bool:
+    def behind(theta: F64) -> bool:
         return bool(theta[above] < theta[below] - _TIE)
 
     won = wins_of(cells, pairs, n)
@@ -294,14 +292,14 @@ def fewest_to_flip(cells: Floats, pairs: Pairs, n: int, above: int, below: int) 
         wins, left, theta, removed = wins - taken.reshape(n, n), left - taken.reshape(n, n), following, removed + int(taken.sum())
 
 
-def _influence(wins: Floats, theta: Floats, above: int, below: int) -> Floats:
+def _influence(wins: F64, theta: F64, above: int, below: int) -> F64:
     """``[n, n]`` by how much the removal of a win of i over j lowers ``theta[above] - theta[below]``, to first order."""
     _, covariance = _information(wins + wins.T, theta)
     v = covariance[:, above] - covariance[:, below]
     return (1 - 1 / (1 + np.exp(theta[None, :] - theta[:, None]))) * (v[:, None] - v[None, :])
 
 
-def _fewest_of(wins: Floats, taken: npt.NDArray[np.int64], order: Pairs, theta: Floats, behind: Callable[[Floats], bool]) -> int:
+def _fewest_of(wins: F64, taken: I64, order: Intp, theta: F64, behind: Callable[[F64], bool]) -> int:
     """Fewest of the matches taken, in the order of their influence, that suffice; all of them do."""
     low, high = 0, int(taken.sum())
     before = np.concatenate([[0], np.cumsum(taken[order])[:-1]])

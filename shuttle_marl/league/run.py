@@ -21,9 +21,9 @@ from shuttle_marl import runs
 from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import refits_of, resolve_game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import bootstrap, rankdata, trim_mean
 
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.arrays import F64
 
 RESAMPLES: Final = 10_000
 _TRIMMED: Final = 0.25
@@ -33,7 +32,7 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
         seed: of the resampling.
     """
 
-    def middle(*columns: Floats, axis: int = -1) -> Floats:
+    def middle(*columns: F64, axis: int = -1) -> F64:
         # The runs of all tasks are one sample.
         return np.asarray(trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis))
 
@@ -50,7 +49,7 @@ def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], s
         seed: of the resampling.
     """
 
-    def larger(x: Floats, y: Floats, axis: int = -1) -> Floats:
+    def larger(x: F64, y: F64, axis: int = -1) -> F64:
         # The statistic of Mann and Whitney, from the ranks of all runs together.
         ranks = rankdata(np.concatenate([x, y], axis=axis), axis=axis)
         n, m = x.shape[axis], y.shape[axis]
@@ -61,7 +60,7 @@ def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], s
     return _interval(float(larger(samples[0], samples[1])), samples, larger, seed)
 
 
-def _interval(value: float, samples: list[Floats], statistic: object, seed: int) -> Interval:
+def _interval(value: float, samples: list[F64], statistic: object, seed: int) -> Interval:
     if any(len(sample) < 2 for sample in samples):
         return Interval(value, float("nan"), float("nan"))
     if np.ptp(np.concatenate(samples)) == 0:

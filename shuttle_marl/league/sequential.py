@@ -10,8 +10,9 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
+
+from shuttle_marl.arrays import F64
 
 ERROR: Final = 0.05
 """Probability of each of the two errors, at the two hypotheses."""
@@ -38,7 +39,7 @@ def log_likelihood_ratio(cells: tuple[int, int, int], elo: float) -> float:
     return float((counts * np.log(better / worse)).sum())
 
 
-def _likeliest(shares: npt.NDArray[np.float64], mean: float) -> npt.NDArray[np.float64]:
+def _likeliest(shares: F64, mean: float) -> F64:
     """``[3]`` the likeliest distribution of results with a mean, by its multiplier (Owen 1988)."""
     away = _RESULTS - mean
     low, high = -1 / away.max(), -1 / away.min()

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 PEOPLE: Final = "bc"

@@ -15,11 +15,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import Bools
 from shuttle_marl.cluster import Cluster, Shared, Task
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.sequential import decided
@@ -180,7 +180,7 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
     # A game ends where the next rally is at love all, and with the match.
     last_of_game = last_of_match | np.r_[(rallies.score[1:, 0] | rallies.score[1:, 1]) == 0, True]
 
-    def count(where: npt.NDArray[np.bool_]) -> list[int]:
+    def count(where: Bools) -> list[int]:
         at_one = int(np.count_nonzero(where & seat))
         return [int(np.count_nonzero(where)) - at_one, at_one]
 

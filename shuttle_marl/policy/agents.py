@@ -12,9 +12,9 @@ from typing import Any, Final
 
 from shuttle_marl.files import FileReadError, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import folder_of
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.table_cache import cached_table
 from shuttle_marl.tensor_files import read_tensors

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F32, F64
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game, GameError
 from shuttle_marl.game.shipped import BC, PROFILES, folder_of, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.tensor_files import checked, parsed
 
 
@@ -33,13 +34,13 @@ class BehaviourClones:
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
     """
 
-    log_choice: npt.NDArray[np.float32]
+    log_choice: F32
     profiles: dict[str, npt.NDArray[np.float16]]
     players: tuple[str, ...]
-    style: npt.NDArray[np.float64]
-    area: npt.NDArray[np.float64]
+    style: F64
+    area: F64
 
-    def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> npt.NDArray[np.float64]:
+    def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> F64:
         """``[base pairs]`` probability of each base pair in its state; players do not look at the efforts.
 
         Args:
@@ -101,7 +102,7 @@ def players(game: Game) -> list[str]:
     return [] if folder is None else list(clones(folder).players)
 
 
-def probabilities(player: str | None, game: Game) -> npt.NDArray[np.float64]:
+def probabilities(player: str | None, game: Game) -> F64:
     """``[base pairs]`` probability of each legal pair, never 0, for the average player (None) or one by identifier.
 
     Raises:

@@ -8,13 +8,11 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, U16
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.kernel.compiling import cached
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 _LOG2E: Final = 1.4426950408889634
@@ -36,7 +34,7 @@ def _compiled(function: F) -> F:
 
 
 @_compiled
-def spread(base: Floats, efforts: Floats, out: Floats) -> float:
+def spread(base: F64, efforts: F64, out: F64) -> float:
     """``[B, W]`` added to each row of ``[G, W]``, negative numbers set to 0: ``[B G, W]``; returns the largest number."""
     highest = 0.0
     for block in range(len(efforts)):
@@ -50,7 +48,7 @@ def spread(base: Floats, efforts: Floats, out: Floats) -> float:
 
 
 @_compiled
-def rectify(x: Floats, unit: float, bias: Floats) -> tuple[float, float]:
+def rectify(x: F64, unit: float, bias: F64) -> tuple[float, float]:
     """Multiply ``[N, W]`` by a unit, add ``[W]`` and set negative numbers to 0, in place.
 
     Returns:
@@ -68,7 +66,7 @@ def rectify(x: Floats, unit: float, bias: Floats) -> tuple[float, float]:
 
 
 @_compiled
-def shift(x: Floats, unit: float, bias: Floats) -> float:
+def shift(x: F64, unit: float, bias: F64) -> float:
     """Multiply ``[N, W]`` by a unit and add ``[W]`` in place; returns the largest absolute value."""
     farthest = 0.0
     for row in range(len(x)):
@@ -80,7 +78,7 @@ def shift(x: Floats, unit: float, bias: Floats) -> float:
 
 
 @_compiled
-def round_to(x: Floats, per_unit: float) -> None:
+def round_to(x: F64, per_unit: float) -> None:
     """Make numbers whole ones of a unit, in place."""
     for row in range(len(x)):
         values = x[row]
@@ -89,7 +87,7 @@ def round_to(x: Floats, per_unit: float) -> None:
 
 
 @_compiled
-def limits(logits: Floats, start: Ints, cumulative: npt.NDArray[np.uint16]) -> None:
+def limits(logits: F64, start: I64, cumulative: U16) -> None:
     """``[N, K]`` logits to the cumulative probabilities of their softmax, in units of 1/65535, each row from its start on."""
     length = logits.shape[1]
     total = np.empty(length)

@@ -25,13 +25,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
+from shuttle_marl.arrays import Floats
 from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, States, reads_score
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 class ModuleMissingError(PolicyError):
@@ -42,14 +40,14 @@ class ModuleMissingError(PolicyError):
 class FunctionPolicy:
     """A plain function from states to probabilities as a policy; its attribute ``reads_score`` counts."""
 
-    function: Callable[[States], npt.NDArray[np.floating]]
+    function: Callable[[States], Floats]
 
     @property
     def reads_score(self) -> bool:
         """Whether the function says that it reads the score."""
         return bool(getattr(self.function, "reads_score", False))
 
-    def probabilities(self, states: States) -> npt.NDArray[np.floating]:
+    def probabilities(self, states: States) -> Floats:
         """Probabilities that the function returns, ``[B, n]``."""
         return self.function(states)
 
@@ -187,7 +185,7 @@ class TimedPolicy:
         """
         return self._call(functools.partial(reads_score, self._policy))
 
-    def probabilities(self, states: States) -> npt.NDArray[np.floating]:
+    def probabilities(self, states: States) -> Floats:
         """Probabilities of the policy, ``[B, n]``.
 
         Raises:

@@ -13,13 +13,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import LONGEST_DUEL, Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.tensor_files import checked
-
-Floats = npt.NDArray[np.float64]
 
 _WEIGHT_BITS: Final = 22
 _EXACT_BITS: Final = 53
@@ -29,7 +28,7 @@ _LEAST_EXPONENT: Final = -900
 _HIGHEST: Final = float(np.finfo(np.float32).max)
 
 
-def attribute_rows(catalogue: Catalogue) -> npt.NDArray[np.int64]:
+def attribute_rows(catalogue: Catalogue) -> I64:
     """``[n + 1, 5]`` rows of an embedding that describe each stroke: its four attributes and itself; at the end "none yet".
 
     "None yet" is a row of its own, five times; its number plus one is the length of the embedding.
@@ -52,13 +51,13 @@ class PolicyNetwork:
         layers: weights ``[W', W]`` and biases ``[W']`` of the layers behind, each after a ReLU; the last one gives n logits.
     """
 
-    own: Floats
-    incoming: Floats
-    contact: Floats
-    duel: Floats
-    effort: Floats
-    opponent_effort: Floats
-    layers: tuple[tuple[Floats, Floats], ...]
+    own: F64
+    incoming: F64
+    contact: F64
+    duel: F64
+    effort: F64
+    opponent_effort: F64
+    layers: tuple[tuple[F64, F64], ...]
 
     @classmethod
     def of_tensors(cls, tensors: Mapping[str, npt.NDArray[Any]], game: Game) -> "PolicyNetwork":
@@ -71,7 +70,7 @@ class PolicyNetwork:
         try:
             width = known["0.own.weight"].shape[-1]
 
-            def take(name: str, *shape: int) -> Floats:
+            def take(name: str, *shape: int) -> F64:
                 return checked(known.pop(name), np.float32, shape).astype(np.float64)
 
             rows = attribute_rows(game.catalogue)
@@ -133,13 +132,13 @@ def _number(layer: str) -> int:
     return int(layer.rpartition(".")[2])
 
 
-def _rounded(weight: Floats) -> tuple[Floats, float]:
+def _rounded(weight: F64) -> tuple[F64, float]:
     """Whole numbers of so few bits that sums of their products are exact, and the power of two that they count."""
     unit = _unit(float(np.abs(weight).max(initial=0.0)), _WEIGHT_BITS)
     return np.rint(weight * (1 / unit)), unit
 
 
-def _product(x: Floats, weight: tuple[Floats, float], highest: float) -> tuple[Floats, float]:
+def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, float]:
     """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing.
 
     Args:

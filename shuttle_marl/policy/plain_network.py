@@ -22,18 +22,18 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
+from shuttle_marl.arrays import F64, I32
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import open_file, problem, replace_file
 from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.tensor_files import parsed, read_tensors
 
-Floats = npt.NDArray[np.float64]
 Inputs = Literal["observation", "tokens"]
 """Input of a network: the vector of ``rally_v0``, or the six integers of the batched environments."""
 
-FUNCTIONS: Final[dict[str, Callable[[Floats], Floats]]] = {
+FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
     "relu": lambda x: np.maximum(x, 0.0),
     "tanh": np.tanh,
     "sigmoid": lambda x: 0.5 * (1 + np.tanh(0.5 * x)),
@@ -68,7 +68,7 @@ class NetworkPolicy:
     greedy: bool = False
     masked: bool = False
 
-    def probabilities(self, states: States) -> Floats:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` probabilities of the legal strokes.
 
         Raises:
@@ -84,7 +84,7 @@ class NetworkPolicy:
         weight = np.exp(logits - highest)
         return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
-    def _logits(self, game: Game, state: npt.NDArray[np.int32]) -> Floats:
+    def _logits(self, game: Game, state: I32) -> F64:
         seen: npt.NDArray[Any]
         seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, _rows(game), state)
         if self.masked:
@@ -143,10 +143,10 @@ class Layers:
         function: name of what stands between two layers, of :data:`FUNCTIONS`.
     """
 
-    linear: tuple[tuple[Floats, Floats], ...]
+    linear: tuple[tuple[F64, F64], ...]
     function: str
 
-    def __call__(self, seen: npt.NDArray[Any]) -> Floats:
+    def __call__(self, seen: npt.NDArray[Any]) -> F64:
         """``[B, out]`` of the last layer."""
         x = seen.astype(np.float64)
         for i, (weight, bias) in enumerate(self.linear):
@@ -279,7 +279,7 @@ def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
     names = [name.removesuffix(".weight") for name in arrays if name.endswith(".weight")]
     if all(name.isdigit() for name in names):
         names.sort(key=int)  # safetensors keeps no order
-    layers: list[tuple[Floats, Floats]] = []
+    layers: list[tuple[F64, F64]] = []
     for name in names:
         weight = arrays[f"{name}.weight"].astype(np.float64)
         bias = arrays.get(f"{name}.bias", np.zeros(weight.shape[:1])).astype(np.float64)

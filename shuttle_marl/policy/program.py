@@ -29,11 +29,11 @@ import weakref
 from typing import IO, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import HEIGHTS
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import current_limit
 
 PROTOCOL: Final = 1
@@ -74,7 +74,7 @@ class ProgramPolicy:
         self._asked = 0
         self._unread = b""
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """Probabilities of the program's answers, ``[B, n]``; 1 for a stroke that it names.
 
         Raises:
@@ -153,7 +153,7 @@ class ProgramPolicy:
     def _deadline(self) -> float | None:
         return time.monotonic() + self._seconds if self._seconds else None
 
-    def _read(self, probability: npt.NDArray[np.float64], number: int) -> None:
+    def _read(self, probability: F64, number: int) -> None:
         """Write the answer to a decision into a row of probabilities."""
         line = self._line()
         try:

@@ -24,8 +24,8 @@ from typing import Final
 
 from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import agents, bc, plain_network, program, solved
 from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
 from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy

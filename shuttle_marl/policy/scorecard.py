@@ -11,9 +11,9 @@ from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import binomtest
 
+from shuttle_marl.arrays import I32, Bools, Intp
 from shuttle_marl.exact.away import Spread, moved, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds
@@ -23,11 +23,11 @@ from shuttle_marl.exact.optimal import Solution, best_response, policy_regret, s
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
-from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.uncompiled import Ints, Matches, PlayedMatches, ask, play
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, ask, play
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -136,7 +136,7 @@ class Scorer:
         return solve(self.game, tolerance=self.tolerance)
 
     @functools.cached_property
-    def _thin(self) -> npt.NDArray[np.bool_] | None:
+    def _thin(self) -> Bools | None:
         """``[base pairs]`` whether fewer than :data:`FEW_STROKES` real strokes stand behind it; None if that is not known."""
         behind = real_strokes(self.game)
         return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
@@ -324,7 +324,7 @@ class _Choose:
         self._policy, self._name = policy, name
         self._game, self._opponent = opponent.game, opponent
 
-    def __call__(self, entrant: Ints, state: Ints, draw: Ints, striker: Ints, score: Ints) -> npt.NDArray[np.intp]:
+    def __call__(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
         k = self._opponent.choose(state, draw)
         asked = np.flatnonzero(entrant == 0)
         if len(asked):

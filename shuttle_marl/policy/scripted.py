@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.policy import States
-from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.thresholds import ONE
 
-Points = npt.NDArray[np.float64]
-Rules = Callable[[States], Points]
+Rules = Callable[[States], F64]
 """A batch of states -> ``[B, n]`` points of every stroke; illegal ones are left out afterwards."""
 
 SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
@@ -81,15 +80,15 @@ class ScriptedPolicy:
 
     points: Rules
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` softmax of the points over the legal strokes."""
         points = np.where(states.mask, self.points(states), -np.inf)
         weight = np.exp(points - points.max(axis=1, keepdims=True))
-        p: npt.NDArray[np.float64] = weight / weight.sum(axis=1, keepdims=True)
+        p: F64 = weight / weight.sum(axis=1, keepdims=True)
         return p
 
 
-def attacking(states: States) -> Points:
+def attacking(states: States) -> F64:
     """Hit down from above, stay flat or tight from below, serve short, and send the opponent running.
 
     Each metre between the opponent and the target gives 0.5 points.
@@ -100,7 +99,7 @@ def attacking(states: States) -> Points:
     return preference + 0.5 * distance_from_opponent(states)
 
 
-def defensive(states: States) -> Points:
+def defensive(states: States) -> F64:
     """Play high and deep, absorb the smash, and aim at the centre so that the opponent gets no angle.
 
     A target off the centre line costs a point, and a lift, clear or long serve that is not deep costs 2 points.
@@ -114,7 +113,7 @@ def defensive(states: States) -> Points:
     return points + smashed[:, None] * _by_shot(DEFEND_AGAINST_SMASH)[catalogue.shot]
 
 
-def safe(states: States) -> Points:
+def safe(states: States) -> F64:
     """Keep the shuttle in play, and the opponent from hitting down.
 
     Each percentage point less of the probability of a fault gives 1 point, each one less of the probability that the opponent
@@ -135,7 +134,7 @@ STYLES: Final[Mapping[str, Rules]] = {"attacking": attacking, "defensive": defen
 """The rule sets by the name of the policy."""
 
 
-def distance_from_opponent(states: States) -> Points:
+def distance_from_opponent(states: States) -> F64:
     """``[B, n]`` metres between the opponent and the centre of each stroke's target area; 0 where no one has moved yet.
 
     The opponent is taken to stand at the centre of the area to which the striker's own last stroke went.
@@ -146,11 +145,11 @@ def distance_from_opponent(states: States) -> Points:
     return np.vstack([between, np.zeros(len(catalogue))])[states.own]
 
 
-def _by_shot(points: Mapping[str, float]) -> Points:
+def _by_shot(points: Mapping[str, float]) -> F64:
     """``[13]`` points of every shot type, 0 for those that are not named."""
     return np.array([points.get(name, 0.0) for name in SHOTS])
 
 
-def _incoming_shot(states: States) -> npt.NDArray[np.int64]:
+def _incoming_shot(states: States) -> I64:
     """``[B]`` shot type of the incoming stroke, -1 when serving."""
     return np.r_[states.game.catalogue.shot.astype(np.int64), -1][states.incoming]

@@ -6,9 +6,9 @@ from typing import Final
 
 from shuttle_marl.exact.sources import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import bc
 from shuttle_marl.policy.table_cache import cached_table
 

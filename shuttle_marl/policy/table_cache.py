@@ -17,8 +17,8 @@ import platformdirs
 
 from shuttle_marl.files import FileWriteError
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 
 _KEPT: Final = 48
 """Tables in the cache; those that were not played for the longest time make room for others."""

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
+from shuttle_marl.arrays import I64, Bools
 from shuttle_marl.files import open_file
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
 from shuttle_marl.recording.header import Sampling
 from shuttle_marl.recording.log_file import LogFile
@@ -134,7 +134,7 @@ class _Matches:
         """Note that rallies are missing here: a match may continue whose first rallies were not seen."""
         self.open_, self._all_known = self.open_[:0], False
 
-    def breaks(self, rallies: Rallies) -> npt.NDArray[np.bool_]:
+    def breaks(self, rallies: Rallies) -> Bools:
         """``[R]`` whether a rally cannot follow what was seen."""
         new = _rows(rallies)
         rows = np.concatenate([self.open_, new])
@@ -155,7 +155,7 @@ class _Matches:
         breaks[order] = ~good & is_new
         return breaks[len(breaks) - len(new) :]
 
-    def _after(self, rows: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _after(self, rows: I64) -> tuple[Bools, I64, I64]:
         """Whether the match is over after each rally, the score, and who serves next."""
         row, winner = np.arange(len(rows)), rows[:, 4]
         after = rows[:, 5:].copy()
@@ -165,7 +165,7 @@ class _Matches:
         return is_over(after[:, 2:], self._rules), after, winner
 
 
-def _rows(rallies: Rallies) -> npt.NDArray[np.int64]:
+def _rows(rallies: Rallies) -> I64:
     """``[R, 9]`` pairing, match, rally, server, winner, score before the rally."""
     columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, rallies.winner)
     return np.concatenate([np.stack(columns, axis=1, dtype=np.int64), rallies.score.astype(np.int64)], axis=1)

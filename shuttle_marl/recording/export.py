@@ -9,7 +9,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from shuttle_marl.files import replacing
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import Derived
 from shuttle_marl.recording.schema import Rallies, RecordingError

@@ -7,10 +7,9 @@ import re
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl import __version__
-from shuttle_marl.game.draws import UInt64s
+from shuttle_marl.arrays import U64, Bools, Ints
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, Rallies, RecordingError
@@ -80,15 +79,13 @@ class Sampling:
             return rallies
         return rallies.select(self.keeps(header, rallies.pairing, rallies.match))
 
-    def keeps(
-        self, header: "LogHeader", pairing: npt.NDArray[np.integer], match: npt.NDArray[np.integer]
-    ) -> npt.NDArray[np.bool_]:
+    def keeps(self, header: "LogHeader", pairing: Ints, match: Ints) -> Bools:
         """``[R]`` whether matches are recorded, by the number of their pairing and in their pairing."""
         if self.every <= 1:
             return np.full(len(match), self.every == 1)
         keys = np.array(header.pairings, dtype=np.uint64)[pairing]
         drawn = draw_stream(header.seed, _SAMPLE_KEY, keys, match.astype(np.int64) // header.matches_per_draw)
-        chosen: npt.NDArray[np.bool_] = drawn % np.uint64(self.every) == 0
+        chosen: Bools = drawn % np.uint64(self.every) == 0
         return chosen
 
 
@@ -98,7 +95,7 @@ class LogHeader:
 
     Attributes:
         seed: names all draws.
-        game: hash of the game, see :attr:`shuttle_marl.game.rally.Game.hash`.
+        game: hash of the game, see :attr:`shuttle_marl.game.tables.Game.hash`.
         strokes: names of the catalogue, by number.
         policies: who played, by number.
         pairings: key of each pairing, by number, from 0 up to 2^64; names its draws.
@@ -140,7 +137,7 @@ class LogHeader:
                 raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
         Sampling.parse(self.record)
 
-    def rally_key(self, rallies: Rallies) -> UInt64s:
+    def rally_key(self, rallies: Rallies) -> U64:
         """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.game.draws`; the counter is the stroke, from 0.
 
         Raises:

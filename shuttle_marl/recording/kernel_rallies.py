@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import Ints
 from shuttle_marl.game.draws import pairing_key
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, SingleRallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import existing_parts
@@ -19,9 +19,9 @@ from shuttle_marl.recording.schema import Rallies
 def rallies_of(
     played: PlayedMatches,
     *,
-    pairing: npt.NDArray[np.integer] | int,
-    match: npt.NDArray[np.integer],
-    policy: npt.NDArray[np.integer],
+    pairing: Ints | int,
+    match: Ints,
+    policy: Ints,
 ) -> Rallies:
     """The rallies of matches, for a log.
 

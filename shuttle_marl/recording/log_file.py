@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex
 
+from shuttle_marl.arrays import U64
 from shuttle_marl.files import open_file
 from shuttle_marl.recording.container import (
     INDEX_NAME,
@@ -144,8 +144,8 @@ class LogFile:
         if any((column > np.iinfo(np.int64).max >> 1).any() for column in counts):
             raise DamagedLogError("its index holds numbers that no log reaches")
         self.first_rally, self.rallies, self.strokes, self._offset = (column.astype(np.int64) for column in counts)
-        self.first_match: npt.NDArray[np.uint64] = columns["first_match"]
-        self.last_match: npt.NDArray[np.uint64] = columns["last_match"]
+        self.first_match: U64 = columns["first_match"]
+        self.last_match: U64 = columns["last_match"]
         ends = self.first_rally + self.rallies
         if (self.first_rally < np.r_[self.header.first_rally, ends[:-1]][: len(ends)]).any() or (self.rallies < 1).any():
             raise DamagedLogError("its index is out of order")

@@ -8,9 +8,9 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import I64, UInts
 from shuttle_marl.files import problem
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.recording.header import LogHeader, Player
@@ -122,8 +122,8 @@ class RallyLog:
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
-    def numbers_of_match(self, pairing: int, match: int) -> npt.NDArray[np.int64]:
-        """Numbers of the rallies of one match, in order; empty if the log has none.
+    def numbers_of_match(self, pairing: int, match: int) -> I64:
+        """UInts of the rallies of one match, in order; empty if the log has none.
 
         Raises:
             DamagedLogError: a batch does not fit its checksum or the index.
@@ -139,8 +139,8 @@ class RallyLog:
                 found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
-    def batches_of_pairing(self, pairing: int) -> npt.NDArray[np.int64]:
-        """Numbers of the batches that may hold rallies of a pairing, ascending."""
+    def batches_of_pairing(self, pairing: int) -> I64:
+        """UInts of the batches that may hold rallies of a pairing, ascending."""
         found = [np.empty(0, dtype=np.int64)]
         for at, file in enumerate(self.files):
             if self.pairings[pairing] in file.header.pairings:
@@ -213,10 +213,7 @@ class RallyLog:
         return rallies
 
 
-Numbers = npt.NDArray[np.unsignedinteger]
-
-
-def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> Numbers | None:
+def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> UInts | None:
     """Places of the entries of a file in the merged list; None: the same as in the file."""
     if own == merged[: len(own)]:
         return None

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import I32, Bools
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import WINNER, Game, states_of_rallies, strike
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.rules import WINNER, states_of_rallies, strike
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies, RecordingError
@@ -72,7 +74,7 @@ def require_game(log: RallyLog, game: Game) -> None:
         )
 
 
-def states(game: Game, rallies: Rallies) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def states(game: Game, rallies: Rallies) -> tuple[I32, I32]:
     """``[N]`` each: the state in which every stroke was struck, and which of its legal strokes it is.
 
     Both are -1 where the stroke, or the one it answers, is not legal.
@@ -127,9 +129,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
-def _wrong_strokes(
-    header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]
-) -> npt.NDArray[np.bool_]:
+def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
     """``[N]`` strokes that are illegal, have another outcome than the draw gives, or are not what their policy chooses."""
     row, position, seat = rows_of_strokes(rallies)
     state, k = states(game, rallies)
@@ -148,8 +148,8 @@ def _wrong_strokes(
     return wrong
 
 
-def _wrong_winner(rallies: Rallies) -> npt.NDArray[np.bool_]:
+def _wrong_winner(rallies: Rallies) -> Bools:
     """``[R]`` rallies that the log gives to the wrong player: the last striker wins by a winner and loses by a fault."""
     last = (rallies.server + rallies.length - 1) & 1
-    wrong: npt.NDArray[np.bool_] = rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)
+    wrong: Bools = rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)
     return wrong

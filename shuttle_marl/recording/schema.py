@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import F32, I32, I64, U8, U16, U32, Bools, UInts
 from shuttle_marl.errors import ShuttleError
 
 VERSION: Final = 2
@@ -89,25 +90,25 @@ class Rallies:
             recorded.
     """
 
-    pairing: npt.NDArray[np.uint32]
-    match: npt.NDArray[np.uint32]
-    rally: npt.NDArray[np.uint16]
-    policy: npt.NDArray[np.uint16]
-    server: npt.NDArray[np.uint8]
-    winner: npt.NDArray[np.uint8]
-    reason: npt.NDArray[np.uint8]
-    score: npt.NDArray[np.uint8]
-    length: npt.NDArray[np.int32]
-    stroke: npt.NDArray[np.unsignedinteger]
-    update: npt.NDArray[np.uint32] | None = None
-    log_probability: npt.NDArray[np.float32] | None = None
-    value: npt.NDArray[np.float32] | None = None
+    pairing: U32
+    match: U32
+    rally: U16
+    policy: U16
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    length: I32
+    stroke: UInts
+    update: U32 | None = None
+    log_probability: F32 | None = None
+    value: F32 | None = None
 
     def __len__(self) -> int:
         return len(self.length)
 
     @functools.cached_property
-    def first_stroke(self) -> npt.NDArray[np.int64]:
+    def first_stroke(self) -> I64:
         """``[R + 1]`` index of the first stroke of each rally in ``stroke``, and the number of strokes."""
         return np.r_[0, np.cumsum(self.length, dtype=np.int64)]
 
@@ -121,7 +122,7 @@ class Rallies:
         a, b = self.first_stroke[[first, last]]
         return Rallies(**{name: column[a:b] if of_strokes else column[first:last] for name, column, of_strokes in self._each()})
 
-    def select(self, rows: npt.NDArray[np.bool_]) -> "Rallies":
+    def select(self, rows: Bools) -> "Rallies":
         """The rows where ``rows`` ``[R]`` is true."""
         strokes = np.repeat(rows, self.length)
         return Rallies(**{name: column[strokes if of_strokes else rows] for name, column, of_strokes in self._each()})

@@ -8,15 +8,16 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from shuttle_marl.arrays import I64, Bools, Floats
 from shuttle_marl.data import placing
 from shuttle_marl.data.schema import STROKES, Outcome, outcome_of
 from shuttle_marl.data.table import Account
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court, draws
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.kernel_rallies import rallies_of
 from shuttle_marl.recording.schema import Rallies
@@ -99,7 +100,7 @@ def stroke_table(
     return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
 
 
-def _first_frame(rallies: Rallies, frame: npt.NDArray[np.int64], new_match: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+def _first_frame(rallies: Rallies, frame: I64, new_match: Bools) -> I64:
     """``[R]`` frame of the first stroke of each rally's match."""
     return frame[rallies.first_stroke[:-1][new_match]][np.cumsum(new_match) - 1]
 
@@ -112,7 +113,7 @@ class SimulationError(ShuttleError):
     """Players or probabilities with which no match can be simulated."""
 
 
-def simulate(game: Game, players: Mapping[str, npt.NDArray[np.floating]], *, matches: int, seed: int) -> pa.Table:
+def simulate(game: Game, players: Mapping[str, Floats], *, matches: int, seed: int) -> pa.Table:
     """Play matches (best of three games to 21) and write every stroke down.
 
     Pairs of players of one discipline meet in turn; a player who is in neither list of :mod:`shuttle_marl.data.upstream`
@@ -140,9 +141,7 @@ def simulate(game: Game, players: Mapping[str, npt.NDArray[np.floating]], *, mat
     return stroke_table(rallies, game.catalogue, names, [titles[i] for i in number.tolist()], rng)
 
 
-def simulated_rallies(
-    game: Game, players: Mapping[str, npt.NDArray[np.floating]], *, matches: int, seed: int
-) -> tuple[LogHeader, Rallies]:
+def simulated_rallies(game: Game, players: Mapping[str, Floats], *, matches: int, seed: int) -> tuple[LogHeader, Rallies]:
     """The rallies of :func:`simulate`, and the header with which a log of them can be played again.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
@@ -198,7 +197,7 @@ def _pairs(players: list[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _table(game: Game, name: str, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
+def _table(game: Game, name: str, p: Floats) -> TabulatedPolicy:
     if np.shape(p) != (game.n_pairs,) or not (np.asarray(p) >= 0).all():
         raise SimulationError(f"player {name!r}: expected {game.n_pairs} probabilities, one for each legal pair, none negative")
     sums = game.sum_by_state(p)

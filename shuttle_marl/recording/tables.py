@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.game.rally import OUTCOMES, RETURNED_BELOW
+from shuttle_marl.arrays import I8, I64, Ints
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.log_file import LogFile
@@ -27,14 +28,14 @@ class _Log(Protocol):
     def file_of(self, number: int) -> int: ...
 
 
-def rows_of_strokes(rallies: Rallies) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def rows_of_strokes(rallies: Rallies) -> tuple[I64, I64, I64]:
     """``[N]`` each: row of the rally a stroke belongs to, its position in it from 0, and the seat that struck it."""
     row = np.repeat(np.arange(len(rallies)), rallies.length)
     position = np.arange(len(row)) - rallies.first_stroke[row]
     return row, position, (rallies.server[row] + position) & 1
 
 
-def outcomes(rallies: Rallies, catalogue: Catalogue) -> npt.NDArray[np.int8]:
+def outcomes(rallies: Rallies, catalogue: Catalogue) -> I8:
     """``[N]`` outcome of every stroke (index into OUTCOMES): the contact of a return is the height of the next stroke."""
     following = np.r_[catalogue.height[rallies.stroke[1:]], np.int8(0)][: len(rallies.stroke)] + RETURNED_BELOW
     following[rallies.first_stroke[1:] - 1] = rallies.reason
@@ -93,7 +94,7 @@ def stroke_rows(log: _Log, first: int, rallies: Rallies, derive: Derive | None =
     )
 
 
-def _words(numbers: npt.NDArray[np.integer], words: Sequence[str]) -> pa.DictionaryArray:
+def _words(numbers: Ints, words: Sequence[str]) -> pa.DictionaryArray:
     unique = list(dict.fromkeys(words))
     if len(unique) < len(words):  # policies of several runs that differ in more than their names
         numbers = np.array([unique.index(word) for word in words], dtype=np.int32)[numbers]

@@ -4,14 +4,11 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, Bools, Floats
 from shuttle_marl.staging import BONES, RACKET_LENGTH, Motion
 from shuttle_marl.staging.rotation import cross, matrix, quaternion, unit
 from shuttle_marl.staging.skeleton import BONE
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 WORLD: Final = "court"
 """Frame of reference of the court."""
@@ -88,7 +85,7 @@ class Track:
 
     child: str
     parent: str
-    values: Floats
+    values: F64
     tolerance: float
     exact: Bools
 
@@ -171,7 +168,7 @@ def _player(motion: Motion, seat: int, exact: Bools) -> list[Track]:
     ]
 
 
-def _reach(rest: Floats, parents: npt.NDArray[np.int64]) -> Floats:
+def _reach(rest: F64, parents: I64) -> F64:
     """``[23]`` from each joint to the farthest tip of all that hangs on it, limbs stretched [m]."""
     reach = np.full(len(BONES), _LIMB_END)
     reach[BONE["Racket"]] = RACKET_LENGTH
@@ -182,15 +179,15 @@ def _reach(rest: Floats, parents: npt.NDArray[np.int64]) -> Floats:
     return reach
 
 
-def _depth(bone: int, parents: npt.NDArray[np.int64]) -> int:
+def _depth(bone: int, parents: I64) -> int:
     return 0 if parents[bone] < 0 else 1 + _depth(int(parents[bone]), parents)
 
 
-def _rounded(values: npt.NDArray[np.floating]) -> Floats:
+def _rounded(values: Floats) -> F64:
     return np.rint(values.astype(np.float64) * _GRID) / _GRID
 
 
-def _heading(motion: Motion) -> Floats:
+def _heading(motion: Motion) -> F64:
     """``[F, 3, 3]`` rotation of the shuttle: its cork flies ahead, but for a moment after it was struck."""
     velocity = motion.shuttle_velocity.astype(np.float64)
     speed = np.linalg.norm(velocity, axis=1)
@@ -217,12 +214,12 @@ def _heading(motion: Motion) -> Floats:
     return np.stack([x, cross(way, x), way], axis=-1)
 
 
-def _between(a: Floats, b: Floats, share: float) -> Floats:
+def _between(a: F64, b: F64, share: float) -> F64:
     """Direction between two, on the shorter way round; any way if they are opposite."""
     angle = float(np.arccos(np.clip(a @ b, -1, 1)))
     aside = b - (a @ b) * a
     if np.linalg.norm(aside) < 1e-6:
         aside = np.cross(a, [0.0, 0.0, 1.0] if abs(a[2]) < 0.9 else [1.0, 0.0, 0.0])
     aside = aside / np.linalg.norm(aside)
-    out: Floats = np.cos(share * angle) * a + np.sin(share * angle) * aside
+    out: F64 = np.cos(share * angle) * a + np.sin(share * angle) * aside
     return out

@@ -1,16 +1,13 @@
 """Choice of the instants at which a scene tells where something is: between two of them, viewers interpolate."""
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @compiled
-def _off(a: Floats, b: Floats, share: float, value: Floats) -> float:
+def _off(a: F64, b: F64, share: float, value: F64) -> float:
     """Distance of a value from the interpolated one: metres for places ``[3]``, radians for quaternions ``[4]``."""
     width = len(a)
     here, there = 1 - share, share
@@ -34,7 +31,7 @@ def _off(a: Floats, b: Floats, share: float, value: Floats) -> float:
 
 
 @compiled
-def choose_instants(values: Floats, tolerance: float, exact: Bools, packet: int, told: Bools) -> None:
+def choose_instants(values: F64, tolerance: float, exact: Bools, packet: int, told: Bools) -> None:
     """Mark instants from which everything between them can be interpolated.
 
     Args:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pygltflib as gltf
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.staging.rotation import cross, frame, unit
 
 Array = npt.NDArray[Any]
@@ -28,8 +29,6 @@ _COMPONENTS: Final[dict[np.dtype[Any], int]] = {
 _DTYPES: Final = {component: dtype for dtype, component in _COMPONENTS.items()}
 _KINDS: Final = {1: gltf.SCALAR, 3: gltf.VEC3, 4: gltf.VEC4, 16: gltf.MAT4}
 _WIDTHS: Final = {kind: width for width, kind in _KINDS.items()}
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _ROUGHNESS: Final = 0.8
 
@@ -111,9 +110,9 @@ class Mesh:
         two_sided: whether the inside is seen too.
     """
 
-    vertices: Floats
-    normals: Floats
-    triangles: Ints
+    vertices: F64
+    normals: F64
+    triangles: I64
     colour: tuple[float, float, float]
     two_sided: bool = False
 
@@ -145,7 +144,7 @@ def lathe(profile: Sequence[tuple[float, float]], colour: tuple[float, float, fl
     )
 
 
-def tube(path: Floats, radius: float, colour: tuple[float, float, float], sides: int = 6) -> Mesh:
+def tube(path: F64, radius: float, colour: tuple[float, float, float], sides: int = 6) -> Mesh:
     """A tube of constant radius [m] along a path ``[P, 3]`` [m] that bends gently."""
     along = unit(np.gradient(path, axis=0))
     aside = np.array([0.0, 0.0, 1.0]) if abs(along[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
@@ -183,12 +182,12 @@ def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
     return out
 
 
-def moved(mesh: Mesh, turn: Floats, offset: Floats) -> Mesh:
+def moved(mesh: Mesh, turn: F64, offset: F64) -> Mesh:
     """A mesh turned by ``[3, 3]``, then moved by ``[3]`` [m]."""
     return dataclasses.replace(mesh, vertices=mesh.vertices @ turn.T + offset, normals=mesh.normals @ turn.T)
 
 
-def normals_of(vertices: Floats, triangles: Ints) -> Floats:
+def normals_of(vertices: F64, triangles: I64) -> F64:
     """``[V, 3]`` mean normal of the triangles around each vertex, by their area."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = cross(b - a, c - a)
@@ -242,9 +241,9 @@ def read_glb(content: bytes) -> list[Mesh]:
     return out
 
 
-def _y_up(v: Floats) -> Floats:
+def _y_up(v: F64) -> F64:
     return np.stack([v[:, 0], v[:, 2], -v[:, 1]], axis=1)
 
 
-def _z_up(v: Floats) -> Floats:
+def _z_up(v: F64) -> F64:
     return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)

@@ -10,10 +10,10 @@ import functools
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pygltflib as gltf
 from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import (
     HALF_LENGTH,
     HALF_WIDTH,
@@ -47,7 +47,6 @@ from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import net_height
 
-Floats = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 _FROM_GLTF: Final = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
@@ -126,7 +125,7 @@ def athlete(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> 
     return {bone: joined(meshes) for bone, meshes in out.items()}
 
 
-def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: Floats) -> tuple[npt.NDArray[np.int64], Floats, Floats]:
+def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: F64) -> tuple[I64, F64, F64]:
     """Of each joint of the file: the bone of the staging that carries it, and the rotation and shift of bent fingers."""
     nodes = document.nodes
     parent = {child: i for i, node in enumerate(nodes) for child in node.children}
@@ -146,7 +145,7 @@ def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: Floats) 
     return bones, turn, place - np.einsum("jab,jb->ja", turn, head)
 
 
-def racket(shaft: Floats, normal: Floats) -> list[Mesh]:
+def racket(shaft: F64, normal: F64) -> list[Mesh]:
     """A racket, its origin in the middle of the grip.
 
     Args:

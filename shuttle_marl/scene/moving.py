@@ -5,16 +5,14 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from foxglove.messages import Color, FrameTransform, FrameTransforms, LinePrimitive, LinePrimitiveLineType, SceneEntity, Timestamp
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.frames import PLAY, SHUTTLE_PLACE, Track, fixed_frames, tracks_of
 from shuttle_marl.scene.report import StagedRally
 from shuttle_marl.scene.topics import Timed, at, colour, entities_on, numbers_on, point, stamp, transform
 from shuttle_marl.staging import Motion
-
-Floats = npt.NDArray[np.float64]
 
 _PACKET: Final = 1.0
 """Time that a message of transforms covers: all that moves until the next one [s]."""
@@ -111,9 +109,9 @@ def _trail(staged: StagedRally) -> Iterator[Timed]:
 class _Trail:
     """Way of the shuttle so far, and a line behind it that fills the gap which opens until the next message."""
 
-    path: Floats
-    fade: Floats
-    gap: Floats
+    path: F64
+    fade: F64
+    gap: F64
 
     def __call__(self, time: int) -> list[SceneEntity]:
         if not len(self.path):
@@ -126,7 +124,7 @@ class _Trail:
         return out
 
 
-def _strip(path: Floats, colours: list[Color]) -> LinePrimitive:
+def _strip(path: F64, colours: list[Color]) -> LinePrimitive:
     """A line, in one colour or in one for each point."""
     return LinePrimitive(
         type=LinePrimitiveLineType.LineStrip,

@@ -11,10 +11,11 @@ from shuttle_marl.errors import printable
 from shuttle_marl.exact.profile import ProfileValue, evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.rally import OUTCOMES, Game
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.scoring import count_rally, ends_changed, match_win_probability
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog

@@ -6,8 +6,6 @@ Here is what the messages of each topic hold, short ways to make them, and what 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
 from foxglove import Channel, Context
 from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateChannel
 from foxglove.messages import (
@@ -29,6 +27,7 @@ from foxglove.messages import (
     Vector3,
 )
 
+from shuttle_marl.arrays import Floats
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.mesh import Mesh, glb
@@ -54,7 +53,7 @@ SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
 _NUMBER: Final = {"type": "number"}
 _INTEGER: Final = {"type": "integer"}
 _TEXT: Final = {"type": "string"}
-Vector = npt.NDArray[np.floating] | tuple[float, float, float]
+Vector = Floats | tuple[float, float, float]
 _UPRIGHT: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 _HERE: Final = Vector3(x=0.0, y=0.0, z=0.0)
 

@@ -12,7 +12,7 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from shuttle_marl import __version__
 from shuttle_marl.errors import printable
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows

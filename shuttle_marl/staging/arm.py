@@ -13,13 +13,11 @@ import functools
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.rotation import cross, frame, unit
 from shuttle_marl.staging.skeleton import Skeleton
-
-Floats = npt.NDArray[np.float64]
 
 ANGLES: Final = (
     "collar bone up",
@@ -35,7 +33,7 @@ ANGLES: Final = (
 )
 """Names of the angles."""
 RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
-LIMITS: Final[Floats] = np.radians(
+LIMITS: Final[F64] = np.radians(
     [(-10, 35), (-25, 30), (-125, 125), (-125, 125), (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
 )
 """``[10, 2]`` least and greatest angle [rad]. Elbow, forearm and wrist: the normal range of motion (American Academy of
@@ -45,10 +43,10 @@ SWING_LIMIT: Final = np.radians(125)
 """Greatest angle between the upper arm and its middle direction [rad]."""
 MIDDLE: Final = unit(np.array([0.80, 0.58, 0.12]))
 """The middle direction of the upper arm, seen from the chest."""
-RELAXED: Final[Floats] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
+RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
 """Angles that the solver prefers where the target leaves a choice."""
 
-_STARTS: Final[Floats] = np.radians(
+_STARTS: Final[F64] = np.radians(
     [
         (5, 5, 0, 0, 0, 60, 0, 0, 10, 0),
         (10, 10, -40, 60, 40, 60, 0, 0, 10, 0),
@@ -71,10 +69,10 @@ class ArmPose:
         pivot: ``[N, 10, 3]`` a point on that axis.
     """
 
-    rotation: Floats
-    position: Floats
-    axes: Floats
-    pivot: Floats
+    rotation: F64
+    position: F64
+    axes: F64
+    pivot: F64
 
 
 class Arm:
@@ -101,7 +99,7 @@ class Arm:
         fixed = [up, forward, *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
         self.constants = (np.array(fixed), self.offset, self.to_middle.copy(), self.rest_bend, self.normal.copy())
 
-    def pose(self, angles: Floats) -> ArmPose:
+    def pose(self, angles: F64) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
         from shuttle_marl.staging.compiled.arms import pose_arms  # noqa: PLC0415  numba is slow to import
 
@@ -112,7 +110,7 @@ class Arm:
         pose_arms(np.ascontiguousarray(angles), self.constants, pose.rotation, pose.position, pose.axes, pose.pivot)
         return pose
 
-    def clipped(self, angles: Floats) -> Floats:
+    def clipped(self, angles: F64) -> F64:
         """Angles moved into the limits."""
         out = np.clip(angles, LIMITS[:, 0], LIMITS[:, 1])
         swing = np.linalg.norm(out[..., SWING_1 : SWING_2 + 1], axis=-1, keepdims=True)
@@ -139,15 +137,15 @@ class Goal:
         weight: ``[N, 4]`` of point (1/m), shaft, normal, elbow.
     """
 
-    point: Floats
-    reach: Floats
-    shaft: Floats
-    normal: Floats
-    elbow: Floats
-    weight: Floats
+    point: F64
+    reach: F64
+    shaft: F64
+    normal: F64
+    elbow: F64
+    weight: F64
 
 
-def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0.03) -> Floats:
+def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03) -> F64:
     """``[N, 10]`` angles within the limits that come closest to the goals.
 
     Args:
@@ -166,12 +164,12 @@ def solve(arm: Arm, goal: Goal, start: Floats, rounds: int = 40, hold: float = 0
     return x
 
 
-def anywhere(n: int) -> Floats:
+def anywhere(n: int) -> F64:
     """``[6, n, 10]`` starting poses from all over the range of the arm."""
     return np.repeat(_STARTS[:, None], n, axis=1)
 
 
-def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats:
+def solve_best(arm: Arm, goal: Goal, starts: F64, rounds: int = 40) -> F64:
     """The best of what :func:`solve` finds from several starts ``[S, N, 10]``, judged by point, shaft and elbow."""
     s, n = starts.shape[:2]
     many = Goal(**{f.name: np.concatenate([getattr(goal, f.name)] * s) for f in dataclasses.fields(Goal)})
@@ -185,17 +183,17 @@ def solve_best(arm: Arm, goal: Goal, starts: Floats, rounds: int = 40) -> Floats
     return found.reshape(s, n, -1)[best, np.arange(n)]
 
 
-def sweet_spot(arm: Arm, pose: ArmPose) -> Floats:
+def sweet_spot(arm: Arm, pose: ArmPose) -> F64:
     """``[N, 3]`` middle of the strings."""
     return pose.position[4] + SWEET_SPOT * pose.rotation[4] @ arm.axis
 
 
-def sweet_spot_jacobian(arm: Arm, angles: Floats) -> Floats:
+def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
     """``[N, 3, 10]`` how the middle of the strings moves with each angle."""
     pose = arm.pose(angles)
     return _columns(pose, sweet_spot(arm, pose))
 
 
-def _columns(pose: ArmPose, point: Floats) -> Floats:
+def _columns(pose: ArmPose, point: F64) -> F64:
     """``[N, 3, 10]`` how a point of the racket moves with each angle."""
     return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.game import draws
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
@@ -23,8 +23,6 @@ from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, load_
 from shuttle_marl.staging.timeline import TimelineBuilder
 from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, with_contacts_moved
 from shuttle_marl.staging.travel import travel
-
-Floats = npt.NDArray[np.float64]
 
 _ATTEMPTS: Final = 5
 _RETRIES: Final = 3
@@ -179,7 +177,7 @@ def _prepared(
     mood: tuple[int, float],
     fps: int,
     branch: _Branch | None,
-) -> tuple[Timeline, Prepared, Floats]:
+) -> tuple[Timeline, Prepared, F64]:
     """Timeline, feet and key poses of one player, and by how much the hips are moved at each stroke.
 
     Where the racket does not get to the shuttle, the hips are moved and it tries again.
@@ -206,7 +204,7 @@ def _prepared(
     return timeline, prepared, shift
 
 
-def _missed(ready: list[tuple[Timeline, Prepared, Floats]], right: tuple[bool, bool]) -> dict[int, Floats]:
+def _missed(ready: list[tuple[Timeline, Prepared, F64]], right: tuple[bool, bool]) -> dict[int, F64]:
     """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
     return {
         hit.stroke: -miss * own_frame(seat, right[seat])
@@ -222,7 +220,7 @@ def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
 
 def _assembled(
     trajectory: Trajectory,
-    ready: list[tuple[Timeline, Prepared, Floats]],
+    ready: list[tuple[Timeline, Prepared, F64]],
     added: list[Habits],
     rhythm: int,
     skeletons: tuple[Skeleton, Skeleton],
@@ -291,7 +289,7 @@ def _assembled(
     return motion
 
 
-def _onto_court(rotation: Floats, position: Floats, feet: Feet, sign: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+def _onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:
     """Rotations, positions and plants of a player in the frame of the court.
 
     ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. Under a mirror the bones of

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps
@@ -29,9 +29,7 @@ from shuttle_marl.staging.skeleton import (
     trunk,
 )
 
-Floats = npt.NDArray[np.float64]
-
-NECK_LIMITS: Final[Floats] = np.radians([(-72, 72), (-50, 55)])
+NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
 _JOINT: Final = 9
 """Frames over which a continued motion is joined to what was there."""
@@ -56,12 +54,12 @@ class Prepared:
         miss: ``[H, 3]`` from the strings to the shuttle at each hit [m].
     """
 
-    hips: Floats
-    path: Floats
+    hips: F64
+    path: F64
     feet: Feet
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
-    miss: Floats
+    miss: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,10 +73,10 @@ class Course:
         gaze: ``[F, 2]`` how far the head turns left and bows against the chest [rad].
     """
 
-    hips: Floats
-    pose: Floats
+    hips: F64
+    pose: F64
     feet: Feet
-    gaze: Floats
+    gaze: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,12 +95,12 @@ class Player:
     """
 
     course: Course
-    path: Floats
+    path: F64
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
-    lift: Floats
-    air: Floats
-    shift: Floats
+    lift: F64
+    air: F64
+    shift: F64
     rhythm: int
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
@@ -126,7 +124,7 @@ class Player:
 def prepare(
     skeleton: Skeleton,
     timeline: Timeline,
-    hips: Floats,
+    hips: F64,
     fps: int,
     added: Habits,
     known: tuple[list[Plant], list[Plant]] | None = None,
@@ -161,7 +159,7 @@ def prepare(
     return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss)
 
 
-def _settled(skeleton: Skeleton, place: Floats, root: Floats, feet: Feet, before: Course | None) -> tuple[Floats, Feet]:
+def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Course | None) -> tuple[F64, Feet]:
     """Hips and feet in all frames, as far as the legs reach; those that stay as they are first."""
     if not before:
         return settle(skeleton, place, root, feet)
@@ -176,7 +174,7 @@ def _settled(skeleton: Skeleton, place: Floats, root: Floats, feet: Feet, before
     return np.concatenate([before.hips, later]), before.feet.followed(after)
 
 
-def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Floats, before: Course | None = None) -> Course:
+def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, before: Course | None = None) -> Course:
     """All that bones follow from, in all frames.
 
     Args:
@@ -203,7 +201,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: Float
     return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=gaze)
 
 
-def _joined(before: Floats, after: Floats) -> Floats:
+def _joined(before: F64, after: F64) -> F64:
     """Continuation of ``[B, k]`` from ``[1 + N, k]`` whose first row is its last: place and speed change over a few frames."""
     n = len(after) - 1
     u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
@@ -212,7 +210,7 @@ def _joined(before: Floats, after: Floats) -> Floats:
     return after[1:] + (1 - u * u * (3 - 2 * u)) * off + _JOINT * u * (1 - u) ** 2 * drift
 
 
-def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
+def bones(skeleton: Skeleton, found: Course) -> tuple[F64, F64]:
     """Bones of one player, in the player's own frame, as a right-hander.
 
     Args:
@@ -258,12 +256,12 @@ def bones(skeleton: Skeleton, found: Course) -> tuple[Floats, Floats]:
     return rotation, position
 
 
-def _put(rotation: Floats, position: Floats, names: tuple[str, ...], turn: Floats, place: Floats) -> None:
+def _put(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
     rows = [BONE[name] for name in names]
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
-def _gaze(skeleton: Skeleton, chest: Floats, middle: Floats, shuttle: Floats) -> Floats:
+def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
     """``[F, 2]`` neck and head follow the shuttle, as far and as fast as they can."""
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     eyes = neck + np.array([0.0, 0.0, 0.15])

@@ -1,13 +1,11 @@
 """Curves through key poses, frame by frame, and means over frames."""
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+from shuttle_marl.arrays import F64, I64
 
 
-def slopes_through(frame: Ints, pose: Floats) -> Floats:
+def slopes_through(frame: I64, pose: F64) -> F64:
     """``[K, C]`` slopes for each frame at key poses such that cubics never overshoot (Fritsch & Butland 1984).
 
     Args:
@@ -22,7 +20,7 @@ def slopes_through(frame: Ints, pose: Floats) -> Floats:
     return out
 
 
-def curve(frame: Ints, pose: Floats, slope: Floats, frames: int) -> Floats:
+def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
     """``[F, C]`` key poses joined by cubics with the given slopes; held before the first and after the last.
 
     Args:
@@ -38,7 +36,7 @@ def curve(frame: Ints, pose: Floats, slope: Floats, frames: int) -> Floats:
     return out
 
 
-def curve_at(frame: Ints, pose: Floats, slope: Floats, now: int) -> tuple[Floats, Floats]:
+def curve_at(frame: I64, pose: F64, slope: F64, now: int) -> tuple[F64, F64]:
     """Pose ``[C]`` and slope ``[C]`` of that curve in one frame between the first and the last key pose."""
     k = int(np.searchsorted(frame, now, side="right")) - 1
     h = float(frame[k + 1] - frame[k])
@@ -48,17 +46,17 @@ def curve_at(frame: Ints, pose: Floats, slope: Floats, now: int) -> tuple[Floats
     return pose[k] + u * chord + u * (1 - u) * bend, (chord + (1 - 2 * u) * bend + u * (1 - u) * (b - a)) / h
 
 
-def held_ends(x: Floats, by: int) -> Floats:
+def held_ends(x: F64, by: int) -> F64:
     """``[F + 2 by]`` numbers whose first and last are held for ``by`` frames more."""
     return np.concatenate([np.full(by, x[0]), x, np.full(by, x[-1])])
 
 
-def widen(x: Floats, by: int) -> Floats:
+def widen(x: F64, by: int) -> F64:
     """The greatest of ``[F]`` numbers within ``by`` frames."""
     return np.lib.stride_tricks.sliding_window_view(held_ends(x, by), 2 * by + 1).max(axis=1)
 
 
-def smooth(x: Floats, by: int) -> Floats:
+def smooth(x: F64, by: int) -> F64:
     """The mean of ``[F]`` numbers within ``by`` frames, near ones weighing more (a Hann window)."""
     kernel = np.hanning(2 * by + 3)[1:-1]
     return np.convolve(held_ends(x, by), kernel / kernel.sum(), mode="valid")

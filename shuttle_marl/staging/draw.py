@@ -9,11 +9,11 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, U64
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
-from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Library
@@ -22,8 +22,6 @@ from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, mo
 from shuttle_marl.staging.rally import PlayedRally
 from shuttle_marl.staging.stands import OVERHEADS
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
-
-Floats = npt.NDArray[np.float64]
 
 _CLEARANCE: Final = 0.035
 """Height over the net at which the middle of the shuttle is aimed at least [m]."""
@@ -101,7 +99,7 @@ def draw_trajectory(
 class _Choice:
     """One way to play a stroke, in the striker's frame."""
 
-    point: Floats
+    point: F64
     seconds: float
     flight: Flights
     stance: Stance | None
@@ -113,7 +111,7 @@ class _Choice:
 class _Try:
     """A point and a time that were drawn for a stroke, in the striker's frame."""
 
-    point: Floats
+    point: F64
     ticks: int
     most: int
     stance: Stance | None
@@ -121,9 +119,7 @@ class _Try:
 
 
 class _TrajectoryBuilder:
-    def __init__(
-        self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: draws.UInt64s, fps: int
-    ) -> None:
+    def __init__(self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: U64, fps: int) -> None:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
@@ -170,7 +166,7 @@ class _TrajectoryBuilder:
         new = _trajectory(rally, drawn, first, contacts, stances, times, base, before)
         return behind(known.trajectory, new, first) if known and first else new
 
-    def _walk(self, known: Known, before: Floats) -> float:
+    def _walk(self, known: Known, before: F64) -> float:
         """Seconds until both stand where they have to for the serve, from where they wait."""
         return 0.6 * float(np.linalg.norm(known.trajectory.before - before, axis=1).max())
 
@@ -180,7 +176,7 @@ class _TrajectoryBuilder:
     def _ticks(self, seconds: float) -> float:
         return round(seconds * self.fps) / self.fps
 
-    def _serve(self, before: Floats) -> tuple[Floats, Stance]:
+    def _serve(self, before: F64) -> tuple[F64, Stance]:
         """Contact and stance of the server; writes where both stand into ``before``."""
         shot, side, server = self.shot[0], self.area[0] % 3, self.rally.server
         # Who serves to the receiver's right half stands in their own right half, and the receiver too.
@@ -202,7 +198,7 @@ class _TrajectoryBuilder:
         before[server], before[1 - server] = hips, (sign * rx, -ry)
         return contact, dataclasses.replace(probe, root=hips)
 
-    def _bases(self, i: int) -> Floats:
+    def _bases(self, i: int) -> F64:
         """``[2, 2]`` where both wait when stroke i is struck: by the stroke that each played last."""
         out = np.zeros((2, 2))
         for seat in (0, 1):
@@ -225,7 +221,7 @@ class _TrajectoryBuilder:
         into_net = self.shot[i] >= N_SERVES and self.area[i] in (1, 4)
         return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
 
-    def _choose(self, i: int, end: int, contact: Floats, base: Floats) -> _Choice:
+    def _choose(self, i: int, end: int, contact: F64, base: F64) -> _Choice:
         """The first try that clears the net and can be reached, else the one that comes closest."""
         best: _Choice | None = None
         late: list[_Try] = []
@@ -245,7 +241,7 @@ class _TrajectoryBuilder:
         assert best is not None
         return best
 
-    def _try(self, i: int, end: int, contact: Floats, base: Floats, k: int) -> _Try:
+    def _try(self, i: int, end: int, contact: F64, base: F64, k: int) -> _Try:
         """The k-th try of a stroke."""
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
@@ -265,7 +261,7 @@ class _TrajectoryBuilder:
         stance = self._stance(i + 1, point, base) if end in (RETURN, OPEN) else None
         return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
 
-    def _flown(self, contact: Floats, tried: _Try, end: int) -> _Choice:
+    def _flown(self, contact: F64, tried: _Try, end: int) -> _Choice:
         """A try with its flight, made longer until it clears the net; the cost is the excess over what is possible, 0 if none."""
         ticks = tried.ticks
         while True:
@@ -277,7 +273,7 @@ class _TrajectoryBuilder:
         cost = tried.late + 0.1 * max(0, ticks - tried.most)
         return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
 
-    def _point(self, i: int, end: int, k: int) -> tuple[Floats, int]:
+    def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
         """End of the k-th try of a stroke, in the striker's frame, and the height class at which it is met."""
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
@@ -309,14 +305,14 @@ class _TrajectoryBuilder:
             return x, SHORT_SERVICE - max(by_side, 0.05) if self.shot[i] == _SHORT_SERVE else HALF_LENGTH + max(by_back, 0.05)
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
-    def _net_point(self, i: int, contact: Floats, point: Floats, share: float, k: int) -> Floats:
+    def _net_point(self, i: int, contact: F64, point: F64, share: float, k: int) -> F64:
         """Point where the k-th try of a stroke meets the net, on the way to ``point``."""
         x = contact[0] + share * (point[0] - contact[0])
         # Most balls into the net are just too low.
         z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2
         return np.array([x, -0.02, z])
 
-    def _stance(self, i: int, point: Floats, base: Floats) -> Stance:
+    def _stance(self, i: int, point: F64, base: F64) -> Stance:
         own = point * np.array([-1, -1, 1])
         player = self.players[self._striker(i)]
         z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
@@ -332,7 +328,7 @@ class _TrajectoryBuilder:
         z = low + (high - low) * u
         return z * self.players[self._striker(i)].size if z > OVERHEAD_FROM else z
 
-    def _late(self, stance: Stance | None, base: Floats, seconds: float) -> float:
+    def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:
         """Metres that a player who starts from rest at ``base`` is short of a stance."""
         if stance is None:
             return 0.0
@@ -345,7 +341,7 @@ def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:
     return other if best is None or other.cost < best.cost else best
 
 
-def _over_net(flights: Flights) -> Floats:
+def _over_net(flights: Flights) -> F64:
     """``[N]`` height over the top of the net [m]; infinite for flights that begin beyond it."""
     share = np.where(flights.heading[:, 1] > 1e-6, -flights.start[:, 1] / np.maximum(flights.heading[:, 1], 1e-6), np.nan)
     x = flights.start[:, 0] + flights.heading[:, 0] * share
@@ -353,7 +349,7 @@ def _over_net(flights: Flights) -> Floats:
     return np.where(np.isnan(over), np.inf, over)
 
 
-def _turn(seat: int) -> Floats:
+def _turn(seat: int) -> F64:
     """``[3]`` what turns points of a seat's own frame into those of the court, and back."""
     return np.array([facing(seat), facing(seat), 1.0])
 
@@ -362,11 +358,11 @@ def _trajectory(
     rally: PlayedRally,
     drawn: list[_Choice],
     first: int,
-    contacts: list[Floats],
+    contacts: list[F64],
     stances: list[Stance],
     times: list[float],
-    base: list[Floats],
-    before: Floats,
+    base: list[F64],
+    before: F64,
 ) -> Trajectory:
     """The trajectory from stroke ``first`` on, in the frame of the court; what was drawn is in the frames of the strikers."""
     n = len(rally)
@@ -389,7 +385,7 @@ def _trajectory(
     )
 
 
-def _joined(flights: list[Flights], turn: Floats) -> Flights:
+def _joined(flights: list[Flights], turn: F64) -> Flights:
     """Flights of several strokes, turned into the frame of the court."""
     if not flights:
         return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))

@@ -10,11 +10,9 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.staging.stands import LEFT, RIGHT, Stand
-
-Floats = npt.NDArray[np.float64]
 
 _STRIDE: Final = 1.25
 """Distance that a pair of steps is meant to cover at most, per step [m]."""
@@ -40,7 +38,7 @@ class Plant:
 
     begin: int
     end: int
-    place: Floats
+    place: F64
     yaw: float
 
 
@@ -55,10 +53,10 @@ class Feet:
         planted: ``[2, F]`` whether the foot is planted.
     """
 
-    ball: Floats
-    yaw: Floats
-    pitch: Floats
-    planted: npt.NDArray[np.bool_]
+    ball: F64
+    yaw: F64
+    pitch: F64
+    planted: Bools
 
     def part(self, rows: slice) -> "Feet":
         """Some of the frames."""
@@ -85,7 +83,7 @@ class Feet:
         return out
 
 
-def standing(plants: tuple[list[Plant], list[Plant]], ball: Floats, frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
+def standing(plants: tuple[list[Plant], list[Plant]], ball: F64, frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
     """Plants up to a frame, with those at which feet in the air land next, and both feet as they will then stand.
 
     A foot that was to land later than in a few frames does so there, on its way.
@@ -118,9 +116,9 @@ def standing(plants: tuple[list[Plant], list[Plant]], ball: Floats, frame: int) 
 
 def steps(
     stands: list[Stand],
-    hips: Floats,
-    yaw: Floats,
-    reach: Floats,
+    hips: F64,
+    yaw: F64,
+    reach: F64,
     fps: int,
     known: tuple[list[Plant], list[Plant]] | None = None,
 ) -> tuple[list[Plant], list[Plant]]:
@@ -158,7 +156,7 @@ def steps(
     return found[LEFT], found[RIGHT]
 
 
-def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: Floats, yaw: Floats, fps: int) -> list[int]:
+def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: F64, yaw: F64, fps: int) -> list[int]:
     """Add the steps from one stand to the next; returns the frames in which the feet land there, -1 where one has stayed."""
     landing = [there.begin, there.begin]
     if there.hop:
@@ -192,7 +190,7 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
     return landing
 
 
-def _swings(begin: int, end: int, n: int, hips: Floats, fps: int) -> list[tuple[int, int]]:
+def _swings(begin: int, end: int, n: int, hips: F64, fps: int) -> list[tuple[int, int]]:
     """Frames of lift-off and landing of n steps between two frames: each falls where the hips make their share of the way."""
     gap = end - begin
     path = np.r_[0, np.cumsum(np.hypot(*np.diff(hips[begin : end + 1], axis=0).T))]
@@ -208,7 +206,7 @@ def _swings(begin: int, end: int, n: int, hips: Floats, fps: int) -> list[tuple[
     return out
 
 
-def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, side: float, sure: int) -> list[Plant]:
+def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float, sure: int) -> list[Plant]:
     """Plants cut down to the frames in which the leg can reach them; up to frame ``sure`` it does."""
     out: list[Plant] = []
     for plant in plants:
@@ -230,7 +228,7 @@ def _reachable(plants: list[Plant], hips: Floats, yaw: Floats, reach: Floats, si
     return out
 
 
-def lifted(plants: tuple[list[Plant], list[Plant]], slips: npt.NDArray[np.bool_], done: int) -> bool:
+def lifted(plants: tuple[list[Plant], list[Plant]], slips: Bools, done: int) -> bool:
     """Lift feet before they slip, and put them down where they no longer do; whether any had to be.
 
     Args:
@@ -252,7 +250,7 @@ def lifted(plants: tuple[list[Plant], list[Plant]], slips: npt.NDArray[np.bool_]
     return shortened
 
 
-def move(plants: tuple[list[Plant], list[Plant]], air: Floats, frames: int, fps: int, done: int = 0) -> Feet:
+def move(plants: tuple[list[Plant], list[Plant]], air: F64, frames: int, fps: int, done: int = 0) -> Feet:
     """Both feet in every frame.
 
     Args:
@@ -276,7 +274,7 @@ def move(plants: tuple[list[Plant], list[Plant]], air: Floats, frames: int, fps:
     return Feet(ball=ball, yaw=yaw, pitch=pitch, planted=planted)
 
 
-def _swing(here: Plant, there: Plant, ball: Floats, yaw: Floats, pitch: Floats, air: Floats, fps: int) -> None:
+def _swing(here: Plant, there: Plant, ball: F64, yaw: F64, pitch: F64, air: F64, fps: int) -> None:
     rows = np.arange(here.end + 1, there.begin)
     if not len(rows):
         return

@@ -12,9 +12,8 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.arrays import F64, Intp
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity [m/s²]."""
@@ -41,15 +40,15 @@ class Flights:
         speed_up: ``[N, K]`` [m/s].
     """
 
-    start: Floats
-    heading: Floats
-    time: Floats
-    along: Floats
-    rise: Floats
-    speed_along: Floats
-    speed_up: Floats
+    start: F64
+    heading: F64
+    time: F64
+    along: F64
+    rise: F64
+    speed_along: F64
+    speed_up: F64
 
-    def at(self, flight: int, time: Floats) -> tuple[Floats, Floats]:
+    def at(self, flight: int, time: F64) -> tuple[F64, F64]:
         """Position and velocity, each ``[..., 3]``, of one flight at times since its launch (held at both ends)."""
         t = self.time[flight]
         k = np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2)
@@ -61,17 +60,17 @@ class Flights:
         position = self.start[flight] + np.stack([heading[0] * along, heading[1] * along, rise], axis=-1)
         return position, np.stack([heading[0] * v_along, heading[1] * v_along, v_up], axis=-1)
 
-    def velocity(self, flight: int, instant: int) -> Floats:
+    def velocity(self, flight: int, instant: int) -> F64:
         """``[3]`` velocity of one flight in one of the instants, 0 for its launch and -1 for its end [m/s]."""
         along, up = self.speed_along[flight, instant], self.speed_up[flight, instant]
         return np.array([*(self.heading[flight] * along), up])
 
     @property
-    def launch_speed(self) -> Floats:
+    def launch_speed(self) -> F64:
         """``[N]`` speed off the racket [m/s]."""
         return np.hypot(self.speed_along[:, 0], self.speed_up[:, 0])
 
-    def height_over(self, y: float) -> Floats:
+    def height_over(self, y: float) -> F64:
         """``[N]`` height at which each flight crosses the plane of constant ``y`` [m]; NaN where it does not."""
         share = self.heading[:, 1]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -89,7 +88,7 @@ class Flights:
         return np.where(reached, self.start[:, 2] + z, np.nan)
 
 
-def shoot(start: Floats, end: Floats, time: Floats, steps: int = _STEPS) -> Flights:
+def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
     """Flights that begin at ``start`` and are at ``end`` after ``time`` seconds.
 
     Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed
@@ -142,7 +141,7 @@ def shoot(start: Floats, end: Floats, time: Floats, steps: int = _STEPS) -> Flig
     )
 
 
-def fall(start: Floats, velocity: Floats, time: Floats, steps: int = _STEPS) -> Flights:
+def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
     """Flights with a given launch, for ``time`` seconds.
 
     Args:
@@ -165,7 +164,7 @@ def fall(start: Floats, velocity: Floats, time: Floats, steps: int = _STEPS) -> 
     )
 
 
-def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64, F64]:
     """Classical Runge-Kutta in scaled units: instants, positions and velocities, each ``[N, steps + 1]``."""
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
@@ -177,12 +176,12 @@ def _integrate(vx: Floats, vy: Floats, t: Floats, steps: int) -> tuple[Floats, F
     return nodes, state[0], state[1], state[2], state[3]
 
 
-def _cubic(p0: Floats, p1: Floats, m0: Floats, m1: Floats, u: Floats) -> Floats:
+def _cubic(p0: F64, p1: F64, m0: F64, m1: F64, u: F64) -> F64:
     """Cubic Hermite interpolation on [0, 1]."""
     return (2 * u**3 - 3 * u**2 + 1) * p0 + (u**3 - 2 * u**2 + u) * m0 + (3 * u**2 - 2 * u**3) * p1 + (u**3 - u**2) * m1
 
 
-def _hermite(p: Floats, v: Floats, k: npt.NDArray[np.intp], h: Floats, u: Floats) -> tuple[Floats, Floats]:
+def _hermite(p: F64, v: F64, k: Intp, h: F64, u: F64) -> tuple[F64, F64]:
     """Position and velocity between two instants."""
     position = _cubic(p[k], p[k + 1], v[k] * h, v[k + 1] * h, u)
     velocity = 6 * u * (1 - u) * (p[k + 1] - p[k]) / h + (1 - 4 * u + 3 * u**2) * v[k] + (3 * u**2 - 2 * u) * v[k + 1]

@@ -8,14 +8,12 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.arm import BEND, DEVIATION, ELBOW, PRONATION, RAISE, ROLL, SWING_1
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, RACKET_ARM
 from shuttle_marl.staging.skeleton import HIPS_ROLL, HIPS_YAW, SPINE_PITCH, SPINE_ROLL
 from shuttle_marl.staging.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 _CLEAR: Final = 0.06
 """Seconds around an own contact in which nothing is added."""
@@ -41,8 +39,8 @@ class Habits:
         place: ``[F, 3]`` to the hips [m].
     """
 
-    pose: Floats
-    place: Floats
+    pose: F64
+    place: F64
 
 
 def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int) -> Habits:
@@ -67,7 +65,7 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     phase = np.random.default_rng([rhythm & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
     breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
 
-    def wave(k: int, seconds: float) -> Floats:
+    def wave(k: int, seconds: float) -> F64:
         return np.sin(2 * np.pi * time / seconds + phase[k])
 
     pose = np.zeros((frames, N_POSE))
@@ -89,7 +87,7 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     return Habits(pose=pose, place=place)
 
 
-def _tiredness(trajectory: Trajectory, seat: int, time: Floats) -> Floats:
+def _tiredness(trajectory: Trajectory, seat: int, time: F64) -> F64:
     """``[F]`` 0 to 1: the attacks of a player in this rally until now; the last one tells within a second."""
     rally = trajectory.rally
     attacks = trajectory.time[(rally.striker == seat) & rally.catalogue.is_attack[rally.stroke]]
@@ -97,12 +95,12 @@ def _tiredness(trajectory: Trajectory, seat: int, time: Floats) -> Floats:
     return np.minimum(done / _MOST_EFFORT, 1.0)
 
 
-def _twirl(time: Floats) -> Floats:
+def _twirl(time: F64) -> F64:
     """The racket turned in the fingers and back, now and then."""
     since = time % 2.6
     return np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
 
 
-def _ease(u: Floats) -> Floats:
+def _ease(u: F64) -> F64:
     u = np.clip(u, 0, 1)
     return u * u * (3 - 2 * u)

@@ -8,12 +8,10 @@ the joints speed up evenly, after it they slow down, so that the racket is faste
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.arm import LIMITS, Arm, sweet_spot_jacobian
-
-Floats = npt.NDArray[np.float64]
 
 RATIO: Final[dict[str, float]] = {
     "short-serve": 0.60,
@@ -32,7 +30,7 @@ RATIO: Final[dict[str, float]] = {
 }
 """Speed of the strings that is aimed at, relative to the shuttle's launch: what strings and shuttle give back (about 0.5 to 0.7
 for full strokes; the incoming shuttle gives the rest in soft ones)."""
-RATIOS: Final[Floats] = np.array([RATIO[shot] for shot in SHOTS])
+RATIOS: Final[F64] = np.array([RATIO[shot] for shot in SHOTS])
 
 SOFT: Final[dict[str, float]] = {
     "short-serve": 0.3,
@@ -51,7 +49,7 @@ _FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 
 _ROOM: Final = 2.2
 
 
-def swing(arm: Arm, angles: Floats, wanted: Floats, before: Floats, after: Floats) -> Floats:
+def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
     """``[N, 10]`` speeds of the joints at contacts [rad/s].
 
     Args:

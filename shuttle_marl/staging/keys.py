@@ -3,13 +3,11 @@
 import dataclasses
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.staging.motions import Stance
 from shuttle_marl.staging.stands import Stand
 from shuttle_marl.staging.trajectory import facing
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,11 +31,11 @@ class Hit:
     frame: int
     stroke: int
     stance: Stance
-    point: Floats
-    normal: Floats
-    shaft: Floats
-    elbow: Floats
-    swing: Floats
+    point: F64
+    normal: F64
+    shaft: F64
+    elbow: F64
+    swing: F64
     soft: float
 
 
@@ -51,9 +49,9 @@ class Keys:
         slope: ``[K, 27]`` how fast they change there, for each frame.
     """
 
-    frame: npt.NDArray[np.int64]
-    pose: Floats
-    slope: Floats
+    frame: I64
+    pose: F64
+    slope: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,8 +71,8 @@ class Past:
     strokes: int
     keys: Keys
     stand: Stand
-    lift: Floats
-    air: Floats
+    lift: F64
+    air: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,16 +89,16 @@ class Timeline:
         stands: stands of the feet.
     """
 
-    frame: npt.NDArray[np.int64]
-    pose: Floats
+    frame: I64
+    pose: F64
     known: Keys
     hits: tuple[Hit, ...]
-    lift: Floats
-    air: Floats
+    lift: F64
+    air: F64
     stands: list[Stand]
 
 
-def own_frame(seat: int, right_handed: bool) -> Floats:
+def own_frame(seat: int, right_handed: bool) -> F64:
     """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
     sign = facing(seat)
     return np.array([sign if right_handed else -sign, sign, 1.0])

@@ -3,11 +3,9 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.flight import GRAVITY
-
-Floats = npt.NDArray[np.float64]
 
 _PUSH: Final = 15.0
 """Upward acceleration of a take-off [m/s²]."""
@@ -24,7 +22,7 @@ def half_time(height: float) -> float:
     return float(np.sqrt(2 * height / GRAVITY))
 
 
-def leap(since: Floats, height: float, sink: float) -> tuple[Floats, Floats]:
+def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
     """A jump.
 
     Args:
@@ -46,7 +44,7 @@ def leap(since: Floats, height: float, sink: float) -> tuple[Floats, Floats]:
     return hips, air
 
 
-def _bow(after: Floats, speed: float, depth: float, seconds: float) -> Floats:
+def _bow(after: F64, speed: float, depth: float, seconds: float) -> F64:
     """From a downward speed at 0, evenly slowed down at a depth, then back to the start in ``seconds``; 0 before and behind."""
     stop = 2 * depth / speed
     slowed = -speed * after + 0.5 * speed / stop * after**2

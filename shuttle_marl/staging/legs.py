@@ -5,8 +5,8 @@ import functools
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.rotation import (
@@ -18,8 +18,6 @@ from shuttle_marl.staging.rotation import (
 )
 from shuttle_marl.staging.skeleton import Skeleton
 from shuttle_marl.staging.stands import LEFT, RIGHT
-
-Floats = npt.NDArray[np.float64]
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
 """Least and greatest bend of the knee [rad]."""
@@ -47,18 +45,18 @@ class Legs:
         position: ``[2, 4, F, 3]`` where they begin [m].
     """
 
-    rotation: Floats
-    position: Floats
+    rotation: F64
+    position: F64
 
 
-def reach_of(skeleton: Skeleton, height: Floats) -> Floats:
+def reach_of(skeleton: Skeleton, height: F64) -> F64:
     """``[F]`` how far from the hips the ball of a foot can stand, for heights of the hips, without pulling them down [m]."""
     size = skeleton.scale
     upright = np.maximum(height - 0.17 * size, 0.2 * size)
     return np.sqrt(np.maximum((_STRETCH * sum(skeleton.leg)) ** 2 - upright**2, 0.04)) + 0.09 * size
 
 
-def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[Floats, Feet]:
+def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, Feet]:
     """Raise heels and lower the hips until every planted foot is within reach.
 
     Args:
@@ -99,7 +97,7 @@ def settle(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> tuple[
     return lowered, dataclasses.replace(feet, yaw=yaw, pitch=pitch)
 
 
-def legs(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Legs:
+def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
     """Bones of both legs; knees bend forwards, over the toes.
 
     The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball, which stays.
@@ -117,7 +115,7 @@ def legs(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Legs:
     return Legs(rotation=rotation, position=position)
 
 
-def strays(skeleton: Skeleton, hips: Floats, root: Floats, feet: Feet) -> Floats:
+def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
     """``[2, F]`` how far the joints of a leg keep the ball of its foot from its place on the floor [m]."""
     found = legs(skeleton, hips, root, feet)
     ball = found.position[:, 2] - apply(found.rotation[:, 2], _arm(skeleton))
@@ -133,7 +131,7 @@ def _limb(skeleton: Skeleton, side: str) -> tuple[Any, ...]:
     return rest, aligned, thigh, shank, _STRETCH * (thigh + shank), _above(skeleton)
 
 
-def hip_angles(relative: Floats, thigh: Floats) -> Floats:
+def hip_angles(relative: F64, thigh: F64) -> F64:
     """``[F, 3]`` thigh forward, to the right, turned left, from its rotation against the hips and its direction at rest."""
     way = relative @ thigh
     swing = _shortest(thigh, way)
@@ -144,7 +142,7 @@ def hip_angles(relative: Floats, thigh: Floats) -> Floats:
     return np.stack([np.arctan2(way[:, 1], -way[:, 2]), np.arcsin(np.clip(way[:, 0], -1, 1)), -np.arctan2(sine, cosine)], axis=1)
 
 
-def _shortest(a: Floats, b: Floats) -> Floats:
+def _shortest(a: F64, b: F64) -> F64:
     """``[F, 3, 3]`` the shortest rotation of ``a`` onto each ``b``."""
     axis = cross(np.broadcast_to(a, b.shape), b)
     angle = np.arctan2(np.linalg.norm(axis, axis=1), b @ a)
@@ -156,7 +154,7 @@ def _above(skeleton: Skeleton) -> float:
     return float(skeleton.at("RightToeBase")[2])
 
 
-def _arm(skeleton: Skeleton) -> Floats:
+def _arm(skeleton: Skeleton) -> F64:
     """From the joint of the toes to the ankle, of a foot that points forward."""
     arm = skeleton.at("RightFoot") - skeleton.at("RightToeBase")
     return arm * np.array([0.0, 1.0, 1.0])

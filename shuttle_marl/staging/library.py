@@ -5,8 +5,8 @@ import functools
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.motions import (
@@ -34,8 +34,6 @@ from shuttle_marl.staging.skeleton import (
     trunk,
 )
 
-Floats = npt.NDArray[np.float64]
-
 N_ARM: Final = 10
 TRUNK: Final = slice(0, N_TRUNK)
 RACKET_ARM: Final = slice(N_TRUNK, N_TRUNK + N_ARM)
@@ -57,7 +55,7 @@ _CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
 [m], and how much further the body bows for each metre [degrees]."""
 
 
-def bent(trunk_pose: Floats, motion: int, need: Floats) -> Floats:
+def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
     """``[N, 7]`` trunks for contacts that are ``need`` metres higher than is natural for a motion."""
     kind = "other"
     if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND):
@@ -75,7 +73,7 @@ def bent(trunk_pose: Floats, motion: int, need: Floats) -> Floats:
     return out
 
 
-def pointed(motion: int, need: Floats) -> tuple[Floats, Floats]:
+def pointed(motion: int, need: F64) -> tuple[F64, F64]:
     """``[N, 3]`` directions of shaft and elbow at contacts that are ``need`` metres higher than is natural for a motion.
 
     A player who meets the shuttle high in front of them holds the racket up, the elbow down: the head of the racket is above
@@ -106,16 +104,16 @@ class Library:
         miss: ``[13, 6]`` how far the racket is from where the motions want it [m].
     """
 
-    stroke: Floats
-    ready: Floats
-    wait: Floats
-    rest: Floats
-    wins: Floats
-    loses: Floats
-    contact: Floats
-    miss: Floats
+    stroke: F64
+    ready: F64
+    wait: F64
+    rest: F64
+    wins: F64
+    loses: F64
+    contact: F64
+    miss: F64
 
-    def natural(self, motion: int, z: float) -> Floats:
+    def natural(self, motion: int, z: float) -> F64:
         """``[3]`` where a motion meets a shuttle of height ``z`` best: in the stroke frame, at its own height [m]."""
         own = self.contact[motion, 0]
         need = np.clip(z - own[2], NEEDS[0], NEEDS[-1])
@@ -147,7 +145,7 @@ def library_of(skeleton: Skeleton) -> Library:
     )
 
 
-def _contacts(skeleton: Skeleton, pose: Floats, own: Floats, back: Floats) -> Floats:
+def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
     """``[13, 7, 3]`` of :class:`Library`, from the contact poses and their reach in the facing frame."""
     arm, m, k = arm_of(skeleton), len(MOTIONS), len(NEEDS)
     need = np.array(NEEDS)
@@ -180,7 +178,7 @@ def _contacts(skeleton: Skeleton, pose: Floats, own: Floats, back: Floats) -> Fl
     return apply(back.transpose(0, 2, 1)[:, None], out)
 
 
-def _solve(skeleton: Skeleton, keys: list[Key], aim: Floats, hit: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F64, F64, F64]:
     arm, size, n = arm_of(skeleton), skeleton.scale, len(keys)
     poses = np.zeros((n, N_POSE))
     poses[:, HIPS_HEIGHT] = [size * key.hips[0] for key in keys]
@@ -227,7 +225,7 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: Floats, hit: npt.NDArray[np
     return poses, reached, miss
 
 
-def in_chest(chest: Floats, collar: Floats, goal: Goal) -> Goal:
+def in_chest(chest: F64, collar: F64, goal: Goal) -> Goal:
     """A goal of the frame around, seen from the chest: ``[N, 3, 3]`` its rotation, ``[N, 3]`` where the collar bone begins."""
     back = chest.transpose(0, 2, 1)
     return dataclasses.replace(
@@ -239,6 +237,6 @@ def in_chest(chest: Floats, collar: Floats, goal: Goal) -> Goal:
     )
 
 
-def _reached(arm: Arm, angles: Floats, reach: Floats) -> Floats:
+def _reached(arm: Arm, angles: F64, reach: F64) -> F64:
     pose = arm.pose(angles)
     return pose.position[4] + reach[:, None] * apply(pose.rotation[4], arm.axis)

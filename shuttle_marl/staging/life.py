@@ -11,14 +11,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.packing import against_parents
 from shuttle_marl.staging.skeleton import BONE
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 _WINDOW: Final = 0.12
 """Seconds around a contact in which the fastest instant of the racket is looked for."""
@@ -63,17 +60,17 @@ class Life:
         hanging_racket: ``[n]`` whether the strings are then more than 10 cm below the grip.
     """
 
-    shot: Ints
-    impact_ratio: Floats
-    impact_peak: Floats
-    impact_cosine: Floats
-    vertical_acceleration: Floats
+    shot: I64
+    impact_ratio: F64
+    impact_peak: F64
+    impact_cosine: F64
+    vertical_acceleration: F64
     airborne: Bools
-    landing_sink: Floats
+    landing_sink: F64
     still: int
     waiting: int
     playing: float
-    step_length: Floats
+    step_length: F64
     fast_wrist: int
     player_frames: int
     high_net_shot: Bools
@@ -148,18 +145,18 @@ def summary_of_life(found: Sequence[Life]) -> dict[str, Any]:
     return figures
 
 
-def _by_shot(shot: Ints, values: Floats) -> dict[str, float]:
+def _by_shot(shot: I64, values: F64) -> dict[str, float]:
     """Median of each shot type that occurs."""
     return {name: float(np.median(values[shot == k])) for k, name in enumerate(SHOTS) if (shot == k).any()}
 
 
-def _velocity(path: Floats, frame: int, fps: int) -> Floats:
+def _velocity(path: F64, frame: int, fps: int) -> F64:
     """``[3]`` velocity in a frame by central differences."""
     before, after = max(frame - 1, 0), min(frame + 1, len(path) - 1)
     return (path[after] - path[before]) * (fps / max(after - before, 1))
 
 
-def _impact(motion: Motion, strings: Floats, i: int, frame: int) -> tuple[float, float, float]:
+def _impact(motion: Motion, strings: F64, i: int, frame: int) -> tuple[float, float, float]:
     """Speed of the strings against the shuttle's, seconds from the contact to their fastest instant, cosine of the directions."""
     _, out = (v[0] for v in motion.trajectory.flight.at(i, np.array([0.0])))
     racket = _velocity(strings, frame, motion.fps)
@@ -176,7 +173,7 @@ def _impact(motion: Motion, strings: Floats, i: int, frame: int) -> tuple[float,
     return speed / leaving, late / motion.fps, float(racket @ out) / max(speed * leaving, 1e-9)
 
 
-def _off_floor(motion: Motion, seat: int) -> Floats:
+def _off_floor(motion: Motion, seat: int) -> F64:
     """``[F, 2]`` height of the balls of both feet above where they are on the floor [m]."""
     toes = [BONE["LeftToeBase"], BONE["RightToeBase"]]
     return motion.position[:, seat, toes, 2].astype(np.float64) - motion.skeletons[seat].at("RightToeBase")[2]
@@ -198,12 +195,12 @@ def _sink(motion: Motion, seat: int, frame: int) -> float:
     return float(height[0] - height.min())
 
 
-def _steps(motion: Motion) -> Floats:
+def _steps(motion: Motion) -> F64:
     """Ways of the hips from one landing to the next step while the rally lasts [m]; a hop, both feet at once, is no step."""
     if not len(motion.contact_frame):
         return np.zeros(0)
     over = round(float(motion.trajectory.end_time[-1]) * motion.fps)
-    steps: list[Floats] = []
+    steps: list[F64] = []
     for seat in (0, 1):
         left, right = (_landings(motion, seat, foot) for foot in (0, 1))
         frames = np.unique(np.concatenate([left, right]))
@@ -215,7 +212,7 @@ def _steps(motion: Motion) -> Floats:
     return np.concatenate(steps)
 
 
-def _landings(motion: Motion, seat: int, foot: int) -> Ints:
+def _landings(motion: Motion, seat: int, foot: int) -> I64:
     """Frames in which a foot is put down somewhere."""
     planted = motion.planted[:, seat, foot]
     return np.flatnonzero(planted[1:] & ~planted[:-1]).astype(np.int64) + 1
@@ -243,7 +240,7 @@ def _fast_wrists(motion: Motion) -> int:
     return count
 
 
-def _net_pose(motion: Motion, strings: Floats) -> tuple[Bools, Bools]:
+def _net_pose(motion: Motion, strings: F64) -> tuple[Bools, Bools]:
     """Whether the elbow is high and whether the racket hangs at each contact."""
     rows, seat = motion.contact_frame, motion.trajectory.rally.striker
     side = ["Right" if motion.handedness[k] == "right" else "Left" for k in (0, 1)]

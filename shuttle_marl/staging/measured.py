@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 FILE: Final = Path(__file__).parent / "measured.json"
 """The shipped table; its ``provenance`` says which matches it was measured on."""
@@ -40,15 +37,15 @@ class Measured:
         serve: ``[2, 2, 2, 5]`` quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m].
     """
 
-    flight_time: Floats
-    flight_time_by_length: Floats
-    places: Floats
-    base: Floats
-    net_share: Floats
-    out_by: Floats
-    serve: Floats
+    flight_time: F64
+    flight_time_by_length: F64
+    places: F64
+    base: F64
+    net_share: F64
+    out_by: F64
+    serve: F64
 
-    def seconds(self, shot: Ints | np.int64, met: Ints | np.int64, length: Floats | float, u: Floats | np.float64) -> Floats:
+    def seconds(self, shot: I64 | np.int64, met: I64 | np.int64, length: F64 | float, u: F64 | np.float64) -> F64:
         """Flight times [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""
         k = np.clip(np.asarray(length).astype(np.int64), 0, len(DISTANCES) - 2)
         low, middle, high = np.moveaxis(self.flight_time_by_length[shot, met, k], -1, 0)
@@ -57,7 +54,7 @@ class Measured:
         return np.clip(drawn, overall[..., 0], overall[..., 2])
 
 
-def quantile(knots: Floats, u: Floats) -> Floats:
+def quantile(knots: F64, u: F64) -> F64:
     """Values ``[...]`` at shares ``u`` from quantiles ``[..., 5]`` at :data:`QUANTILES`, linear in between, held outside."""
     if np.ndim(u) == 0:
         return np.asarray(np.interp(u, QUANTILES, knots))

@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, Intp
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot
 from shuttle_marl.staging.curves import slopes_through
 from shuttle_marl.staging.equipment import SWEET_SPOT
@@ -29,8 +29,6 @@ from shuttle_marl.staging.skeleton import (
     trunk,
 )
 
-Floats = npt.NDArray[np.float64]
-
 BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, DEFENCE_BACKHAND})
 """Motions that strike with the back of the hand ahead."""
 HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
@@ -45,14 +43,14 @@ _YIELD: Final = 0.35
 shot from a lunge would be played with the head of the racket hanging from a hand held high."""
 
 
-def slopes_of(timeline: Timeline, poses: Floats) -> Floats:
+def slopes_of(timeline: Timeline, poses: F64) -> F64:
     """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot."""
     out = slopes_through(timeline.frame, poses)
     out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 
 
-def meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tuple[Keys, Floats]:
+def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[Keys, F64]:
     """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
     poses = timeline.pose.copy()
     if not timeline.hits:
@@ -73,7 +71,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tup
     angles = poses[rows, RACKET_ARM]
     lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
 
-    def goal(weight: tuple[float, float, float, float], some: npt.NDArray[np.intp]) -> Goal:
+    def goal(weight: tuple[float, float, float, float], some: Intp) -> Goal:
         """The goals of some hits, in the frame of the chest."""
         chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
         found = Goal(
@@ -109,7 +107,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: Floats, fps: int) -> tup
     return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
 
 
-def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, fps: int) -> Keys:
+def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps: int) -> Keys:
     """The key poses with the speed of the arm at the contacts, and loads and follow-throughs that suit it."""
     arm, frame = arm_of(skeleton), timeline.frame
     rows = np.array([hit.key for hit in timeline.hits])
@@ -131,9 +129,7 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats
     return Keys(frame=frame, pose=poses, slope=slopes)
 
 
-def _carried(
-    skeleton: Skeleton, timeline: Timeline, place: Floats, poses: Floats, slopes: Floats, rows: npt.NDArray[np.int64], fps: int
-) -> Floats:
+def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slopes: F64, rows: I64, fps: int) -> F64:
     """``[H, 3]`` velocity that hips and trunk give the strings at the contacts [m/s]."""
     arm, frame, d = arm_of(skeleton), timeline.frame[rows], 0.05
     strings = _strings(arm, poses[rows, RACKET_ARM])
@@ -145,7 +141,7 @@ def _carried(
     return (ends[1] - ends[0]) * (fps / (2 * d))
 
 
-def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses: Floats, fps: int) -> None:
+def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F64, fps: int) -> None:
     """Bring the free hand of the server to the shuttle in the key poses before the contact."""
     keys = np.arange(len(timeline.known.frame), hit.key)
     if not len(keys):
@@ -168,17 +164,17 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: Floats, poses
     poses[keys[above], FREE_ARM] = found[above]
 
 
-def _strings(arm: Arm, angles: Floats) -> Floats:
+def _strings(arm: Arm, angles: F64) -> F64:
     """``[N, 3]`` the middle of the strings, in the frame of the chest."""
     return sweet_spot(arm, arm.pose(angles))
 
 
-def _chest(skeleton: Skeleton, hips: Floats, poses: Floats) -> tuple[Floats, Floats]:
+def _chest(skeleton: Skeleton, hips: F64, poses: F64) -> tuple[F64, F64]:
     rotation, position = trunk(skeleton, hips, poses[:, :7])
     return rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
 
 
-def _leant(skeleton: Skeleton, hips: Floats, poses: Floats, lean0: Floats, seen: Floats, point: Floats) -> Floats:
+def _leant(skeleton: Skeleton, hips: F64, poses: F64, lean0: F64, seen: F64, point: F64) -> F64:
     """Poses whose spine takes up part of what the arm misses; ``seen``: the strings in the frame of the chest."""
     # The pose itself, and three whose spine is bent a little more about one axis, in one go.
     many = np.tile(poses, (4, 1, 1))

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.staging.arm import (
     ANGLES,
@@ -39,8 +40,6 @@ from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, uni
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height
 
-Floats = npt.NDArray[np.float64]
-
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0
 """Instants a second at which flights are looked at where they cross the net."""
@@ -62,7 +61,7 @@ class Joint:
     """
 
     name: str
-    angle: Floats
+    angle: F64
     low: float
     high: float
 
@@ -78,10 +77,10 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
     rotation = as_right_hander(motion, seat)
     out: list[Joint] = []
 
-    def add(name: str, angle: Floats, limits: Floats | tuple[float, ...]) -> None:
+    def add(name: str, angle: F64, limits: F64 | tuple[float, ...]) -> None:
         out.append(Joint(name=name, angle=angle, low=float(limits[0]), high=float(limits[1])))
 
-    def between(parent: str, child: str) -> Floats:
+    def between(parent: str, child: str) -> F64:
         return rotation[:, BONE[parent]].transpose(0, 2, 1) @ rotation[:, BONE[child]]
 
     for below, above in (("Hips", "Spine"), ("Spine", "Spine1"), ("Spine1", "Spine2")):
@@ -110,7 +109,7 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
     return out
 
 
-def as_right_hander(motion: Motion, seat: int) -> Floats:
+def as_right_hander(motion: Motion, seat: int) -> F64:
     """``[F, 23, 3, 3]`` rotations of a player in their own frame, a left-hander's mirrored."""
     right = motion.handedness[seat] == "right"
     sign = own_frame(seat, right)
@@ -118,7 +117,7 @@ def as_right_hander(motion: Motion, seat: int) -> Floats:
     return rotation if right else _FLIP @ rotation[:, MIRROR] @ _FLIP
 
 
-def arm_angles(arm: Arm, chest: Floats, chain: list[Floats], racket: Floats | None) -> Floats:
+def arm_angles(arm: Arm, chest: F64, chain: list[F64], racket: F64 | None) -> F64:
     """``[F, 10]`` angles of an arm from the rotations of chest, collar bone, upper arm, forearm, hand, and racket."""
     collar, upper, fore, hand = chain
     out = np.zeros((len(chest), len(ANGLES)))
@@ -151,7 +150,7 @@ def arm_angles(arm: Arm, chest: Floats, chain: list[Floats], racket: Floats | No
     return out
 
 
-def leg_angles(skeleton: Skeleton, hips: Floats, upper: Floats, lower: Floats, foot: Floats, toe: Floats) -> dict[str, Floats]:
+def leg_angles(skeleton: Skeleton, hips: F64, upper: F64, lower: F64, foot: F64, toe: F64) -> dict[str, F64]:
     """Angles of a right leg by name, from the rotations of hips, thigh, shank, foot and toes."""
     joint, knee, ankle = (skeleton.at(f"Right{b}") for b in ("UpLeg", "Leg", "Foot"))
     thigh, shank = unit(knee - joint), unit(ankle - knee)
@@ -174,22 +173,22 @@ def leg_angles(skeleton: Skeleton, hips: Floats, upper: Floats, lower: Floats, f
     }
 
 
-def _inverse(m: Floats) -> Floats:
+def _inverse(m: F64) -> F64:
     return np.swapaxes(m, -1, -2)
 
 
-def _signed(a: Floats, b: Floats, axis: Floats) -> Floats:
+def _signed(a: F64, b: F64, axis: F64) -> F64:
     """Angle that turns ``a`` into ``b`` about a unit ``axis``, positive by the right hand."""
-    angle: Floats = np.arctan2(
+    angle: F64 = np.arctan2(
         (cross(a, b) * axis).sum(axis=-1), (a * b).sum(axis=-1) - (a * axis).sum(axis=-1) * (b * axis).sum(axis=-1)
     )
     return angle
 
 
-def _about(axis: Floats, angle: Floats, v: Floats) -> Floats:
+def _about(axis: F64, angle: F64, v: F64) -> F64:
     """Vectors turned about unit axes, each ``[F, 3]``, by ``[F]`` angles."""
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    out: Floats = c * v + s * cross(axis, v) + (1 - c) * (axis * v).sum(axis=1, keepdims=True) * axis
+    out: F64 = c * v + s * cross(axis, v) + (1 - c) * (axis * v).sum(axis=1, keepdims=True) * axis
     return out
 
 
@@ -213,17 +212,17 @@ class Metrics:
         seconds: length [s].
     """
 
-    contact: Floats
-    slide: Floats
+    contact: F64
+    slide: F64
     sunk: float
-    speed: Floats
-    acceleration: Floats
+    speed: F64
+    acceleration: F64
     joint_excess: float
     joint: str
-    clearance: Floats
-    landing: Floats
-    timely: npt.NDArray[np.bool_]
-    true_end: npt.NDArray[np.bool_]
+    clearance: F64
+    landing: F64
+    timely: Bools
+    true_end: Bools
     life: Life
     seconds: float
 
@@ -302,7 +301,7 @@ def summary(found: Sequence[Metrics]) -> dict[str, Any]:
     return figures | summary_of_life([metrics.life for metrics in found])
 
 
-def _feet(motion: Motion) -> tuple[Floats, float]:
+def _feet(motion: Motion) -> tuple[F64, float]:
     """Slide of planted feet, and depth to which feet sink into the floor."""
     slides, sunk = [], 0.0
     for seat in (0, 1):

@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.arrays import F32, F64, I64, Bools
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.staging import packing
 from shuttle_marl.staging.body import Player
@@ -19,9 +20,6 @@ from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix
 from shuttle_marl.staging.skeleton import BONE, N_BONES, Skeleton, load_skeleton
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
-
-Floats = npt.NDArray[np.float64]
-Floats32 = npt.NDArray[np.float32]
 
 HANDS: Final = ("right", "left")
 """Values of the handedness of a player."""
@@ -52,35 +50,35 @@ class Motion:
     """
 
     fps: int
-    time: Floats
-    shuttle: Floats32
-    shuttle_velocity: Floats32
-    rotation: Floats32
-    position: Floats32
-    planted: npt.NDArray[np.bool_]
-    contact_frame: npt.NDArray[np.int64]
+    time: F64
+    shuttle: F32
+    shuttle_velocity: F32
+    rotation: F32
+    position: F32
+    planted: Bools
+    contact_frame: I64
     skeletons: tuple[Skeleton, Skeleton]
     handedness: tuple[str, str]
     trajectory: Trajectory
     players: tuple[Player, Player] | None = dataclasses.field(default=None, repr=False)
 
     @functools.cached_property
-    def sweet_spot(self) -> Floats:
+    def sweet_spot(self) -> F64:
         """``[F, 2, 3]`` the middle of the strings of both rackets."""
         racket = BONE["Racket"]
         axis = np.stack([self.racket(seat)[0] for seat in (0, 1)])
         turn = matrix(self.rotation[:, :, racket])
         return self.position[:, :, racket] + SWEET_SPOT * apply(turn, np.broadcast_to(axis, (*turn.shape[:2], 3)))
 
-    def parents(self, seat: int) -> npt.NDArray[np.int64]:
+    def parents(self, seat: int) -> I64:
         """``[23]`` parent of every bone of a player, -1 for the hips."""
         return self.skeletons[seat].parents(right_handed=self.handedness[seat] == "right")
 
-    def rest(self, seat: int) -> Floats:
+    def rest(self, seat: int) -> F64:
         """``[23, 3]`` where every bone of a player begins at rest [m]."""
         return self.skeletons[seat].rest_pose(right_handed=self.handedness[seat] == "right")
 
-    def racket(self, seat: int) -> tuple[Floats, Floats]:
+    def racket(self, seat: int) -> tuple[F64, F64]:
         """Shaft and forehand side of the strings of a player's racket at rest, ``[3]`` each."""
         return self.skeletons[seat].racket(right_handed=self.handedness[seat] == "right")
 
@@ -156,11 +154,11 @@ def _stroke(trajectory: Trajectory, i: int, fps: int) -> dict[str, Any]:
     }
 
 
-def _short(v: Floats) -> list[float]:
+def _short(v: F64) -> list[float]:
     return [round(x, 6) for x in v.tolist()]
 
 
-def _flying(strokes: Sequence[dict[str, Any]], first: int, end: int) -> npt.NDArray[np.bool_]:
+def _flying(strokes: Sequence[dict[str, Any]], first: int, end: int) -> Bools:
     """``[end - first]`` whether the shuttle is in a flight."""
     out = np.zeros(end, dtype=bool)
     for stroke in strokes:
@@ -227,7 +225,7 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
         ending=OUTCOMES.index(head["ending"]),
     )
 
-    def column(name: str, shape: tuple[int, ...]) -> Floats:
+    def column(name: str, shape: tuple[int, ...]) -> F64:
         return np.array([stroke[name] for stroke in strokes], dtype=np.float64).reshape(-1, *shape)
 
     time, end_time = column("frame", ()) / fps, column("end_frame", ()) / fps

@@ -13,11 +13,9 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-
-Floats = npt.NDArray[np.float64]
 
 SERVE_BACKHAND, SERVE_FOREHAND, OVERHEAD, AROUND, OVERHEAD_BACKHAND = range(5)
 KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND, SIDE, SIDE_BACKHAND, DEFENCE, DEFENCE_BACKHAND = range(5, 13)
@@ -81,7 +79,7 @@ class Stance:
 
     motion: int
     heading: float
-    root: Floats
+    root: F64
     reach: float
 
 
@@ -115,7 +113,7 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
     return DEFENCE_BACKHAND if backhand else DEFENCE
 
 
-def stance_of(motion: int, contact: Floats, base: Floats, right_handed: bool, natural: Floats) -> Stance:
+def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural: F64) -> Stance:
     """Place of the hips when a player who comes from ``base`` meets the shuttle.
 
     Args:

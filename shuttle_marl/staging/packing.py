@@ -12,14 +12,11 @@ import zlib
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64, Bools, Floats, Ints
 from shuttle_marl.staging.rally import StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.staging.skeleton import N_BONES
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 MAGIC: Final = b"SMOT"
 VERSION: Final = 1
@@ -45,10 +42,10 @@ class Frames:
         loose: ``[L, 3]`` where the shuttle is in the frames outside its flights [m].
     """
 
-    hips: Floats
-    local: Floats
+    hips: F64
+    local: F64
     planted: Bools
-    loose: Floats
+    loose: F64
 
 
 def write(head: dict[str, Any], frames: Frames) -> bytes:
@@ -136,7 +133,7 @@ def read_frames(data: memoryview, count: int, loose: int) -> Frames:
     )
 
 
-def against_parents(rotation: npt.NDArray[np.floating], parents: npt.NDArray[np.int64]) -> Floats:
+def against_parents(rotation: Floats, parents: I64) -> F64:
     """``[F, 23, 4]`` rotations against the parent bones, from those since the rest pose."""
     turn = matrix(rotation)
     carried = turn.copy()
@@ -146,7 +143,7 @@ def against_parents(rotation: npt.NDArray[np.floating], parents: npt.NDArray[np.
     return quaternion(carried)
 
 
-def from_parents(hips: Floats, local: Floats, parents: npt.NDArray[np.int64], rest: Floats) -> tuple[Floats, Floats]:
+def from_parents(hips: F64, local: F64, parents: I64, rest: F64) -> tuple[F64, F64]:
     """Forward kinematics.
 
     Args:
@@ -169,14 +166,14 @@ def from_parents(hips: Floats, local: Floats, parents: npt.NDArray[np.int64], re
     return quaternion(turn), place
 
 
-def _three(q: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
+def _three(q: F64) -> tuple[I64, F64]:
     """``[F, 23]`` which component is the largest, and ``[F, 23, 3]`` the others, of the quaternion in which it is positive."""
     largest = np.abs(q).argmax(axis=-1)
     sign = np.where(np.take_along_axis(q, largest[..., None], axis=-1) < 0, -1.0, 1.0)
     return largest, np.take_along_axis(sign * q, _KEPT[largest], axis=-1)
 
 
-def _four(largest: npt.NDArray[np.integer], rest: Floats) -> Floats:
+def _four(largest: Ints, rest: F64) -> F64:
     q = np.empty((*rest.shape[:-1], 4))
     np.put_along_axis(q, _KEPT[largest], rest, axis=-1)
     missing = np.sqrt(np.maximum(1 - (rest**2).sum(axis=-1, keepdims=True), 0.0))
@@ -184,7 +181,7 @@ def _four(largest: npt.NDArray[np.integer], rest: Floats) -> Floats:
     return q
 
 
-def _deltas(values: Floats) -> bytes:
+def _deltas(values: F64) -> bytes:
     """Columns of ``[N, k]`` whole numbers: second differences modulo 2^16, zigzag, low bytes then high bytes."""
     whole = values.astype(np.int64).astype(np.int16)
     change = np.diff(whole, 2, axis=0, prepend=np.zeros((2, whole.shape[1]), dtype=np.int16))
@@ -192,7 +189,7 @@ def _deltas(values: Floats) -> bytes:
     return np.ascontiguousarray(zigzag.T).view(np.uint8).reshape(whole.shape[1], -1, 2).transpose(0, 2, 1).tobytes()
 
 
-def _summed(data: memoryview, n: int) -> Floats:
+def _summed(data: memoryview, n: int) -> F64:
     """``[n, 3]`` what :func:`_deltas` packed."""
     planes = np.frombuffer(data, dtype=np.uint8).reshape(3, 2, n).astype(np.uint16)
     zigzag = planes[:, 0] | (planes[:, 1] << np.uint16(8))

@@ -5,13 +5,14 @@ import functools
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I64
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally import OUTCOMES, RETURNED_BELOW, Game
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.schema import Rallies
 
@@ -28,13 +29,13 @@ class PlayedRally:
         catalogue: the strokes that can be played.
         server: seat that serves, 0 or 1; strikers alternate.
         stroke: ``[n]`` catalogue index of every stroke, n >= 1; a rally that is still open may have none.
-        ending: outcome of the last stroke, of :mod:`shuttle_marl.game.rally`: FAULT or WINNER, or, while the rally is open and
+        ending: outcome of the last stroke, of :mod:`shuttle_marl.game.rules`: FAULT or WINNER, or, while the rally is open and
             the next stroke is not chosen yet, RETURNED_BELOW or RETURNED_ABOVE.
     """
 
     catalogue: Catalogue
     server: int
-    stroke: npt.NDArray[np.int64]
+    stroke: I64
     ending: int
 
     @classmethod
@@ -43,7 +44,7 @@ class PlayedRally:
 
         Args:
             catalogue: the strokes that can be played.
-            strokes: seat of the striker, catalogue index, and outcome (index into ``shuttle_marl.game.rally.OUTCOMES``) of each.
+            strokes: seat of the striker, catalogue index, and outcome (index into ``shuttle_marl.game.rules.OUTCOMES``) of each.
 
         Raises:
             StagingError: seats that do not alternate, outcomes that do not fit, or what :meth:`checked` refuses.
@@ -89,13 +90,13 @@ class PlayedRally:
         return self.ending >= RETURNED_BELOW
 
     @functools.cached_property
-    def striker(self) -> npt.NDArray[np.int64]:
+    def striker(self) -> I64:
         """``[n]`` seat of the striker of each stroke."""
         return (self.server + np.arange(len(self.stroke))) % 2
 
     @functools.cached_property
-    def outcome(self) -> npt.NDArray[np.int64]:
-        """``[n]`` outcome of each stroke, index into ``shuttle_marl.game.rally.OUTCOMES``."""
+    def outcome(self) -> I64:
+        """``[n]`` outcome of each stroke, index into ``shuttle_marl.game.rules.OUTCOMES``."""
         following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
         return np.r_[following, self.ending][: len(self.stroke)]
 

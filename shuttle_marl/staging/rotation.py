@@ -5,58 +5,57 @@ staging its Euler angles take several times as long.
 """
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.arrays import F64, Floats
 
 _IDENTITY = np.eye(3)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 
 
-def unit(v: Floats) -> Floats:
+def unit(v: F64) -> F64:
     """Vectors of length one; zero stays zero."""
     return v / np.maximum(np.sqrt((v * v).sum(axis=-1, keepdims=True)), 1e-12)
 
 
-def cross(a: Floats, b: Floats) -> Floats:
+def cross(a: F64, b: F64) -> F64:
     """Vector products ``[..., 3]``; several times faster than numpy's for small arrays."""
-    out: Floats = a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+    out: F64 = a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
     return out
 
 
 class Hinge:
     """Rotations about one unit axis ``[3]`` (Rodrigues), for many angles."""
 
-    def __init__(self, axis: Floats) -> None:
+    def __init__(self, axis: F64) -> None:
         x, y, z = axis
         self._sine = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         self._cosine = self._sine @ self._sine
         self._rest = _IDENTITY + self._cosine
 
-    def __call__(self, angle: Floats | float) -> Floats:
+    def __call__(self, angle: F64 | float) -> F64:
         """``[..., 3, 3]`` rotations by angles ``[...]`` [rad]."""
         angle = np.asarray(angle, dtype=np.float64)[..., None, None]
-        out: Floats = self._rest + np.sin(angle) * self._sine - np.cos(angle) * self._cosine
+        out: F64 = self._rest + np.sin(angle) * self._sine - np.cos(angle) * self._cosine
         return out
 
 
-def about(axis: Floats, angle: Floats | float) -> Floats:
+def about(axis: F64, angle: F64 | float) -> F64:
     """``[..., 3, 3]`` rotation by angles ``[...]`` [rad] about one unit axis ``[3]``."""
     return Hinge(axis)(angle)
 
 
-def exponential(v: Floats) -> Floats:
+def exponential(v: F64) -> F64:
     """``[..., 3, 3]`` rotation by the rotation vectors ``[..., 3]`` [rad]."""
     return _shaped(Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix(), v.shape[:-1])
 
 
-def turned(angle: Floats | float) -> Floats:
+def turned(angle: F64 | float) -> F64:
     """``[..., 3, 3]`` rotation about the vertical, anticlockwise seen from above [rad]."""
     return _TURN(angle)
 
 
-def yaw_pitch_roll(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
+def yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
     """``[..., 3, 3]`` turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll`` [rad].
 
     The axes are the body's own: x to the right, y forward, z up.
@@ -64,7 +63,7 @@ def yaw_pitch_roll(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
     return _TURN(yaw) @ _BOW(pitch) @ _LEAN(roll)
 
 
-def turned_bowed_leant(m: Floats) -> tuple[Floats, Floats, Floats]:
+def turned_bowed_leant(m: F64) -> tuple[F64, F64, F64]:
     """The angles from which ``yaw_pitch_roll`` makes a rotation."""
     return (
         np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
@@ -73,20 +72,20 @@ def turned_bowed_leant(m: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-def apply(rotation: Floats, v: Floats) -> Floats:
+def apply(rotation: F64, v: F64) -> F64:
     """Rotate vectors ``[..., 3]`` by matrices ``[..., 3, 3]``."""
-    out: Floats = np.matmul(rotation, v[..., None])[..., 0]
+    out: F64 = np.matmul(rotation, v[..., None])[..., 0]
     return out
 
 
-def frame(first: Floats, second: Floats) -> Floats:
+def frame(first: F64, second: F64) -> F64:
     """``[..., 3, 3]`` right-handed frame whose columns are ``first``, ``second`` made orthogonal to it, and their product."""
     a = unit(first)
     b = unit(second - (a * second).sum(axis=-1, keepdims=True) * a)
     return np.stack([a, b, cross(a, b)], axis=-1)
 
 
-def quaternion(rotation: Floats) -> Floats:
+def quaternion(rotation: F64) -> F64:
     """``[..., 4]`` quaternions (x, y, z, w) of matrices, w not negative."""
     from shuttle_marl.staging.compiled.bodies import quaternions_of  # noqa: PLC0415  numba is slow to import
 
@@ -95,12 +94,12 @@ def quaternion(rotation: Floats) -> Floats:
     return out
 
 
-def matrix(q: npt.NDArray[np.floating]) -> Floats:
+def matrix(q: Floats) -> F64:
     """``[..., 3, 3]`` matrices of quaternions (x, y, z, w) of any length but 0."""
     return _shaped(Rotation.from_quat(q.reshape(-1, 4)).as_matrix(), q.shape[:-1])
 
 
-def _shaped(found: Floats, leading: tuple[int, ...]) -> Floats:
+def _shaped(found: F64, leading: tuple[int, ...]) -> F64:
     return found.reshape(*leading, *found.shape[1:])
 
 

@@ -3,19 +3,17 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.staging.flight import GRAVITY, fall
 from shuttle_marl.staging.meeting import HELD
 from shuttle_marl.staging.trajectory import NET, Trajectory, facing
-
-Floats = npt.NDArray[np.float64]
 
 _REST: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 
 
-def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[Floats, Floats]:
+def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[F64, F64]:
     """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck.
 
     Args:
@@ -51,7 +49,7 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
     return position, velocity
 
 
-def held(position: Floats, palm: Floats, contacts: npt.NDArray[np.int64], trajectory: Trajectory, fps: int) -> None:
+def held(position: F64, palm: F64, contacts: I64, trajectory: Trajectory, fps: int) -> None:
     """Put the shuttle into the server's hand: until the hand opens it is at the palm, then it drops to the racket.
 
     Args:
@@ -74,7 +72,7 @@ def held(position: Floats, palm: Floats, contacts: npt.NDArray[np.int64], trajec
     position[release + 1 : contact] = palm[release] + start * since + pull / 2 * since**2
 
 
-def _roll(position: Floats, velocity: Floats, first: int, start: Floats, into: Floats, time: Floats) -> None:
+def _roll(position: F64, velocity: F64, first: int, start: F64, into: F64, time: F64) -> None:
     """From frame ``first`` on: one small bounce, then a short slide to rest."""
     rows = slice(first, None)
     since = time[rows] - time[first] + 0.5 * (time[1] - time[0])

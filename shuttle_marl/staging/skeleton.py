@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.staging.rally import StagingError
 from shuttle_marl.staging.rotation import apply, unit
-
-Floats = npt.NDArray[np.float64]
 
 BONES: Final = (
     "Hips",
@@ -54,7 +52,7 @@ _REFERENCE: Final = 1.787
 HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
 N_TRUNK = 7
 """Numbers that describe the trunk: height of the hips [m] and six angles [rad], in this order."""
-SPINE_LIMITS: Floats = np.radians([(-45, 45), (-30, 60), (-35, 35)])
+SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])
 """``[3, 2]`` how far the chest turns left, bows, and leans right against the hips [rad] (thoracic and lumbar spine)."""
 
 
@@ -73,37 +71,37 @@ class Skeleton:
 
     name: str
     height: float
-    parent: npt.NDArray[np.int64]
-    rest: Floats
-    grip_axis: Floats
-    grip_normal: Floats
+    parent: I64
+    rest: F64
+    grip_axis: F64
+    grip_normal: F64
 
     @property
     def scale(self) -> float:
         """Size relative to the athlete for whom the motions were written."""
         return self.height / _REFERENCE
 
-    def at(self, bone: str) -> Floats:
+    def at(self, bone: str) -> F64:
         """``[3]`` where a bone begins at rest [m]."""
         return self.rest[BONE[bone]]
 
-    def parents(self, *, right_handed: bool) -> npt.NDArray[np.int64]:
+    def parents(self, *, right_handed: bool) -> I64:
         """``[23]`` parents, with the racket in the hand that plays."""
         out = self.parent.copy()
         out[BONE["Racket"]] = BONE["RightHand" if right_handed else "LeftHand"]
         return out
 
-    def rest_pose(self, *, right_handed: bool) -> Floats:
+    def rest_pose(self, *, right_handed: bool) -> F64:
         """``[23, 3]`` where each bone begins at rest, the racket in the hand that plays [m]."""
         return self.rest if right_handed else self.rest[MIRROR] * np.array([-1.0, 1.0, 1.0])
 
-    def racket(self, *, right_handed: bool) -> tuple[Floats, Floats]:
+    def racket(self, *, right_handed: bool) -> tuple[F64, F64]:
         """Direction of the shaft, and of the side of the strings that a forehand strikes with, at rest: ``[3]`` each."""
         side = np.array([1.0 if right_handed else -1.0, 1.0, 1.0])
         return self.grip_axis * side, self.grip_normal * side
 
     @functools.cached_property
-    def spine(self) -> Floats:
+    def spine(self) -> F64:
         """``[3, 3]`` from each bone of the trunk to the next at rest [m]."""
         return np.diff([self.at(bone) for bone in ("Hips", "Spine", "Spine1", "Spine2")], axis=0)
 
@@ -153,7 +151,7 @@ def model_file(name: str) -> Path:
     return FOLDER / f"{load_skeleton(name).name}.glb"
 
 
-def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
+def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
     """Bend of the fingers of an athlete's model, all the time.
 
     Args:
@@ -169,7 +167,7 @@ def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
     along = unit(head["RightHandMiddle1"] - head["RightHand"])
     palm = unit(np.cross(head["RightHandIndex1"] - head["RightHandPinky1"], along))
     curl = unit(np.cross(along, palm))
-    out: dict[str, Floats] = {}
+    out: dict[str, F64] = {}
     for side in ("Right", "Left"):
         closed = (side == "Right") == right_handed
         sign = np.array([1.0, 1.0, 1.0]) if side == "Right" else np.array([1.0, -1.0, -1.0])
@@ -181,7 +179,7 @@ def finger_pose(name: str, *, right_handed: bool) -> dict[str, Floats]:
     return out
 
 
-def trunk(skeleton: Skeleton, hips: Floats, angles: Floats) -> tuple[Floats, Floats]:
+def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
     """Bones of the trunk.
 
     Args:
@@ -200,6 +198,6 @@ def trunk(skeleton: Skeleton, hips: Floats, angles: Floats) -> tuple[Floats, Flo
     return rotation, position
 
 
-def collar_of(skeleton: Skeleton, rotation: Floats, position: Floats, side: str = "Right") -> Floats:
+def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Right") -> F64:
     """``[N, 3]`` where the collar bone of a side begins, from rotation and position of Spine2."""
     return position + apply(rotation, skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2"))

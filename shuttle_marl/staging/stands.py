@@ -4,8 +4,8 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.motions import (
     AROUND,
     DEFENCE,
@@ -21,8 +21,6 @@ from shuttle_marl.staging.motions import (
     SIDE,
     SIDE_BACKHAND,
 )
-
-Floats = npt.NDArray[np.float64]
 
 LEFT, RIGHT = 0, 1
 
@@ -66,13 +64,13 @@ class Stand:
 
     begin: int
     end: int
-    place: Floats
-    yaw: Floats
+    place: F64
+    yaw: F64
     last: int = RIGHT
     hop: bool = False
 
 
-def feet_at(motion: int, root: Floats, heading: float, reach: float, high: float = 0.0) -> tuple[Floats, Floats, int]:
+def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 0.0) -> tuple[F64, F64, int]:
     """Places ``[2, 2]`` and headings ``[2]`` of the feet at a contact, and the foot that lands last.
 
     Args:
@@ -95,22 +93,22 @@ def feet_at(motion: int, root: Floats, heading: float, reach: float, high: float
     return place, yaw, last
 
 
-def landing(root: Floats, heading: float) -> tuple[Floats, Floats]:
+def landing(root: F64, heading: float) -> tuple[F64, F64]:
     """Feet after a jump."""
     return _placed(np.array(_LANDING), root, heading)
 
 
-def split(root: Floats, heading: float) -> tuple[Floats, Floats]:
+def split(root: F64, heading: float) -> tuple[F64, F64]:
     """Feet in the split step."""
     return _placed(np.array(_SPLIT), root, heading)
 
 
-def waiting(root: Floats, heading: float) -> tuple[Floats, Floats]:
+def waiting(root: F64, heading: float) -> tuple[F64, F64]:
     """Feet of the receiver before the serve: the free foot in front."""
     return _placed(np.array(_WAIT), root, heading)
 
 
-def _placed(spots: Floats, root: Floats, heading: float) -> tuple[Floats, Floats]:
+def _placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
     """Places and headings of feet given in a frame at ``root`` that is turned left by ``heading``."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = spots[:, 0], spots[:, 1]

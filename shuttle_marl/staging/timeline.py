@@ -7,9 +7,9 @@ import dataclasses
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import WINNER
+from shuttle_marl.arrays import F64
+from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.impact import RATIOS, SOFT
 from shuttle_marl.staging.keys import Hit, Keys, Past, Timeline, own_frame
@@ -21,8 +21,6 @@ from shuttle_marl.staging.rotation import turned, unit
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.stands import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.trajectory import RETURN, Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 """Seconds before the contact, and share of the shuttle's flight, at which a stroke is prepared, taken back, loaded."""
@@ -66,8 +64,8 @@ class TimelineBuilder:
         seat: int,
         right_handed: bool,
         library: Library,
-        hips: Floats,
-        higher: Floats,
+        hips: F64,
+        higher: F64,
         fps: int,
         mood: tuple[int, float],
         past: Past | None = None,
@@ -76,7 +74,7 @@ class TimelineBuilder:
         self.right_handed, self.higher = right_handed, higher
         self.sign = own_frame(seat, right_handed)
         self.frames = len(hips)
-        self.keys: dict[int, Floats] = {}
+        self.keys: dict[int, F64] = {}
         self.fixed: set[int] = set()
         self.stands: list[Stand] = []
         self.lift, self.air = np.zeros(self.frames), np.zeros(self.frames)
@@ -125,7 +123,7 @@ class TimelineBuilder:
             stands=self.stands,
         )
 
-    def _key(self, frame: int, pose: Floats, *, fixed: bool = False) -> None:
+    def _key(self, frame: int, pose: F64, *, fixed: bool = False) -> None:
         """Add a key pose; one that stands closer than two frames to a fixed one gives way."""
         if frame <= self.done:
             return
@@ -140,7 +138,7 @@ class TimelineBuilder:
         if fixed:
             self.fixed.add(frame)
 
-    def _stand(self, begin: int, end: int, feet: tuple[Floats, Floats], last: int = 1, hop: bool = False) -> None:
+    def _stand(self, begin: int, end: int, feet: tuple[F64, F64], last: int = 1, hop: bool = False) -> None:
         """Add a stand, moved behind the one before."""
         if begin <= self.done:
             return
@@ -165,7 +163,7 @@ class TimelineBuilder:
         way = (self.trajectory.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
         return float(0.7 * np.arctan2(-way[0], max(way[1], 1.5)))
 
-    def _ready(self, frame: int, low: float = 0.0) -> Floats:
+    def _ready(self, frame: int, low: float = 0.0) -> F64:
         pose = self.library.ready.copy()
         pose[HIPS_YAW] += self._facing(frame)
         pose[HIPS_HEIGHT] -= low
@@ -280,7 +278,7 @@ class TimelineBuilder:
             soft=soft,
         )
 
-    def _rise(self, i: int, keys: Floats, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
+    def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
         """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
         motion, higher = stance.motion, float(self.higher[i])
         need = float(self.trajectory.contact[i, 2] - self.library.contact[motion, 0, 2])
@@ -320,14 +318,14 @@ class TimelineBuilder:
         after = self.hips[min(down + 1, self.frames - 1)]
         self._stand(down, down + round(0.08 * fps), landing(after, 0.5 * stance.heading), hop=True)
 
-    def _normal(self, i: int) -> Floats:
+    def _normal(self, i: int) -> F64:
         """Direction that the strings face: between where the shuttle comes from and where it goes."""
         n = unit(self.trajectory.flight.velocity(i, 0))
         if i:
             n = n - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
         return unit(n) * self.sign
 
-    def _swing(self, i: int) -> Floats:
+    def _swing(self, i: int) -> F64:
         """Velocity that the strings shall have: a share of the shuttle's launch, by shot type."""
         rally = self.trajectory.rally
         ratio = float(RATIOS[rally.catalogue.shot[rally.stroke[i]]])

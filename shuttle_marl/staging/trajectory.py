@@ -4,14 +4,12 @@ import dataclasses
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
 from shuttle_marl.staging.flight import Flights, shoot
 from shuttle_marl.staging.motions import Stance
 from shuttle_marl.staging.rally import PlayedRally
-
-Floats = npt.NDArray[np.float64]
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
@@ -42,20 +40,20 @@ class Trajectory:
     """
 
     rally: PlayedRally
-    time: Floats
-    contact: Floats
-    end: npt.NDArray[np.int64]
-    end_time: Floats
-    chosen_point: Floats
-    end_point: Floats
+    time: F64
+    contact: F64
+    end: I64
+    end_time: F64
+    chosen_point: F64
+    end_point: F64
     flight: Flights
     stance: tuple[Stance, ...]
-    base: Floats
-    before: Floats
+    base: F64
+    before: F64
     reply: Stance | None = None
 
 
-def with_contacts_moved(trajectory: Trajectory, by: dict[int, Floats]) -> Trajectory:
+def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajectory:
     """The same rally, in which some strokes are met elsewhere, at the same time; the flights to and from there follow.
 
     Args:
@@ -78,7 +76,7 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, Floats]) -> Trajec
 def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
     """The first strokes of one trajectory, and another one behind them."""
 
-    def whole(a: Floats, b: Floats) -> Floats:
+    def whole(a: F64, b: F64) -> F64:
         return np.concatenate([a[:first], b])
 
     names = [f.name for f in dataclasses.fields(Flights)]
@@ -96,6 +94,6 @@ def facing(seat: int) -> float:
     return 1.0 - 2.0 * seat
 
 
-def net_height(x: Floats | float) -> Floats:
+def net_height(x: F64 | float) -> F64:
     """Height of the top of the net [m]: 1.524 m in the middle, 1.55 m over the doubles side lines."""
     return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2

@@ -10,11 +10,9 @@ Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, 
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
-
-Floats = npt.NDArray[np.float64]
 
 TOP_SPEED: Final = 6.5
 """Speed of the hips over the floor that is never passed [m/s]."""
@@ -32,7 +30,7 @@ _PENALTIES: Final = (2e-2, 3e-3)
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 
 
-def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int, walked: Floats | None = None) -> Floats:
+def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
     """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
 
     Args:
@@ -53,11 +51,11 @@ def travel(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: i
     return np.concatenate([walked, _solve(weight, target, still, fps)[2:]])
 
 
-def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: int) -> tuple[Floats, Floats, Floats]:
+def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> tuple[F64, F64, F64]:
     """``[frames]`` weight of a place, ``[frames, 2]`` weight times place, ``[frames - 1]`` weight against speed."""
     weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
 
-    def wish(frame: int, place: Floats, w: float, half: int = 0) -> None:
+    def wish(frame: int, place: F64, w: float, half: int = 0) -> None:
         rows = slice(max(frame - half, 0), min(frame + half + 1, frames))
         weight[rows] += w
         target[rows] += w * place
@@ -94,7 +92,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: Floats, frames: int, fps: 
     return weight, target, still
 
 
-def _solve(weight: Floats, target: Floats, still: Floats, fps: int) -> Floats:
+def _solve(weight: F64, target: F64, still: F64, fps: int) -> F64:
     from shuttle_marl.staging.compiled.paths import smooth_path  # noqa: PLC0415  numba is slow to import
 
     path = np.empty_like(target)

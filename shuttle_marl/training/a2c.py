@@ -7,7 +7,7 @@ belongs to the opponent, whose value is minus ours: gamma = -1 makes the same re
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.training.config import Count, Positive, TrainingConfig, Weight, Within
 
 if TYPE_CHECKING:

@@ -17,13 +17,13 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors import BaseCollector
 
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.arrays import F32, I32
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.learner import DivergedError
@@ -126,7 +126,7 @@ class RallyCollector(BaseCollector):
         self.strokes = self.sampler.count
         return self._distinct_strokes() if self._distinct else self._single_strokes()
 
-    def _ask(self, states: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def _ask(self, states: I32) -> tuple[F32, F32]:
         with torch.inference_mode():
             logits, value = self._assess(self._look_up.observations(torch.from_numpy(states)))
         if not math.isfinite(logits.sum() + value.sum()):  # in one pass: a sum with NaN or infinity is not finite

@@ -9,7 +9,6 @@ smash is shared by all smashes.
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase
@@ -18,9 +17,10 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
+from shuttle_marl.arrays import F32, F64
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import LONGEST_DUEL, Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.learner import DivergedError
 
@@ -127,7 +127,7 @@ class StateEncoder(nn.Module):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.rally.Game.observation`."""
+        """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.tables.Game.observation`."""
         # The strokes are few, so their vectors are made once and looked up; what comes with the incoming one is added before.
         own = functional.embedding(self.attributes, self.own.weight).sum(-2)
         incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
@@ -247,7 +247,7 @@ def divergence(network: nn.Module, reference: nn.Module, data: TensorDictBase) -
     return (policy.exp() * (policy - other)).sum(-1)
 
 
-def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str, npt.NDArray[np.float32]]:
+def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str, F32]:
     """The weights of an actor by name, as an agent's folder holds them.
 
     Args:
@@ -277,7 +277,7 @@ def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -
         raise DivergedError(str(error)) from error
 
 
-def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: npt.NDArray[np.float64], *, steps: int = 600) -> float:
+def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, *, steps: int = 600) -> float:
     """Teach an actor to play like a policy; its draws come from torch's generator.
 
     Args:

@@ -8,7 +8,7 @@ import copy
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.training.config import Count, Fraction, FractionOrZero, Positive, TrainingConfig, TrainingError, Weight, Within
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact, runs
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.a2c import make_a2c

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler, SingleRallies
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.kernel_rallies import single_rallies_of

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import numpy as np
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.training.config import Count, CountOrZero, Fraction, FractionOrZero, Positive, TrainingConfig, Within
 
 if TYPE_CHECKING:

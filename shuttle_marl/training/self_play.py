@@ -18,8 +18,8 @@ import numpy as np
 import torch
 
 from shuttle_marl import exact
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.learner import Learner, Tensors

@@ -15,10 +15,11 @@ a fault of the stroke chosen, which is the same on average and varies less.
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.game.rally import ONE, Game
+from shuttle_marl.arrays import F32
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.training.config import TrainingConfig
 
 
@@ -34,7 +35,7 @@ def fault_penalty(cost: float, aversion: float) -> float:
     return 2 * math.exp(aversion) * math.expm1(aversion * cost) / (2 * math.sinh(aversion))
 
 
-def added_rewards(config: TrainingConfig, game: Game) -> npt.NDArray[np.float32]:
+def added_rewards(config: TrainingConfig, game: Game) -> F32:
     """``[L * base pairs]`` what bonus and penalty add to the reward of a stroke, by own effort and base pair.
 
     Args:

@@ -12,13 +12,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from shuttle_marl.arrays import I32, I64, Floats, Ints
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.rally import ONE, RETURNED_BELOW, Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Distinct, RallySampler
 from shuttle_marl.kernel.sampling import Assess
 from shuttle_marl.kernel.table_play import Strokes, no_strokes
-from shuttle_marl.kernel.table_rallies import START, Ints, Longs
+from shuttle_marl.kernel.table_rallies import START
 from shuttle_marl.training.torch_numbers import draw, extend, shifted, signed, sums, whole
 
 _WAITS: Final = 0
@@ -119,7 +122,7 @@ class TorchSampler(RallySampler):
         device: torch.device | str,
         decay: float = 1.0,
         age: int = 1,
-        shaping: npt.NDArray[np.floating] | None = None,
+        shaping: Floats | None = None,
     ) -> None:
         self._device = torch.device(device)
         self._thresholds = self._there(game.limits.reshape(-1, 3).astype(np.int32))
@@ -145,7 +148,7 @@ class TorchSampler(RallySampler):
     def _there(self, array: npt.NDArray[np.generic]) -> torch.Tensor:
         return torch.tensor(array, device=self._device)
 
-    def reset(self, seed: int, known: npt.NDArray[np.integer] | None = None) -> None:
+    def reset(self, seed: int, known: Ints | None = None) -> None:
         """Begin again with rally 0 of a seed; see :meth:`shuttle_marl.kernel.RallySampler.reset`."""
         super().reset(seed, known)
         self._written.zero_()
@@ -155,7 +158,7 @@ class TorchSampler(RallySampler):
         super().replace_opponent(number, policy)
         self._copy_all(number + 1)
 
-    def _refresh(self, states: Ints, assess: Assess) -> None:
+    def _refresh(self, states: I32, assess: Assess) -> None:
         try:
             super()._refresh(states, assess)
         finally:
@@ -164,7 +167,7 @@ class TorchSampler(RallySampler):
             self._value[where] = self._there(self._learned.value[states])
             self._written[where] = self._there(self._learned.written[states])
 
-    def _copy(self, player: int, states: npt.NDArray[np.integer]) -> None:
+    def _copy(self, player: int, states: Ints) -> None:
         """Copy a player's entries of some states to the device."""
         row, pairs = self.game.pairs(states)
         first = (player * self.game.n_states + states.astype(np.int64)) * ONE
@@ -189,7 +192,7 @@ class TorchSampler(RallySampler):
         super()._begin(count, keep=False)
         self._keep, self._parts = keep, []
 
-    def _finish(self, numbers: Longs, assess: Assess) -> None:
+    def _finish(self, numbers: I64, assess: Assess) -> None:
         number = self._there(numbers)
         key = extend(signed(int(self._seed_key)), number)
         opponent = self._there(self._opponents)[number % len(self._opponents)]
@@ -313,7 +316,7 @@ class TorchSampler(RallySampler):
             kinds = (column.dtype for column in no_strokes())
             self.strokes = Strokes(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
 
-    def take(self, order: npt.NDArray[np.integer] | None = None) -> Distinct:
+    def take(self, order: Ints | None = None) -> Distinct:
         """Take what was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""
         states = np.sort(self._known) if order is None else self._known[np.asarray(order)]
         played, size = self._collected, len(states)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.schema import Rallies

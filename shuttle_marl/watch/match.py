@@ -11,14 +11,15 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I32, U64
 from shuttle_marl.errors import printable
-from shuttle_marl.game.draws import UInt64s, choice_draw, draw, outcome_draw, stream
+from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
-from shuttle_marl.game.rally import FAULT, RETURNED_BELOW, ROOT, WINNER, Game, strike
+from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.tables import Tables
@@ -187,7 +188,7 @@ class Match:
 def play_rally(
     game: Game,
     policies: tuple[Policy, Policy],
-    key: UInt64s,
+    key: U64,
     number: int,
     names: tuple[str, str],
     score: Score,
@@ -243,7 +244,7 @@ def play_rally(
     )
 
 
-def _choice(game: Game, policy: Policy, state: int, score: tuple[int, int, int, int], number: npt.NDArray[np.int32]) -> int:
+def _choice(game: Game, policy: Policy, state: int, score: tuple[int, int, int, int], number: I32) -> int:
     """Position of the stroke that a draw chooses in a state, as :func:`shuttle_marl.game.draws.chosen` has it."""
     if isinstance(policy, TabulatedPolicy):
         return int(np.searchsorted(policy.cumulative[game.pairs_of(state)], number[0], side="right"))

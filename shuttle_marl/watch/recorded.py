@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game
+from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.stroke import N_SERVES
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import states
 from shuttle_marl.scene.report import Annotator, staging_key
@@ -21,8 +22,6 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import Rally, Score
 from shuttle_marl.watch.tables import Kept
 from shuttle_marl.watch.worth import Players
-
-Ints = npt.NDArray[np.int64]
 
 _MOST_MATCHES: Final = 16
 _FAR: Final = 1000
@@ -145,7 +144,7 @@ class _Annotated:
 
     players: tuple[str, str]
     score: Score
-    rows: Ints
+    rows: I64
 
 
 class RealRallies:

@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.rally import RETURNED_BELOW, Game
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.tables import Game
 from shuttle_marl.staging import Motion, PlayedRally, stage
 from shuttle_marl.watch.match import Person, Rally
 from shuttle_marl.watch.tables import Kept

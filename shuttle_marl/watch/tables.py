@@ -10,8 +10,8 @@ from typing import Any, Final, TypeVar
 
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
 from shuttle_marl.game.policy import Policy, TemperedPolicy
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.watch.plan import Side
 

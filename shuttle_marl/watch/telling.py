@@ -22,9 +22,10 @@ from shuttle_marl.game.court import (
     WIDTH,
     area_box,
 )
-from shuttle_marl.game.rally import OUTCOMES, Game
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.staging import (
     ATHLETES,
     BONES,

@@ -8,21 +8,19 @@ import dataclasses
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, Ints
 from shuttle_marl.exact import ProfileValue
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.watch.match import Rally, Score
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.tables import Kept, Tables
 from shuttle_marl.watch.telling import rounded, stroke_facts
-
-Floats = npt.NDArray[np.float64]
 
 SHOWN: Final = 8
 """Strokes that are listed for each decision."""
@@ -49,14 +47,14 @@ class Decision:
         best: ``[K]`` the same if both play perfectly from then on.
     """
 
-    strokes: npt.NDArray[np.integer]
-    pairs: npt.NDArray[np.integer]
-    probability: Floats
-    win: Floats
-    best: Floats
+    strokes: Ints
+    pairs: Ints
+    probability: F64
+    win: F64
+    best: F64
 
     @property
-    def regret(self) -> Floats:
+    def regret(self) -> F64:
         """``[K]`` what each gives away to the best one."""
         return np.asarray(self.best.max() - self.best)
 
@@ -212,7 +210,7 @@ class Worth:
             return "!!" if usual < _VERY_RARE else "!"
         return ""
 
-    def _support(self, pairs: npt.NDArray[np.integer]) -> Floats | None:
+    def _support(self, pairs: Ints) -> F64 | None:
         found = real_strokes(self._game)
         return None if found is None else found[self._game.base_pair_edge[pairs % self._game.n_base_pairs]]
 
@@ -247,7 +245,7 @@ def _aims(game: Game, decision: Decision) -> list[float]:
     return [round(float(p), 4) for p in np.bincount(areas, decision.probability, N_AREAS)]
 
 
-def _shares(endings: dict[str, float], states: tuple[Floats, Floats], seat: int) -> dict[str, float]:
+def _shares(endings: dict[str, float], states: tuple[F64, F64], seat: int) -> dict[str, float]:
     """Shares of a player's strokes that are faults and winners; the serve is a stroke."""
     strokes = float(states[seat].sum())
     return {
@@ -256,7 +254,7 @@ def _shares(endings: dict[str, float], states: tuple[Floats, Floats], seat: int)
     }
 
 
-def _sure(support: Floats | None) -> str:
+def _sure(support: F64 | None) -> str:
     """Amount of real data behind the comparison of two strokes, in a sentence."""
     if support is None:
         return "How many real strokes stand behind this is not known."

@@ -7,7 +7,7 @@ import pytest
 
 from shuttle_marl.analysis import add_values, strokes_of
 from shuttle_marl.game import default_game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 

@@ -13,9 +13,9 @@ from shuttle_marl.analysis import add_values, rally_table, rank_players, strokes
 from shuttle_marl.analysis.values import COLUMNS, _nearest
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.replay import states

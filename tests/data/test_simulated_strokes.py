@@ -12,9 +12,9 @@ from shuttle_marl.data import placing, split_of
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court, scoring
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.simulate import SimulationError, account_of, simulate, simulated_rallies

@@ -13,7 +13,7 @@ from upstream_layout import Layout, plain_game
 from shuttle_marl.data import DataError, clean_matches, load_account, load_strokes, schema
 from shuttle_marl.data.schema import Outcome, outcome_of
 from shuttle_marl.data.table import provenance_of, write_parquet
-from shuttle_marl.game import rally
+from shuttle_marl.game import rules
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -105,7 +105,7 @@ def test_numbers_are_written_with_digits(root: Path, value: str) -> None:
 
 def test_the_codes_of_outcomes_cannot_be_taken_for_those_of_the_game() -> None:
     assert not {"FAULT", "WINNER", "RETURNED", "UNKNOWN"} & set(vars(schema)), "the game has constants of these names"
-    played = np.array([rally.FAULT, rally.WINNER, rally.RETURNED_BELOW, rally.RETURNED_ABOVE])
+    played = np.array([rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE])
     assert [Outcome(code) for code in outcome_of(played)] == [
         Outcome.FAULT,
         Outcome.WINNER,

@@ -34,6 +34,6 @@ def test_references_lead_somewhere() -> None:
     assert not missing, "\n".join(missing)
 
 
-@pytest.mark.parametrize("name", ["shuttle_marl.nowhere", "shuttle_marl.game.rally.Nothing"])
+@pytest.mark.parametrize("name", ["shuttle_marl.nowhere", "shuttle_marl.game.rules.Nothing"])
 def test_a_name_that_is_not_there_is_noticed(name: str) -> None:
     assert not leads_somewhere(name)

@@ -101,5 +101,5 @@ def test_a_folder_without_the_package_is_refused(tmp_path: Path) -> None:
 def test_a_stroke_of_the_environment() -> None:
     found = size.modules(size.ROOT)
     parts = size.parts_of(size.ROOT, found, size.STROKES["a stroke of `rally_v0`"])
-    assert "shuttle_marl.game.rally" in {found[path].name for path in parts}
+    assert "shuttle_marl.game.tables" in {found[path].name for path in parts}
     assert len(parts) <= 4

@@ -12,10 +12,11 @@ from shuttle_marl.dynamics.evaluate import health, play_statistics
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rally import FAULT, ROOT, Game, strike
+from shuttle_marl.game.rules import FAULT, strike
 from shuttle_marl.game.shipped import BC, default_game, model_folder
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, layout, thresholds
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 from shuttle_marl.policy import bc
 
 NAMES = (

@@ -18,10 +18,10 @@ from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import seal
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game, GameError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import base_pairs
 from shuttle_marl.policy.bc import clones
 from shuttle_marl.tensor_files import read_tensors
 from tests.reduced import reduced_model

@@ -14,7 +14,7 @@ from shuttle_marl.dynamics.network import TrainingConfig, fold_of_match
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import VARIANTS, load_game, read_model_card, refits_of, variants
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import bc
 from tests.dynamics.test_fitting import SAMPLE
 

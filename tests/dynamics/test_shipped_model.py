@@ -15,8 +15,8 @@ from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.make import load_support, reference_game
 from shuttle_marl.dynamics.models import log_odds
 from shuttle_marl.game import default_game, model_folder
-from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.shipped import NETWORKS, read_model_card
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy import bc
 
 ULP = 1.0 / ONE

@@ -20,9 +20,10 @@ from shuttle_marl.dynamics.compiled import (
 )
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, states_of
 from shuttle_marl.dynamics.situations import Situations, fit_situations
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.thresholds import ONE
 from tests.dynamics.test_fitting import SAMPLE
 
 SERVE, SMASH, NET, CROSS, LIFT = (

@@ -14,8 +14,9 @@ from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import stroke_features
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT, Game, IllegalStrokeError
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy, tiring_game

@@ -21,7 +21,7 @@ from shuttle_marl import exact, match_v0, rally_v0
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_policy, tiring_game
 

@@ -8,8 +8,9 @@ from shuttle_marl.errors import OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.rally import OUTCOMES, ROOT, strike
+from shuttle_marl.game.rules import OUTCOMES, strike
 from shuttle_marl.game.scoring import Rules, new, step
+from shuttle_marl.game.tables import ROOT
 from tests.exact.exact_games import tiring_game
 
 AGENTS = ("player_0", "player_1")

@@ -12,8 +12,9 @@ from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, GameError, IllegalStrokeError, strike
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import ROOT, GameError
 from tests.exact.exact_games import tiring_game
 
 AGENTS = ("player_0", "player_1")

@@ -20,9 +20,9 @@ from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.scoring import Rules
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import VersusBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy, tiring_game

@@ -6,7 +6,7 @@ import pytest
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.snapshot import area_corners, as_text, in_words, plan_of, to_plan
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
-from shuttle_marl.game.rally import OUTCOMES
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.scoring import Rules
 from tests.exact.exact_games import tiring_game
 

@@ -16,7 +16,7 @@ from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import SWAP, observations, stroke_features
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import KernelError
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 

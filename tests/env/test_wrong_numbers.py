@@ -10,7 +10,7 @@ from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.errors import ActionError, OptionError, ShuttleError
-from shuttle_marl.game.rally import IllegalStrokeError
+from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.kernel import KernelError, RallyBatch
 
 RAW = [rally_v0.raw_env, match_v0.raw_env]

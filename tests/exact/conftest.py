@@ -4,8 +4,8 @@ import pytest
 from value_iteration import ValueIteration
 
 from shuttle_marl.exact import Solution, solve
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.bc import load
 from tests.reduced import reduced_game
 

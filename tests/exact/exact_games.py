@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.thresholds import ONE
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
 from shuttle_marl.exact.away import moved, over, spread
 from shuttle_marl.exact.fixed_point import newton
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer
 from tests.reduced import reduced_game, reduced_model

@@ -15,7 +15,7 @@ from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import real_strokes
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
 from tests.reduced import reduced_game, reduced_model

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from shuttle_marl.commands.exact import main
 from shuttle_marl.exact import best_response, holes, solve, visits
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from tests.reduced import reduced_model
 
 

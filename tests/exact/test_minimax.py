@@ -12,7 +12,7 @@ from value_iteration import ValueIteration
 
 from shuttle_marl.exact import ExactError, Solution, best_response, nash_conv, solve
 from shuttle_marl.exact.fixed_point import largest_continuation
-from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.tables import ROOT, Game
 
 
 def test_three_strokes_solved_by_hand() -> None:

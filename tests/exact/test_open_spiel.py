@@ -17,9 +17,10 @@ from shuttle_marl.errors import OptionError
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.rally import ONE, ROOT, Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
 
 LADDER = (

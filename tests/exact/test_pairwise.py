@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from shuttle_marl.exact import ExactError, crossplay, evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.rally import ROOT, WINNER, Game, strike
+from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import match_win_probability
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 NAMES = ("bc", "attacking", "defensive", "safe", "random")

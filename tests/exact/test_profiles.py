@@ -20,9 +20,10 @@ from hypothesis import strategies as st
 from value_iteration import ValueIteration
 
 from shuttle_marl.exact import ExactError, PairPolicy, Solution, best_response, evaluate, nash_conv, policy_regret, solve, visits
-from shuttle_marl.game.rally import ONE, ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
 

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, best_response, solve, solve_robust
 from shuttle_marl.exact.away import moved
-from shuttle_marl.game.rally import ONE, ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 
 Floats = np.ndarray
 

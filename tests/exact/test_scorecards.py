@@ -10,8 +10,8 @@ from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game import default_game, shipped
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league.entrants import ANCHORS, Entrant, default_pool, enter
 from shuttle_marl.league.ranking import exact_odds

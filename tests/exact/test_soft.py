@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, PairPolicy, solve, solve_soft
 from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.rally import ROOT, Game
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import ROOT, Game
 
 Floats = np.ndarray
 

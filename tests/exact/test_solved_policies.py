@@ -10,7 +10,7 @@ from safetensors.numpy import save_file
 
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import bc, registry, solved
 from shuttle_marl.policy.registry import Family, resolve
 from tests.reduced import reduced_game

@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.game.rally import ONE, ROOT, Game
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.thresholds import ONE
 
 Floats = npt.NDArray[np.float64]
 

@@ -21,9 +21,10 @@ from experiments.truth.worlds import Fitter, World, by_discipline, shipped_world
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.game.rally import ONE, Game, with_fault_odds
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE, with_fault_odds
 from shuttle_marl.recording.simulate import simulate
 from tests.reduced import reduced_model
 

@@ -4,7 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.game.rally import OUTCOMES, Game
+from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.tables import Game
 
 Ints = npt.NDArray[np.integer]
 

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from shuttle_marl.game.rally import IllegalStrokeError
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import BatchLog, KernelError, RallyBatch, SingleRallies, VersusBatch, batch_log
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter

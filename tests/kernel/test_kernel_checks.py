@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, VersusBatch, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.reduced import reduced_game

@@ -1,4 +1,4 @@
-"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.table``."""
+"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.tabulated``."""
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +10,9 @@ from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import States, drawn_strokes
-from shuttle_marl.game.rally import ONE, Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel.compiling import compiled
 from tests.exact.exact_games import random_game, random_policy

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.game import draws, scoring
-from shuttle_marl.game.rally import FAULT, OUTCOMES, ROOT, WINNER, strike
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, strike
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.tournament import Pairing, groups, join, matches_of, round_robin

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, PlayedMatches, matches, pack, play_matches
 from shuttle_marl.kernel.uncompiled import play
 from shuttle_marl.league.entrants import Entrant, Strikers

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.rally import FAULT, ROOT, WINNER, Game, IllegalStrokeError, strike
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally
 from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _show
 from shuttle_marl.policy.bc import load

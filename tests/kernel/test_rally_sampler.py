@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl import exact
-from shuttle_marl.game.rally import ROOT
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
 from tests.kernel.episodes import compare_with_rally_v0

@@ -9,8 +9,9 @@ import pytest
 
 from shuttle_marl import rally_v0
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.rally import ROOT, Game, IllegalStrokeError
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, VersusBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, layout
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.thresholds import ONE
 
 NAMES = ("short-serve:front-centre:below:backhand", "smash:middle-left:above:forehand", "lift:back-centre:below:forehand")
 OUTCOMES = {"short-serve": (2, 2, 9), "smash": (2, 8, 12), "lift": (4, 4, 8)}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game.policy import States
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel.uncompiled import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table

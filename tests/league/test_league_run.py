@@ -26,7 +26,7 @@ from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game import default_game, load_game, scoring
-from shuttle_marl.game.rally import FAULT
+from shuttle_marl.game.rules import FAULT
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import Entrant, enter
@@ -144,7 +144,7 @@ def test_the_log_is_whole_and_plays_again_the_same(finished: Path) -> None:
 
 
 def test_every_choice_follows_from_the_policies(finished: Path) -> None:
-    from shuttle_marl.game.table import tabulate
+    from shuttle_marl.game.tabulated import tabulate
     from shuttle_marl.policy.registry import resolve
 
     game = reduced_game()

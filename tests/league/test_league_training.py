@@ -21,10 +21,11 @@ from safetensors.numpy import load
 from shuttle_marl import exact
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally import ONE, Game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.table import base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.runs import RunError
 from shuttle_marl.training.league.config import WAYS, LeagueTrainingConfig, LeagueTrainingError, Meta, Way
 from shuttle_marl.training.league.mixtures import merged, sharpened

@@ -11,7 +11,7 @@ import pytest
 
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import ROOT
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.policy import resolve
 from shuttle_marl.policy.foreign import time_limit

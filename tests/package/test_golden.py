@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from shuttle_marl.exact import solve
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import default_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train

@@ -17,7 +17,7 @@ from torch import nn
 
 from shuttle_marl.game import default_game, observations
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import from_network, from_sb3, registry, resolve, save_network
 from shuttle_marl.policy.registry import resolve_recorded
 from tests.exact.exact_games import tiring_game

@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy, checked_probabilities
-from shuttle_marl.game.rally import ROOT, Game
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.kernel import Matches
 from shuttle_marl.kernel.uncompiled import ask, play
 

@@ -8,7 +8,7 @@ import pytest
 from shuttle_marl import policy
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 from tests.reduced import reduced_game

@@ -5,9 +5,9 @@ import pytest
 
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
-from shuttle_marl.game.rally import ROOT
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import scripted
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy

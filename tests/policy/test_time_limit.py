@@ -12,7 +12,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, reads_score
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.foreign import FunctionPolicy, TimedPolicy, limited, time_limit
 from shuttle_marl.policy.registry import resolve
 

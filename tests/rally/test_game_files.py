@@ -8,7 +8,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from shuttle_marl.game import default_game, model_folder
-from shuttle_marl.game.rally import Game, GameError
+from shuttle_marl.game.tables import Game, GameError
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from test_rally_layout import random_game
 
 from shuttle_marl.errors import OptionError, ShuttleError
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.rally import GameError
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
+from shuttle_marl.game.tables import GameError
 
 GAME, _ = random_game(5)
 

@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import ONE, ROOT, Game, GameError
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.table import base_pairs, layout, thresholds
+from shuttle_marl.game.tables import ROOT, Game, GameError
+from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
+from shuttle_marl.game.thresholds import ONE
 
 Bools = npt.NDArray[np.bool_]
 

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import FAULT, ONE, RETURNED_ABOVE, RETURNED_BELOW, WINNER, GameError, strike
-from shuttle_marl.game.table import thresholds
+from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, strike
+from shuttle_marl.game.tables import GameError
+from shuttle_marl.game.tabulated import thresholds
+from shuttle_marl.game.thresholds import ONE
 
 probability = st.floats(0.0, 1.0)
 

@@ -21,9 +21,10 @@ from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import shipped
-from shuttle_marl.game.rally import ONE, Game, GameError
 from shuttle_marl.game.shipped import BC, VARIANTS, load_game, model_folder, origin_of, read_model_card, refits_of, resolve_game
-from shuttle_marl.game.table import thresholds
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import thresholds
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import bc
@@ -245,7 +246,7 @@ def test_the_file_is_the_same_in_another_process(tmp_path: Path) -> None:
     for name, each in {"game": game, **games}.items():
         each.save(tmp_path / name)
     code = (
-        "import sys; from pathlib import Path; from shuttle_marl.game.rally import Game; "
+        "import sys; from pathlib import Path; from shuttle_marl.game.tables import Game; "
         "from shuttle_marl.game.variants import packed; game, men, first = (Game.load(Path(name)) for name in sys.argv[1:]); "
         "sys.stdout.buffer.write(packed(game, {'men': men, '1': first}))"
     )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import ROOT, strike
+from shuttle_marl.game.rules import strike
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.replay import states

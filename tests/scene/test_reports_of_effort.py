@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.rally import WINNER
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.rules import WINNER
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.simulate import simulated_rallies

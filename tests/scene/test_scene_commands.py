@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics

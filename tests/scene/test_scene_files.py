@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import ROOT
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import outcomes

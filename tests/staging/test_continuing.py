@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from shuttle_marl.game.rally import RETURNED_ABOVE, RETURNED_BELOW
+from shuttle_marl.game.rules import RETURNED_ABOVE, RETURNED_BELOW
 from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")

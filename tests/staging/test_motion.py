@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import FAULT, WINNER
+from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE

@@ -11,7 +11,7 @@ from torchrl.objectives.value import GAE
 
 from shuttle_marl import exact
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_game
 

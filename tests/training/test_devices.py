@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
 from shuttle_marl.training.a2c import make_a2c

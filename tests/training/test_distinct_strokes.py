@@ -12,8 +12,8 @@ from torchrl.collectors import BaseCollector
 from torchrl.objectives import A2CLoss, ClipPPOLoss, DiscreteSACLoss, ValueEstimators
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally import ONE
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.collecting import Observer, RallyCollector, minibatches

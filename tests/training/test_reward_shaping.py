@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import visits
-from shuttle_marl.game.rally import ONE
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError, train
 from shuttle_marl.training.shaping import added_rewards, fault_penalty

@@ -20,7 +20,7 @@ from shuttle_marl.commands import training as command
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.files import read_sealed, seal
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.runs import RunError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay

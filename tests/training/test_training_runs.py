@@ -21,8 +21,8 @@ from tensordict import TensorDictBase
 
 from shuttle_marl.files import read_sealed, seal
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError

@@ -8,7 +8,8 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rally import RETURNED_BELOW, ROOT, strike
+from shuttle_marl.game.rules import RETURNED_BELOW, strike
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import Match, Person

@@ -7,7 +7,7 @@ import pytest
 
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.game import default_game
-from shuttle_marl.game.table import tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.league.page.document import Html, element
 
 COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
@@ -70,7 +70,7 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
     return _svg(width, height, *parts, about="Ratings with 95 % intervals")
 
 
-def heat_map(names: Sequence[str], win: npt.NDArray[np.float64]) -> Html:
+def heat_map(names: Sequence[str], win: F64) -> Html:
     """Payoffs of all pairs.
 
     Args:

@@ -4,19 +4,17 @@ import math
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.staging.compiled.linear import add, cross, on, place, put, times, turn
-
-Floats = npt.NDArray[np.float64]
 
 _N: Final = 10
 _ROWS: Final = 22
 
 
 @compiled
-def _pose(q: Floats, fixed: Floats, offset: Floats, middle: Floats, rest_bend: float, m: Floats, v: Floats) -> None:
+def _pose(q: F64, fixed: F64, offset: F64, middle: F64, rest_bend: float, m: F64, v: F64) -> None:
     """One arm: ``m`` gets rotations (0 collar bone, 1 upper arm, 4 racket), ``v`` axes (0 to 9), pivots (10 to 19), points.
 
     ``fixed``: 0 raise, 1 forward, 2 and 3 swing, 4 middle, 5 elbow, 6 pronation, 7 bend, 8 deviation, 9 the shaft.
@@ -80,7 +78,7 @@ def _pose(q: Floats, fixed: Floats, offset: Floats, middle: Floats, rest_bend: f
 
 
 @compiled
-def _eliminate(square: Floats, slope: Floats, a: Floats, b: Floats, x: Floats) -> None:
+def _eliminate(square: F64, slope: F64, a: F64, b: F64, x: F64) -> None:
     """Solve a symmetric positive definite system (Cholesky); ``a`` and ``b`` are overwritten."""
     for i in range(_N):
         b[i] = slope[i]
@@ -106,7 +104,7 @@ def _eliminate(square: Floats, slope: Floats, a: Floats, b: Floats, x: Floats) -
 
 
 @compiled
-def _within(x: Floats, limits: Floats, swing: float) -> None:
+def _within(x: F64, limits: F64, swing: float) -> None:
     for k in range(_N):
         x[k] = min(max(x[k], limits[k, 0]), limits[k, 1])
     length = math.sqrt(x[2] * x[2] + x[3] * x[3])
@@ -117,13 +115,13 @@ def _within(x: Floats, limits: Floats, swing: float) -> None:
 
 @compiled
 def solve_arms(
-    x: Floats,
-    goal: Floats,
-    weight: Floats,
-    reach: Floats,
+    x: F64,
+    goal: F64,
+    weight: F64,
+    reach: F64,
     arm: tuple[Any, ...],
-    limits: Floats,
-    relaxed: Floats,
+    limits: F64,
+    relaxed: F64,
     swing: float,
     rounds: int,
     hold: float,
@@ -209,7 +207,7 @@ def solve_arms(
 
 
 @compiled
-def pose_arms(angles: Floats, arm: tuple[Any, ...], rotation: Floats, position: Floats, axes: Floats, pivot: Floats) -> None:
+def pose_arms(angles: F64, arm: tuple[Any, ...], rotation: F64, position: F64, axes: F64, pivot: F64) -> None:
     """Bones of :meth:`shuttle_marl.staging.arm.Arm.pose` for each row of ``angles``.
 
     Args:

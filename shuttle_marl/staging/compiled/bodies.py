@@ -6,8 +6,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.staging.compiled.linear import (
     add,
@@ -25,8 +25,6 @@ from shuttle_marl.staging.compiled.linear import (
     turned_bowed_leant_of,
 )
 
-Floats = npt.NDArray[np.float64]
-
 _OUT: Final = 0.10
 """Outward turn of the knees."""
 _FOLDED: Final = 0.45
@@ -34,7 +32,7 @@ _FOLDED: Final = 0.45
 
 
 @compiled
-def bend_trunks(hips: Floats, angles: Floats, above: Floats, rotation: Floats, position: Floats) -> None:
+def bend_trunks(hips: F64, angles: F64, above: F64, rotation: F64, position: F64) -> None:
     """Bones of :func:`shuttle_marl.staging.skeleton.trunk` for each row of ``angles``.
 
     Args:
@@ -57,7 +55,7 @@ def bend_trunks(hips: Floats, angles: Floats, above: Floats, rotation: Floats, p
 
 
 @compiled
-def ankle_of(ball: Floats, yaw: float, pitch: float, heel: Floats, above: float, m: Floats, out: Floats) -> None:
+def ankle_of(ball: F64, yaw: float, pitch: float, heel: F64, above: float, m: F64, out: F64) -> None:
     """The ankle of a foot that stands on its ball, the heel raised by ``pitch``; ``m`` is overwritten."""
     turned_bowed_leant_of(yaw, pitch, 0.0, m)
     on(m, heel, out)
@@ -67,9 +65,7 @@ def ankle_of(ball: Floats, yaw: float, pitch: float, heel: Floats, above: float,
 
 
 @compiled
-def raise_heels(
-    joint: Floats, ball: Floats, yaw: Floats, heel: Floats, above: float, limit: float, angles: Floats, out: Floats
-) -> None:
+def raise_heels(joint: F64, ball: F64, yaw: F64, heel: F64, above: float, limit: float, angles: F64, out: F64) -> None:
     """Least of ``angles`` by which each heel has to be raised for the leg to reach the foot, the last one if none does.
 
     Args:
@@ -96,7 +92,7 @@ def raise_heels(
 
 
 @compiled
-def stand_ankles(ball: Floats, yaw: Floats, pitch: Floats, heel: Floats, above: float, out: Floats) -> None:
+def stand_ankles(ball: F64, yaw: F64, pitch: F64, heel: F64, above: float, out: F64) -> None:
     """``[F, 3]`` ankles of feet that stand on their balls, the heels raised by ``pitch``."""
     m = np.empty((3, 3))
     for f in range(len(ball)):
@@ -104,7 +100,7 @@ def stand_ankles(ball: Floats, yaw: Floats, pitch: Floats, heel: Floats, above: 
 
 
 @compiled
-def _shortest(a: Floats, b: Floats, axis: Floats, out: Floats) -> None:
+def _shortest(a: F64, b: F64, axis: F64, out: F64) -> None:
     """The shortest rotation of ``a`` onto ``b``."""
     cross(a, b, axis)
     angle = math.atan2(math.sqrt(dot(axis, axis)), dot(a, b))
@@ -115,12 +111,12 @@ def _shortest(a: Floats, b: Floats, axis: Floats, out: Floats) -> None:
 
 
 @compiled
-def _clip(x: float, limits: Floats) -> float:
+def _clip(x: float, limits: F64) -> float:
     return min(max(x, limits[0]), limits[1])
 
 
 @compiled
-def _keep_hip(root: Floats, thigh: Floats, sign: float, limits: Floats, upper: Floats, m: Floats, v: Floats) -> None:
+def _keep_hip(root: F64, thigh: F64, sign: float, limits: F64, upper: F64, m: F64, v: F64) -> None:
     """Turn a thigh into the range of the hip, in place; ``m [4]`` and ``v [6]`` are overwritten."""
     relative, swing = m[0], m[1]
     way, side, turned, axis = v[0], v[1], v[2], v[3]
@@ -148,7 +144,7 @@ def _keep_hip(root: Floats, thigh: Floats, sign: float, limits: Floats, upper: F
 
 
 @compiled
-def _keep_ankle(shank: Floats, wanted: Floats, sign: float, limits: Floats, out: Floats, m: Floats, v: Floats) -> None:
+def _keep_ankle(shank: F64, wanted: F64, sign: float, limits: F64, out: F64, m: F64, v: F64) -> None:
     """Turn a sole into the range of the ankle; ``m [2]`` and ``v [1]`` are overwritten."""
     up, tilt, outward = limits[0], limits[1], limits[2]
     # Rising about the ball comes first: far outside the range the three angles would not be independent.
@@ -167,15 +163,15 @@ def _keep_ankle(shank: Floats, wanted: Floats, sign: float, limits: Floats, out:
 
 @compiled
 def _limb(
-    joint: Floats,
-    target: Floats,
-    root: Floats,
-    sole: Floats,
+    joint: F64,
+    target: F64,
+    root: F64,
+    sole: F64,
     sign: float,
     limb: tuple[Any, ...],
-    limits: Floats,
-    m: Floats,
-    v: Floats,
+    limits: F64,
+    m: F64,
+    v: F64,
 ) -> None:
     """Thigh ``m[0]`` and shank ``m[1]``, knee ``v[0]`` and ankle ``v[1]`` of a leg that reaches for a target with its ankle.
 
@@ -222,19 +218,19 @@ def _limb(
 
 @compiled
 def solve_legs(
-    joint: Floats,
-    root: Floats,
-    ball: Floats,
-    yaw: Floats,
-    pitch: Floats,
+    joint: F64,
+    root: F64,
+    ball: F64,
+    yaw: F64,
+    pitch: F64,
     sign: float,
     limb: tuple[Any, ...],
-    hip: Floats,
-    foot: Floats,
-    toe: Floats,
+    hip: F64,
+    foot: F64,
+    toe: F64,
     rounds: int,
-    rotation: Floats,
-    position: Floats,
+    rotation: F64,
+    position: F64,
 ) -> None:
     """Bones of one leg of :func:`shuttle_marl.staging.legs.legs` in each of F frames.
 
@@ -290,7 +286,7 @@ def solve_legs(
 
 
 @compiled
-def quaternions_of(rotation: Floats, out: Floats) -> None:
+def quaternions_of(rotation: F64, out: F64) -> None:
     """``[N, 4]`` quaternions (x, y, z, w) of ``[N, 3, 3]`` rotations, w not negative, by the largest one (Shepperd 1978)."""
     q = np.empty(4)
     for n in range(len(rotation)):

@@ -1,12 +1,7 @@
 """Curves between key poses. What the numbers mean stands in :mod:`shuttle_marl.staging.curves`."""
 
-import numpy as np
-import numpy.typing as npt
-
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @compiled
@@ -21,7 +16,7 @@ def _at_end(near: float, far: float, chord: float, next_chord: float) -> float:
 
 
 @compiled
-def monotone_slopes(frame: Ints, pose: Floats, out: Floats) -> None:
+def monotone_slopes(frame: I64, pose: F64, out: F64) -> None:
     """Slopes ``[K, C]`` of C curves through ``[K, C]`` values, at least two, such that cubics never overshoot."""
     k, c = pose.shape
     for j in range(c):
@@ -46,7 +41,7 @@ def monotone_slopes(frame: Ints, pose: Floats, out: Floats) -> None:
 
 
 @compiled
-def run_between(frame: Ints, pose: Floats, slope: Floats, out: Floats) -> None:
+def run_between(frame: I64, pose: F64, slope: F64, out: F64) -> None:
     """Cubics through ``[K, C]`` values with given slopes, in every frame ``[F, C]``; held before the first and after the last."""
     last, c = len(frame) - 1, pose.shape[1]
     k = 0

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled
-def integrate(vx: Floats, vy: Floats, nodes: Floats, out: Floats) -> None:
+def integrate(vx: F64, vy: F64, nodes: F64, out: F64) -> None:
     """Classical Runge-Kutta of flights in scaled units: ``[4, N, K + 1]`` places and velocities at instants ``[N, K + 1]``."""
     k = np.empty((4, 4))
     for n in range(len(vx)):

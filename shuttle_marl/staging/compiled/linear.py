@@ -2,16 +2,12 @@
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled
-def turn(axis: Floats, angle: float, out: Floats) -> None:
+def turn(axis: F64, angle: float, out: F64) -> None:
     """Rotation about a unit axis (Rodrigues)."""
     x, y, z = axis[0], axis[1], axis[2]
     s, c = math.sin(angle), math.cos(angle)
@@ -22,14 +18,14 @@ def turn(axis: Floats, angle: float, out: Floats) -> None:
 
 
 @compiled
-def put(a: Floats, out: Floats) -> None:
+def put(a: F64, out: F64) -> None:
     """Copy a vector; an assignment of arrays takes long to compile."""
     for i in range(len(a)):
         out[i] = a[i]
 
 
 @compiled
-def place(a: Floats, out: Floats) -> None:
+def place(a: F64, out: F64) -> None:
     """Copy a matrix."""
     for i in range(3):
         for j in range(3):
@@ -37,14 +33,14 @@ def place(a: Floats, out: Floats) -> None:
 
 
 @compiled
-def add(a: Floats, b: Floats, out: Floats) -> None:
+def add(a: F64, b: F64, out: F64) -> None:
     """Sum of two vectors."""
     for i in range(3):
         out[i] = a[i] + b[i]
 
 
 @compiled
-def times(a: Floats, b: Floats, out: Floats) -> None:
+def times(a: F64, b: F64, out: F64) -> None:
     """``a`` times ``b``."""
     for i in range(3):
         for j in range(3):
@@ -52,14 +48,14 @@ def times(a: Floats, b: Floats, out: Floats) -> None:
 
 
 @compiled
-def on(a: Floats, v: Floats, out: Floats) -> None:
+def on(a: F64, v: F64, out: F64) -> None:
     """``a`` on ``v``."""
     for i in range(3):
         out[i] = a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2]
 
 
 @compiled
-def cross(a: Floats, b: Floats, out: Floats) -> None:
+def cross(a: F64, b: F64, out: F64) -> None:
     """Vector product."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -67,7 +63,7 @@ def cross(a: Floats, b: Floats, out: Floats) -> None:
 
 
 @compiled
-def back_times(a: Floats, b: Floats, out: Floats) -> None:
+def back_times(a: F64, b: F64, out: F64) -> None:
     """The transpose of ``a`` times ``b``."""
     for i in range(3):
         for j in range(3):
@@ -75,7 +71,7 @@ def back_times(a: Floats, b: Floats, out: Floats) -> None:
 
 
 @compiled
-def times_back(a: Floats, b: Floats, out: Floats) -> None:
+def times_back(a: F64, b: F64, out: F64) -> None:
     """``a`` times the transpose of ``b``."""
     for i in range(3):
         for j in range(3):
@@ -83,13 +79,13 @@ def times_back(a: Floats, b: Floats, out: Floats) -> None:
 
 
 @compiled
-def dot(a: Floats, b: Floats) -> float:
+def dot(a: F64, b: F64) -> float:
     """Scalar product."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @compiled
-def normalise(v: Floats) -> None:
+def normalise(v: F64) -> None:
     """Give a vector the length one; zero stays zero."""
     length = max(math.sqrt(dot(v, v)), 1e-12)
     for i in range(3):
@@ -97,7 +93,7 @@ def normalise(v: Floats) -> None:
 
 
 @compiled
-def frame_of(first: Floats, second: Floats, out: Floats) -> None:
+def frame_of(first: F64, second: F64, out: F64) -> None:
     """Right-handed frame whose columns are ``first``, ``second`` made orthogonal to it, and their product."""
     length = max(math.sqrt(dot(first, first)), 1e-12)
     for i in range(3):
@@ -116,7 +112,7 @@ def frame_of(first: Floats, second: Floats, out: Floats) -> None:
 
 
 @compiled
-def turned_bowed_leant_of(yaw: float, pitch: float, roll: float, out: Floats) -> None:
+def turned_bowed_leant_of(yaw: float, pitch: float, roll: float, out: F64) -> None:
     """Turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll``."""
     cy, sy, cp, sp, cr, sr = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
     out[0, 0], out[0, 1], out[0, 2] = cy * cr + sy * sp * sr, -sy * cp, cy * sr - sy * sp * cr

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled
-def factor_bands(weight: Floats, still: Floats, more: float, along: float, across: float, bands: Floats) -> None:
+def factor_bands(weight: F64, still: F64, more: float, along: float, across: float, bands: F64) -> None:
     """Cholesky factor of diag(weight) + along · D1' diag(still + more) D1 + across · D2' D2; D1, D2: first, second differences.
 
     Args:
@@ -50,7 +48,7 @@ def factor_bands(weight: Floats, still: Floats, more: float, along: float, acros
 
 
 @compiled
-def solve_bands(bands: Floats, x: Floats) -> None:
+def solve_bands(bands: F64, x: F64) -> None:
     """Solve with a factor of :func:`factor_bands`: ``x`` ``[F, 2]`` is the right side, then the solution."""
     n = len(x)
     for i in range(n):
@@ -70,14 +68,14 @@ def solve_bands(bands: Floats, x: Floats) -> None:
 
 
 @compiled
-def _copy(x: Floats, share: float, out: Floats) -> None:
+def _copy(x: F64, share: float, out: F64) -> None:
     for i in range(len(x)):
         for c in range(2):
             out[i, c] = share * x[i, c]
 
 
 @compiled
-def _project(now: Floats, limit: float, kept: Floats, scaled: Floats, relax: float) -> float:
+def _project(now: F64, limit: float, kept: F64, scaled: F64, relax: float) -> float:
     """One step of the multipliers for vectors ``[N, 2]`` that shall be no longer than ``limit``; returns the longest one now."""
     longest = 0.0
     for i in range(len(now)):
@@ -91,7 +89,7 @@ def _project(now: Floats, limit: float, kept: Floats, scaled: Floats, relax: flo
 
 
 @compiled
-def _differ(p: Floats, speed: float, bend: float, v: Floats, a: Floats) -> None:
+def _differ(p: F64, speed: float, bend: float, v: F64, a: F64) -> None:
     """Speeds and accelerations of a path."""
     for i in range(len(v)):
         for c in range(2):
@@ -103,9 +101,9 @@ def _differ(p: Floats, speed: float, bend: float, v: Floats, a: Floats) -> None:
 
 @compiled
 def smooth_path(
-    weight: Floats,
-    target: Floats,
-    still: Floats,
+    weight: F64,
+    target: F64,
+    still: F64,
     fps: int,
     bending: float,
     penalties: tuple[float, float],
@@ -113,7 +111,7 @@ def smooth_path(
     rounds: tuple[int, int],
     stiffer: tuple[int, int],
     slack: tuple[float, float],
-    p: Floats,
+    p: F64,
 ) -> None:
     """The alternating direction method of multipliers of :func:`shuttle_marl.staging.travel.travel`.
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from shuttle_marl.arrays import F64, I64, Floats
 
 FLOOR: Final = 0.02
 """Share of the weight that is spread over all alike, so that none is forgotten for good."""
@@ -18,12 +18,12 @@ _HARD: Final = 2.0
 """Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
 
 
-def uniform(count: int) -> Floats:
+def uniform(count: int) -> F64:
     """``[K]`` equal weights."""
     return np.full(count, 1 / count) if count else np.zeros(0)
 
 
-def prioritised(win: npt.ArrayLike) -> Floats:
+def prioritised(win: npt.ArrayLike) -> F64:
     """``[K]`` weights of opponents by the probability of beating each.
 
     Args:
@@ -43,7 +43,7 @@ def prioritised(win: npt.ArrayLike) -> Floats:
     return (1 - FLOOR) * shares + FLOOR / len(p)
 
 
-def chosen(weight: npt.NDArray[np.floating], most: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.int64], Floats]:
+def chosen(weight: Floats, most: int, rng: np.random.Generator) -> tuple[I64, F64]:
     """Some opponents and how often each is met.
 
     Args:
@@ -63,7 +63,7 @@ def chosen(weight: npt.NDArray[np.floating], most: int, rng: np.random.Generator
     return drawn, uniform(most)
 
 
-def order(shares: Sequence[float], length: int = 200) -> npt.NDArray[np.int64]:
+def order(shares: Sequence[float], length: int = 200) -> I64:
     """``[length]`` numbers of opponents in the order in which they are met, each as often as its share says and evenly spread.
 
     Args:

@@ -9,20 +9,18 @@ another policy, because a state does not say all that happened before; exact fig
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl import exact
+from shuttle_marl.arrays import Floats
 from shuttle_marl.game.policy import TemperedPolicy
-from shuttle_marl.game.table import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.training.league.population import TOLERANCE
 
 _LEAST: float = 1e-12
 """Weight at the start that each policy keeps everywhere, so that states that none comes to have a mean too."""
 
 
-def merged(
-    policies: Sequence[TabulatedPolicy], shares: npt.NDArray[np.floating], opponent: TabulatedPolicy | None = None
-) -> TabulatedPolicy:
+def merged(policies: Sequence[TabulatedPolicy], shares: Floats, opponent: TabulatedPolicy | None = None) -> TabulatedPolicy:
     """The policy that plays like a mixture of policies against an opponent.
 
     Args:
@@ -50,7 +48,7 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
     return tabulate(TemperedPolicy(policy, temperature), policy.game, "a sharper policy")
 
 
-def _mean(kept: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[npt.NDArray[np.floating]]) -> TabulatedPolicy:
+def _mean(kept: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[Floats]) -> TabulatedPolicy:
     """The mean of policies, weighted in every state."""
     game = kept[0][0].game
     total = np.sum(weights, axis=0)

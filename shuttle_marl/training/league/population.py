@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import zstandard
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.files import FileReadError, open_file, problem, replace_file
-from shuttle_marl.game.rally import Game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.league.config import LeagueTrainingError
-
-Floats = npt.NDArray[np.float64]
 
 TABLES: Final = "tables"
 """Folder of the tables in the folder of a run."""
@@ -142,14 +140,14 @@ class Payoffs:
         mine, theirs = (a, b) if policy < other else (b, a)
         return Odds(serving=mine, receiving=1 - theirs, error_bound=TOLERANCE / 2)
 
-    def values(self, hashes: Sequence[str]) -> Floats:
+    def values(self, hashes: Sequence[str]) -> F64:
         """``[N, N]`` value of a rally of the row against the column, both serving equally often; antisymmetric."""
         out = np.zeros((len(hashes), len(hashes)))
         for i, policy in enumerate(hashes):
             out[i, :i] = [odds.value for odds in self.odds(policy, hashes[:i])]
         return np.asarray(out - out.T)
 
-    def match_wins(self, policy: str, others: Sequence[str]) -> Floats:
+    def match_wins(self, policy: str, others: Sequence[str]) -> F64:
         """``[K]`` probabilities that a policy wins a match against each of some others."""
         return np.array([odds.match() for odds in self.odds(policy, others)])
 

@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import exact
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.arrays import F64, Floats
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.meta_games import alpha_rank, nash, uniform
 from shuttle_marl.training.league.config import Meta
 from shuttle_marl.training.league.mixtures import merged
 from shuttle_marl.training.league.population import TOLERANCE
 
-Floats = npt.NDArray[np.float64]
-
-_SOLVERS: Final[dict[Meta, Callable[[Floats], Floats]]] = {
+_SOLVERS: Final[dict[Meta, Callable[[F64], F64]]] = {
     "nash": lambda values: nash(values).row,
     "uniform": uniform,
     "alpha-rank": alpha_rank,
@@ -28,7 +27,7 @@ _LEAST: Final = 1e-3
 """Policies of smaller probability are left out of a meta-strategy: each costs time, and changes next to nothing."""
 
 
-def meta_strategy(meta: Meta, values: npt.ArrayLike) -> Floats:
+def meta_strategy(meta: Meta, values: npt.ArrayLike) -> F64:
     """``[N]`` probabilities of the policies of a league.
 
     Args:
@@ -40,7 +39,7 @@ def meta_strategy(meta: Meta, values: npt.ArrayLike) -> Floats:
     return np.asarray(kept / kept.sum())
 
 
-def respond(policies: Sequence[TabulatedPolicy], shares: npt.NDArray[np.floating]) -> tuple[TabulatedPolicy, exact.Response]:
+def respond(policies: Sequence[TabulatedPolicy], shares: Floats) -> tuple[TabulatedPolicy, exact.Response]:
     """A mixture as one policy, and the exact best response to it.
 
     Args:

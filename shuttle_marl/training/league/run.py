@@ -14,9 +14,9 @@ from shuttle_marl import exact, runs
 from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.table import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError

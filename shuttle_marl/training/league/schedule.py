@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game import draws
 from shuttle_marl.training.league import matchmaking
 from shuttle_marl.training.league.config import LeagueTrainingConfig
@@ -12,8 +12,6 @@ from shuttle_marl.training.league.population import Payoffs
 from shuttle_marl.training.league.psro import meta_strategy
 from shuttle_marl.training.league.state import LeagueState, Member
 from shuttle_marl.training.league.turns import Turn
-
-Floats = npt.NDArray[np.float64]
 
 LEAST_SECONDS: Final = 0.5
 """Of a turn."""
@@ -86,7 +84,7 @@ class Schedule:
         self,
         name: str,
         number: int,
-        weights: Floats,
+        weights: F64,
         responses: float,
         past: float,
         seconds: float | None,
@@ -127,14 +125,14 @@ class Schedule:
             seed=int(draws.stream(config.seed, number, _number(name))[0] >> np.uint64(33)),
         )
 
-    def _without_itself(self, name: str, opponents: list[str], shares: Floats, rest: float) -> tuple[list[str], Floats]:
+    def _without_itself(self, name: str, opponents: list[str], shares: F64, rest: float) -> tuple[list[str], F64]:
         if rest <= 0:
             return opponents, shares
         if name in self.state.members:
             return [*opponents, self.state.members[name].hash], np.r_[shares, rest]
         return opponents, shares * (1 + rest / shares.sum())
 
-    def _weights(self, name: str, number: int) -> Floats:
+    def _weights(self, name: str, number: int) -> F64:
         """``[N]`` weights of the policies so far as opponents of a learner."""
         config, population = self.config, self.state.population
         weights = np.zeros(len(population))
@@ -152,7 +150,7 @@ class Schedule:
         weights[considered] = matchmaking.prioritised(wins)
         return weights
 
-    def _considered(self, name: str, number: int) -> npt.NDArray[np.int64]:
+    def _considered(self, name: str, number: int) -> I64:
         """Policies so far whose odds are solved for prioritised matchmaking: the newest, and some of the others."""
         count, most = len(self.state.population), self.config.opponents
         newest = np.arange(max(0, count - most // 2 - 1), count)
@@ -160,7 +158,7 @@ class Schedule:
         others = rng.permutation(count - len(newest))[:most]
         return np.sort(np.r_[others, newest]).astype(np.int64)
 
-    def meta_strategy(self) -> Floats:
+    def meta_strategy(self) -> F64:
         """``[N]`` probabilities of the policies so far in psro."""
         return meta_strategy(self.config.meta, self.payoffs.values([each.hash for each in self.state.population]))
 

@@ -21,9 +21,9 @@ from safetensors.torch import load, save
 
 from shuttle_marl import exact
 from shuttle_marl.files import FileReadError, open_file, read_sealed, replace_file, seal
-from shuttle_marl.game.rally import Game
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.table import TabulatedPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.a2c import A2CConfig, make_a2c
 from shuttle_marl.training.collecting import SEEDS, RallyCollector

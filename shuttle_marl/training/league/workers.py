@@ -13,7 +13,7 @@ from typing import Final
 
 from shuttle_marl.cluster import Cluster, Task
 from shuttle_marl.files import open_file, problem, replace_file
-from shuttle_marl.game.rally import Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.turns import Taken, Turn, made, needed, results, take_turn
 from shuttle_marl.training.study import end_with_parent

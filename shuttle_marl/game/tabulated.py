@@ -9,18 +9,19 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from safetensors.numpy import save
 
+from shuttle_marl.arrays import F64, I32, U16, Bools, Floats, Intp, Ints
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
-from shuttle_marl.game.rally import LONGEST_DUEL, ONE, Game, GameError, Ints, UInts
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.tables import LONGEST_DUEL, Game, GameError
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import read_tensors
 
 
-def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_], *, duels: bool = False) -> dict[str, Ints]:
+def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, I32]:
     """The index tables of a game from who may answer what.
 
     Args:
@@ -31,7 +32,7 @@ def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_], *, duels: bool 
 
     Returns:
         ``edge_own``, ``edge_incoming``, ``edge_duel``, ``reply_start``, ``reply_count``, ``reply_edge`` of
-        :class:`~shuttle_marl.game.rally.Game`. Only strokes that can be reached from the serve get edges.
+        :class:`~shuttle_marl.game.tables.Game`. Only strokes that can be reached from the serve get edges.
 
     Raises:
         GameError: a reachable stroke has no legal reply from one of the contacts, or a serve is no serve.
@@ -70,7 +71,7 @@ def layout(catalogue: Catalogue, replies: npt.NDArray[np.bool_], *, duels: bool 
     }
 
 
-def _reachable(replies: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _reachable(replies: Bools) -> Bools:
     """``[n + 1]`` strokes that can be played in a rally, and its start."""
     start = len(replies) - 1
     reachable = np.zeros(len(replies), dtype=bool)
@@ -83,12 +84,12 @@ def _reachable(replies: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return reachable
 
 
-def base_pairs(tables: dict[str, Ints]) -> int:
+def base_pairs(tables: dict[str, I32]) -> int:
     """Number of base pairs of the index tables of :func:`layout`: the rows that its thresholds need."""
     return int(tables["reply_count"][tables["edge_incoming"]].sum())
 
 
-def thresholds(p_good: npt.NDArray[np.float64], p_returned: npt.NDArray[np.float64], p_above: npt.NDArray[np.float64]) -> UInts:
+def thresholds(p_good: F64, p_returned: F64, p_above: F64) -> U16:
     """Fixed-point thresholds ``[P, 3]`` from the three probabilities, each rounded to the nearest 1/65536.
 
     The first three outcomes together never reach 1, so the last one keeps at least 1/65536.
@@ -116,27 +117,27 @@ class TabulatedPolicy:
     """
 
     game: Game
-    cumulative: npt.NDArray[np.uint16]
+    cumulative: U16
 
     @functools.cached_property
     def hash(self) -> str:
         """SHA-256 of the table, hexadecimal."""
         return hashlib.sha256(self.cumulative.tobytes()).hexdigest()
 
-    def pair_probabilities(self) -> npt.NDArray[np.float64]:
+    def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
 
-    def probability_of(self, pairs: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+    def probability_of(self, pairs: Ints) -> F64:
         """Probability of each of some legal pairs given its state, of any shape."""
         lower = np.where(self.game.base_pair_rank[pairs % self.game.n_base_pairs] > 0, self.cumulative[pairs - 1], 0)
         return (self.cumulative[pairs].astype(np.int64) - lower) / CHOICE_ONE
 
-    def block_probabilities(self, block: int) -> npt.NDArray[np.float64]:
+    def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` probability of each legal pair of one block of states."""
         return self.block_units(block) / np.float64(CHOICE_ONE)
 
-    def block_units(self, block: int) -> npt.NDArray[np.uint16]:
+    def block_units(self, block: int) -> U16:
         """``[base pairs]`` probability of each legal pair of one block of states, in units of 1/65535."""
         upper = self.cumulative[self.game.block_pairs(block)]
         own = np.diff(upper, prepend=upper[:1])
@@ -144,7 +145,7 @@ class TabulatedPolicy:
         own[first] = upper[first]
         return own
 
-    def probabilities(self, states: States) -> npt.NDArray[np.float64]:
+    def probabilities(self, states: States) -> F64:
         """``[B, n]`` probability of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""
         game = self.game
         if states.game.hash != game.hash:
@@ -154,7 +155,7 @@ class TabulatedPolicy:
         p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.probability_of(pairs)
         return p
 
-    def choose(self, state: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
+    def choose(self, state: Ints, draw: Ints) -> Intp:
         """``[B]`` which of its legal strokes each state plays.
 
         Args:
@@ -164,7 +165,7 @@ class TabulatedPolicy:
         return chosen(self.padded.take(state, axis=0), draw)
 
     @functools.cached_property
-    def padded(self) -> npt.NDArray[np.uint16]:
+    def padded(self) -> U16:
         """``[S, K]`` cumulative probabilities, K the largest number of legal strokes; filled up with 65535."""
         game = self.game
         width = int(game.legal_count(np.arange(game.n_states)).max())
@@ -231,7 +232,7 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
     return TabulatedPolicy(game=game, cumulative=cumulative)
 
 
-def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> TabulatedPolicy:
+def from_pair_probabilities(game: Game, p: Floats) -> TabulatedPolicy:
     """Compile ``[P]`` probabilities to a table; rounds the cumulative probability to 1/65535.
 
     Raises:
@@ -242,7 +243,7 @@ def from_pair_probabilities(game: Game, p: npt.NDArray[np.floating]) -> Tabulate
     return TabulatedPolicy(game=game, cumulative=np.concatenate(blocks))
 
 
-def _cumulative(game: Game, p: npt.NDArray[np.floating]) -> UInts:
+def _cumulative(game: Game, p: Floats) -> U16:
     """``[base pairs]`` cumulative probabilities of one block of states, in units of 1/65535."""
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]

@@ -35,15 +35,13 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.errors import ActionError, ShuttleError
+from shuttle_marl.arrays import F64, I16, I32, I64, U16, Bools, Floats, Ints
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.stroke import Catalogue, frozen
+from shuttle_marl.game.thresholds import ONE, with_fault_odds
 from shuttle_marl.tensor_files import parsed, read_tensors
 
-OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
-FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)
-ONE: Final = 1 << 16
-"""Probability 1 in the fixed point of the tables."""
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
 LONGEST_DUEL: Final = 3
@@ -51,10 +49,7 @@ LONGEST_DUEL: Final = 3
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
 
-Ints = npt.NDArray[np.int32]
-UInts = npt.NDArray[np.uint16]
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.integer] | int
+Indices = Ints | int
 
 _ALL: Final = slice(None)
 
@@ -63,20 +58,7 @@ class GameError(ShuttleError):
     """Tables that cannot be read or do not form a game."""
 
 
-class IllegalStrokeError(ActionError):
-    """A stroke of the catalogue that is not legal in the state, or in the kernel a stroke in a rally that is over.
-
-    Attributes:
-        stroke: its catalogue index.
-        row: row of a batch; None outside of batches.
-    """
-
-    def __init__(self, message: str, stroke: int, row: int | None = None) -> None:
-        super().__init__(message)
-        self.stroke, self.row = stroke, row
-
-
-def _no_effort() -> Ints:
+def _no_effort() -> I32:
     return np.full(1, ONE, dtype=np.int32)
 
 
@@ -98,14 +80,14 @@ class Game:
     """
 
     catalogue: Catalogue
-    edge_own: Ints
-    edge_incoming: Ints
-    edge_duel: Ints
-    reply_start: Ints
-    reply_count: Ints
-    reply_edge: Ints
-    threshold: UInts
-    fault_odds: Ints = dataclasses.field(default_factory=_no_effort)
+    edge_own: I32
+    edge_incoming: I32
+    edge_duel: I32
+    reply_start: I32
+    reply_count: I32
+    reply_edge: I32
+    threshold: U16
+    fault_odds: I32 = dataclasses.field(default_factory=_no_effort)
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
@@ -164,36 +146,36 @@ class Game:
 
     # Parts of a state.
 
-    def base(self, state: Indices) -> npt.NDArray[np.integer]:
+    def base(self, state: Indices) -> Ints:
         """The base state of each state; any shape."""
         return np.asarray(state) % self.n_base_states
 
-    def own(self, state: Indices) -> Ints:
+    def own(self, state: Indices) -> I32:
         """The striker's own last stroke in each state, n for none; any shape."""
         return self.edge_own[self.base(state) >> 1]
 
-    def incoming(self, state: Indices) -> Ints:
+    def incoming(self, state: Indices) -> I32:
         """The incoming stroke of each state, n for none: the striker serves; any shape."""
         return self.edge_incoming[self.base(state) >> 1]
 
-    def duel(self, state: Indices) -> Ints:
+    def duel(self, state: Indices) -> I32:
         """Net shots in a row that end with the incoming stroke of each state, 3 for three or more; any shape."""
         return self.edge_duel[self.base(state) >> 1]
 
     @staticmethod
-    def contact(state: Indices) -> Ints:
+    def contact(state: Indices) -> I32:
         """The contact offered in each state, 0 below and 1 above the net; any shape."""
         return (np.asarray(state) & 1).astype(np.int32)
 
-    def effort(self, state: Indices) -> Ints:
+    def effort(self, state: Indices) -> I32:
         """The striker's effort in each state; any shape."""
         return (np.asarray(state) // (self.n_base_states * self.levels)).astype(np.int32)
 
-    def opponent_effort(self, state: Indices) -> Ints:
+    def opponent_effort(self, state: Indices) -> I32:
         """The receiver's effort in each state; any shape."""
         return (np.asarray(state) // self.n_base_states % self.levels).astype(np.int32)
 
-    def observation(self, state: Indices) -> Ints:
+    def observation(self, state: Indices) -> I32:
         """``[..., 6]`` all that a striker observes of a rally.
 
         Own last stroke, incoming stroke, contact, duel, own effort and the opponent's effort of each state.
@@ -202,7 +184,7 @@ class Game:
         return np.stack([part(state) for part in parts], axis=-1)
 
     @property
-    def highest_observation(self) -> Ints:
+    def highest_observation(self) -> I32:
         """``[6]`` highest number of each part of an observation."""
         n, effort = self.n_strokes, self.levels - 1
         return np.array([n, n, 1, LONGEST_DUEL, effort, effort], dtype=np.int32)
@@ -215,7 +197,7 @@ class Game:
         duel: Indices = 0,
         effort: Indices = 0,
         opponent_effort: Indices = 0,
-    ) -> Ints:
+    ) -> I32:
         """The state of an observation, -1 where the game has none such: the inverse of :meth:`observation`.
 
         Args:
@@ -239,7 +221,7 @@ class Game:
         return np.where(found, (effort * levels + opponent_effort) * self.n_base_states + base, -1).astype(np.int32)
 
     @functools.cached_property
-    def _edge_of(self) -> Ints:
+    def _edge_of(self) -> I32:
         """``[n + 1, n + 1, 4]`` edge of own last stroke, incoming stroke and duel, -1 where there is none."""
         table = np.full((self.n_strokes + 1, self.n_strokes + 1, LONGEST_DUEL + 1), -1, dtype=np.int32)
         table[self.edge_own, self.edge_incoming, self.edge_duel] = np.arange(len(self.edge_own))
@@ -248,48 +230,48 @@ class Game:
     # Legal strokes of states.
 
     @functools.cached_property
-    def base_pair_start(self) -> Ints:
+    def base_pair_start(self) -> I32:
         """``[base states + 1]`` first base pair of each base state."""
         return frozen(np.r_[0, np.cumsum(self.reply_count[self.edge_incoming].ravel())].astype(np.int32))
 
     @functools.cached_property
-    def pair_start(self) -> Ints:
+    def pair_start(self) -> I32:
         """``[S + 1]`` first legal pair of each state."""
         blocks = np.arange(self.n_blocks, dtype=np.int32)[:, None] * np.int32(self.n_base_pairs)
         return frozen(np.r_[(blocks + self.base_pair_start[:-1]).ravel(), np.int32(self.n_pairs)].astype(np.int32))
 
     @functools.cached_property
-    def playable(self) -> npt.NDArray[np.bool_]:
+    def playable(self) -> Bools:
         """``[S]`` whether a state has legal strokes: all have but the serve from above, which never occurs."""
         return frozen(np.diff(self.pair_start) > 0)
 
-    def legal_count(self, state: Indices) -> Ints:
+    def legal_count(self, state: Indices) -> I32:
         """Number of legal strokes in each state; any shape."""
         base = self.base(state)
         return self.base_pair_start[base + 1] - self.base_pair_start[base]
 
-    def legal_strokes(self, state: int) -> Ints:
+    def legal_strokes(self, state: int) -> I32:
         """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
         return self.stroke_at(state, np.arange(int(self.legal_count(state))))
 
-    def mask(self, state: Indices) -> npt.NDArray[np.bool_]:
+    def mask(self, state: Indices) -> Bools:
         """``[..., n]`` which strokes are legal in each state."""
         return self.reply_mask[self.incoming(state), self.contact(state)]
 
-    def rank(self, state: Indices, stroke: Indices) -> Ints:
+    def rank(self, state: Indices, stroke: Indices) -> I32:
         """Position k of a stroke among the legal ones of its state, -1 where it is not legal; any shape."""
         return self.reply_rank[self.incoming(state), self.contact(state), stroke].astype(np.int32)
 
-    def pair(self, state: Indices, stroke: Indices) -> Ints:
+    def pair(self, state: Indices, stroke: Indices) -> I32:
         """Legal pair of a state and a stroke, -1 where the stroke is not legal; any shape."""
         rank = self.rank(state, stroke)
         return np.where(rank < 0, -1, self.pair_at(state, rank)).astype(np.int32)
 
-    def pair_at(self, state: Indices, rank: Indices) -> Ints:
+    def pair_at(self, state: Indices, rank: Indices) -> I32:
         """Legal pair of a state and a position among its legal strokes, which is not checked; any shape."""
         return np.asarray(self.pair_start[state] + rank)
 
-    def stroke_at(self, state: Indices, rank: Indices) -> Ints:
+    def stroke_at(self, state: Indices, rank: Indices) -> I32:
         """Catalogue index of the stroke at a position among the legal ones of a state, which is not checked; any shape."""
         return self.edge_incoming[self.reply_edge[self.first_reply[self.base(state)] + rank]]
 
@@ -297,7 +279,7 @@ class Game:
         """The legal pairs of one state, which lie next to each other."""
         return slice(int(self.pair_start[state]), int(self.pair_start[state + 1]))
 
-    def pairs(self, state: npt.NDArray[np.integer]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def pairs(self, state: Ints) -> tuple[I64, I64]:
         """All legal pairs of B states, one state after the other.
 
         Returns:
@@ -324,75 +306,75 @@ class Game:
     # Tables over base pairs, which hold in every block, and over all legal pairs.
 
     @functools.cached_property
-    def base_pair_state(self) -> Ints:
+    def base_pair_state(self) -> I32:
         """``[base pairs]`` base state of each base pair."""
         return frozen(np.repeat(np.arange(self.n_base_states, dtype=np.int32), np.diff(self.base_pair_start)))
 
     @functools.cached_property
-    def base_pair_rank(self) -> Ints:
+    def base_pair_rank(self) -> I32:
         """``[base pairs]`` position k of each base pair in its state."""
         return frozen(np.arange(self.n_base_pairs, dtype=np.int32) - self.base_pair_start[self.base_pair_state])
 
     @functools.cached_property
-    def base_pair_edge(self) -> Ints:
+    def base_pair_edge(self) -> I32:
         """``[base pairs]`` edge that follows each base pair if the stroke is returned."""
         return frozen(self.reply_edge[self.first_reply[self.base_pair_state] + self.base_pair_rank])
 
     @functools.cached_property
-    def base_pair_stroke(self) -> Ints:
+    def base_pair_stroke(self) -> I32:
         """``[base pairs]`` catalogue index of the stroke of each base pair."""
         return frozen(self.edge_incoming[self.base_pair_edge])
 
     @functools.cached_property
-    def pair_state(self) -> Ints:
+    def pair_state(self) -> I32:
         """``[P]`` state of each legal pair."""
         return frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
 
     @functools.cached_property
-    def pair_rank(self) -> Ints:
+    def pair_rank(self) -> I32:
         """``[P]`` position k of each legal pair in its state."""
         return frozen(np.tile(self.base_pair_rank, self.n_blocks))
 
     @functools.cached_property
-    def pair_stroke(self) -> Ints:
+    def pair_stroke(self) -> I32:
         """``[P]`` catalogue index of the stroke of each legal pair."""
         return frozen(np.tile(self.base_pair_stroke, self.n_blocks))
 
     @functools.cached_property
-    def first_reply(self) -> Ints:
+    def first_reply(self) -> I32:
         """``[base states]`` place in ``reply_edge`` of the first legal stroke of a state; the k-th one is k further on."""
         longer = (self.edge_duel >= LONGEST_DUEL - 1).astype(np.int32)
         return frozen(self.reply_start[self.edge_incoming, longer].ravel())
 
     @functools.cached_property
-    def edge_attack(self) -> npt.NDArray[np.bool_]:
+    def edge_attack(self) -> Bools:
         """``[E]`` whether the incoming stroke of an edge is an attack, which costs the one who played it effort."""
         return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
 
     @functools.cached_property
-    def first_pairs(self) -> Ints:
+    def first_pairs(self) -> I32:
         """First legal pair of each state that has one, in the order of the states."""
         return frozen(self.pair_start[:-1][self.playable])
 
     @functools.cached_property
-    def last_pairs(self) -> Ints:
+    def last_pairs(self) -> I32:
         """Last legal pair of each state that has one, in the order of the states."""
         return frozen(self.pair_start[1:][self.playable] - 1)
 
     @functools.cached_property
-    def reply_mask(self) -> npt.NDArray[np.bool_]:
+    def reply_mask(self) -> Bools:
         """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
         return frozen(self.reply_rank >= 0)
 
     @functools.cached_property
-    def reply_rank(self) -> npt.NDArray[np.int16]:
+    def reply_rank(self) -> I16:
         """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
         rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
         s = self.base_pair_state
         rank[self.incoming(s), self.contact(s), self.base_pair_stroke] = self.base_pair_rank
         return frozen(rank)
 
-    def arrivals(self, pairs: slice | Indices = _ALL) -> Ints:
+    def arrivals(self, pairs: slice | Indices = _ALL) -> I32:
         """``[..., 2]`` the receiver's state after a returned stroke, met below and above the net, of legal pairs."""
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
         edge = self.base_pair_edge[base]
@@ -401,27 +383,27 @@ class Game:
         below = after * self.n_base_states + 2 * edge
         return np.stack([below, below + 1], axis=-1).astype(np.int32)
 
-    def _numbers(self, pairs: slice | Indices) -> npt.NDArray[np.integer]:
+    def _numbers(self, pairs: slice | Indices) -> Ints:
         # Not a part of all numbers: those are tens of megabytes.
         return np.arange(*pairs.indices(self.n_pairs)) if isinstance(pairs, slice) else np.asarray(pairs)
 
     @functools.cached_property
-    def limits(self) -> UInts:
+    def limits(self) -> U16:
         """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``."""
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
 
-    def limits_of(self, pairs: slice | Indices = _ALL) -> UInts:
+    def limits_of(self, pairs: slice | Indices = _ALL) -> U16:
         """``[..., 3]`` thresholds of legal pairs, all by default."""
         return self.limits.reshape(-1, 3)[self.limit_row(pairs)]
 
-    def limit_row(self, pairs: slice | Indices = _ALL) -> npt.NDArray[np.integer]:
+    def limit_row(self, pairs: slice | Indices = _ALL) -> Ints:
         """``[...]`` row of legal pairs in tables by own effort and base pair, such as ``limits`` as ``[L * base pairs, 3]``."""
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
         return np.asarray(block // self.levels * self.n_base_pairs + base)
 
     # Numbers over legal pairs.
 
-    def sum_by_state(self, values: npt.NDArray[np.floating]) -> Floats:
+    def sum_by_state(self, values: Floats) -> F64:
         """``[S]`` sum of the ``[P]`` values of the legal pairs of each state."""
         total = np.empty(self.n_states)
         for block in range(self.n_blocks):
@@ -429,7 +411,7 @@ class Game:
             total[self.block_states(block)] = np.bincount(self.base_pair_state, part, self.n_base_states)
         return total
 
-    def normalized(self, weights: npt.NDArray[np.floating]) -> Floats:
+    def normalized(self, weights: Floats) -> F64:
         """``[P]`` weights divided by their sum in each state: the probabilities of the legal strokes."""
         return np.asarray(weights / self.of_pairs(self.sum_by_state(weights)))
 
@@ -437,11 +419,11 @@ class Game:
         """``[P]`` for each legal pair the value of its state, from ``[S]`` values."""
         return np.repeat(values, np.diff(self.pair_start))
 
-    def outcome_probabilities(self, pairs: slice | Indices = _ALL) -> Floats:
+    def outcome_probabilities(self, pairs: slice | Indices = _ALL) -> F64:
         """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
         return np.asarray(np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
 
-    def stroke_probabilities(self, pairs: slice | Indices = _ALL) -> tuple[Floats, Floats, Floats]:
+    def stroke_probabilities(self, pairs: slice | Indices = _ALL) -> tuple[F64, F64, F64]:
         """Probability that the stroke is good, that a good one is returned, that a return is from above; of legal pairs."""
         fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -450,7 +432,7 @@ class Game:
             above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
         return good, returned, above
 
-    def stroke_values(self, following: Floats, pairs: slice | Indices = _ALL) -> Floats:
+    def stroke_values(self, following: F64, pairs: slice | Indices = _ALL) -> F64:
         """Q-values: what legal pairs are worth to the striker, +1 for winning the rally and -1 for losing it.
 
         Args:
@@ -583,88 +565,5 @@ class Game:
         return game
 
 
-def states_of_rallies(game: Game, stroke: npt.NDArray[np.integer], position: npt.NDArray[np.integer]) -> Ints:
-    """The state in which each stroke of rallies was struck.
-
-    Args:
-        game: the tables.
-        stroke: ``[N]`` catalogue indices, rally after rally.
-        position: ``[N]`` number of each stroke in its rally, from 0.
-
-    Returns:
-        ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
-    """
-    n, stroke, position = game.n_strokes, np.asarray(stroke, dtype=np.int64), np.asarray(position, dtype=np.int64)
-    row = np.arange(len(stroke))
-    own = np.where(position >= 2, stroke[np.maximum(row - 2, 0)], n)
-    incoming = np.where(position >= 1, stroke[np.maximum(row - 1, 0)], n)
-    even = position % 2 == 0
-    attack = game.catalogue.is_attack[stroke]
-    # Attacks before each stroke since the beginning of its rally, of those who struck at even and at odd positions.
-    so_far = np.stack([np.r_[0, np.cumsum(attack & side)] for side in (even, ~even)])
-    counts = np.minimum(so_far[:, row] - so_far[:, row - position], game.levels - 1)
-    effort, opponent_effort = np.where(even, counts, counts[::-1])
-    duel = np.zeros(len(stroke), dtype=np.int64)
-    if game.counts_duels:
-        net = game.catalogue.is_net_shot[stroke]
-        # The last stroke up to each one that is no net shot; at the latest the one before the rally.
-        broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
-        in_a_row = np.minimum(row - broken, LONGEST_DUEL)
-        duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
-    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort)
-
-
-def _within(array: npt.NDArray[np.integer], low: int, high: int) -> bool:
+def _within(array: Ints, low: int, high: int) -> bool:
     return bool(((array >= low) & (array <= high)).all())
-
-
-def multiplied(probability: npt.NDArray[np.integer], odds: npt.NDArray[np.integer] | int) -> npt.NDArray[np.int64]:
-    """Probabilities whose odds are multiplied, all in units of 1/65536: whole numbers, so the same on every machine.
-
-    Args:
-        probability: 0 to 65536, any shape.
-        odds: 1 to 2^20; broadcasts.
-    """
-    p = np.asarray(probability, dtype=np.int64)
-    for_it = p * odds
-    total = for_it + (ONE - p) * ONE
-    return np.asarray((2 * for_it * ONE + total) // (2 * total))
-
-
-def with_fault_odds(threshold: UInts, odds: npt.NDArray[np.integer] | int) -> UInts:
-    """Thresholds ``[..., 3]`` in which the odds of a fault are multiplied; what happens to a good stroke stays as it was."""
-    if np.ndim(odds) == 0 and odds == ONE:
-        return threshold
-    old = threshold.astype(np.int64)
-    fault = np.minimum(multiplied(old[..., 0], odds), ONE - 1)
-    good, before = ONE - fault, ONE - old[..., 0]
-    rest = (2 * (old[..., 1:] - old[..., :1]) * good[..., None] + before[..., None]) // (2 * before[..., None])
-    moved = np.concatenate([fault[..., None], fault[..., None] + rest], axis=-1)
-    return np.minimum(moved, ONE - 1).astype(np.uint16)
-
-
-def strike(
-    game: Game, state: npt.NDArray[np.integer], k: npt.NDArray[np.integer], draw: npt.NDArray[np.integer]
-) -> tuple[npt.NDArray[np.int8], Ints]:
-    """Play the k-th legal stroke of each state.
-
-    Args:
-        game: the tables.
-        state: ``[B]`` state of the striker.
-        k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
-        draw: ``[B]`` uniform integers in [0, 65536).
-
-    Returns:
-        ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
-        -1 where the rally is over.
-    """
-    block, base = np.divmod(state, game.n_base_states)
-    own, other = np.divmod(block, game.levels)
-    # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
-    at = own * game.n_base_pairs + game.base_pair_start[base] + k
-    limits = game.limits.reshape(-1, 3).take(at, axis=0)
-    outcome = (draw >= limits[..., 0]).view(np.int8) + (draw >= limits[..., 1]) + (draw >= limits[..., 2])
-    edge = game.reply_edge[game.first_reply[base] + k]
-    after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)
-    following = after * game.n_base_states + 2 * edge + outcome - RETURNED_BELOW
-    return outcome, np.where(outcome >= RETURNED_BELOW, following, -1).astype(np.int32)

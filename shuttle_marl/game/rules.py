@@ -1,0 +1,81 @@
+"""The rules of a rally as functions of a state, for a batch at a time."""
+
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.arrays import I8, I32, Ints
+from shuttle_marl.errors import ActionError
+from shuttle_marl.game.tables import LONGEST_DUEL, Game
+
+OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
+FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)
+
+
+class IllegalStrokeError(ActionError):
+    """A stroke of the catalogue that is not legal in the state, or in the kernel a stroke in a rally that is over.
+
+    Attributes:
+        stroke: its catalogue index.
+        row: row of a batch; None outside of batches.
+    """
+
+    def __init__(self, message: str, stroke: int, row: int | None = None) -> None:
+        super().__init__(message)
+        self.stroke, self.row = stroke, row
+
+
+def states_of_rallies(game: Game, stroke: Ints, position: Ints) -> I32:
+    """The state in which each stroke of rallies was struck.
+
+    Args:
+        game: the tables.
+        stroke: ``[N]`` catalogue indices, rally after rally.
+        position: ``[N]`` number of each stroke in its rally, from 0.
+
+    Returns:
+        ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
+    """
+    n, stroke, position = game.n_strokes, np.asarray(stroke, dtype=np.int64), np.asarray(position, dtype=np.int64)
+    row = np.arange(len(stroke))
+    own = np.where(position >= 2, stroke[np.maximum(row - 2, 0)], n)
+    incoming = np.where(position >= 1, stroke[np.maximum(row - 1, 0)], n)
+    even = position % 2 == 0
+    attack = game.catalogue.is_attack[stroke]
+    # Attacks before each stroke since the beginning of its rally, of those who struck at even and at odd positions.
+    so_far = np.stack([np.r_[0, np.cumsum(attack & side)] for side in (even, ~even)])
+    counts = np.minimum(so_far[:, row] - so_far[:, row - position], game.levels - 1)
+    effort, opponent_effort = np.where(even, counts, counts[::-1])
+    duel = np.zeros(len(stroke), dtype=np.int64)
+    if game.counts_duels:
+        net = game.catalogue.is_net_shot[stroke]
+        # The last stroke up to each one that is no net shot; at the latest the one before the rally.
+        broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
+        in_a_row = np.minimum(row - broken, LONGEST_DUEL)
+        duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
+    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort)
+
+
+def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
+    """Play the k-th legal stroke of each state.
+
+    Args:
+        game: the tables.
+        state: ``[B]`` state of the striker.
+        k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
+        draw: ``[B]`` uniform integers in [0, 65536).
+
+    Returns:
+        ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
+        -1 where the rally is over.
+    """
+    block, base = np.divmod(state, game.n_base_states)
+    own, other = np.divmod(block, game.levels)
+    # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
+    at = own * game.n_base_pairs + game.base_pair_start[base] + k
+    limits = game.limits.reshape(-1, 3).take(at, axis=0)
+    outcome = (draw >= limits[..., 0]).view(np.int8) + (draw >= limits[..., 1]) + (draw >= limits[..., 2])
+    edge = game.reply_edge[game.first_reply[base] + k]
+    after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)
+    following = after * game.n_base_states + 2 * edge + outcome - RETURNED_BELOW
+    return outcome, np.where(outcome >= RETURNED_BELOW, following, -1).astype(np.int32)

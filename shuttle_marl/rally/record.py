@@ -1,0 +1,223 @@
+"""Played rallies: :class:`Rallies` holds many in columns, :class:`Rally` is one of them."""
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from shuttle_marl.arrays import F32, I32, I64, U8, U16, U32, Bools, Ints, UInts
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.tables import Game
+
+PER_STROKE: Final = ("stroke", "log_probability", "value")
+"""Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
+OPTIONAL: Final = ("update", "log_probability", "value")
+"""Columns of :class:`Rallies` that may be missing."""
+
+
+class RallyError(ShuttleError):
+    """Strokes that do not form a rally."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Rally:
+    """One rally, finished or still being played. Seats are 0 and 1; strikers alternate, beginning with the server.
+
+    Attributes:
+        catalogue: strokes of the game.
+        server: seat that serves.
+        stroke: ``[n]`` catalogue index of every stroke; n >= 1 in a finished rally.
+        ending: outcome of the last stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`: FAULT or WINNER, or while the
+            rally continues RETURNED_BELOW or RETURNED_ABOVE.
+        points: points of seats 0 and 1 in the current game, before the rally.
+        games: games won by seats 0 and 1, before the rally.
+        match: number of the match.
+        number: number of the rally within its match.
+    """
+
+    catalogue: Catalogue
+    server: int
+    stroke: I64
+    ending: int
+    points: tuple[int, int] = (0, 0)
+    games: tuple[int, int] = (0, 0)
+    match: int = 0
+    number: int = 0
+
+    @classmethod
+    def from_strokes(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "Rally":
+        """Build a rally from its strokes.
+
+        Args:
+            catalogue: strokes of the game.
+            strokes: seat of the striker, catalogue index and outcome of each stroke.
+
+        Raises:
+            RallyError: seats that do not alternate, outcomes that contradict the strokes, or see :meth:`checked`.
+        """
+        rows = np.array(list(strokes), dtype=np.int64).reshape(-1, 3)
+        if not len(rows):
+            raise RallyError("a rally without strokes; expected at least the serve")
+        seat, stroke, outcome = rows.T
+        if (seat != (seat[0] + np.arange(len(seat))) % 2).any():
+            raise RallyError(f"seats {seat.tolist()}: expected two players who take turns")
+        rally = cls(catalogue=catalogue, server=int(seat[0]), stroke=stroke, ending=int(outcome[-1])).checked()
+        if (outcome != rally.outcome).any():
+            raise RallyError(f"outcomes {outcome.tolist()}: the heights of the strokes give {rally.outcome.tolist()}")
+        return rally
+
+    def checked(self) -> "Rally":
+        """Return this rally.
+
+        Raises:
+            RallyError: no strokes, an unknown seat, stroke or ending, or a serve that is not the first stroke.
+        """
+        if self.server not in (0, 1):
+            raise RallyError(f"server {self.server}: expected seat 0 or 1")
+        if self.ending not in range(len(OUTCOMES)):
+            raise RallyError(f"ending {self.ending}: expected 0 to {len(OUTCOMES) - 1}, {', '.join(OUTCOMES)}")
+        if not len(self.stroke):
+            if self.open:
+                return self
+            raise RallyError("a rally without strokes; expected at least the serve")
+        if self.stroke.min() < 0 or self.stroke.max() >= len(self.catalogue):
+            raise RallyError(f"strokes {self.stroke.tolist()}: the catalogue has {len(self.catalogue)} strokes, from 0")
+        serves = self.catalogue.is_serve[self.stroke]
+        if not serves[0] or serves[1:].any():
+            raise RallyError("a rally starts with a serve and has no other; check the order of its strokes")
+        return self
+
+    def __len__(self) -> int:
+        return len(self.stroke)
+
+    @property
+    def open(self) -> bool:
+        """Whether the rally continues."""
+        return self.ending >= RETURNED_BELOW
+
+    @property
+    def winner(self) -> int | None:
+        """Seat that won the rally; None while it continues."""
+        last = (self.server + len(self.stroke) - 1) % 2
+        return None if self.open else last if self.ending == WINNER else 1 - last
+
+    @functools.cached_property
+    def striker(self) -> I64:
+        """``[n]`` seat of the striker of each stroke."""
+        return (self.server + np.arange(len(self.stroke))) % 2
+
+    @functools.cached_property
+    def outcome(self) -> I64:
+        """``[n]`` outcome of each stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`."""
+        following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
+        return np.r_[following, self.ending][: len(self.stroke)]
+
+    def states(self, game: Game) -> I32:
+        """``[n]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
+        return states_of_rallies(game, self.stroke, np.arange(len(self.stroke)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Rallies:
+    """R finished rallies of N strokes in total, as columns.
+
+    Attributes:
+        pairing: ``[R]`` uint32 index into the pairings of the tournament or log.
+        match: ``[R]`` uint32 number of the match within its pairing.
+        rally: ``[R]`` uint16 number of the rally within its match.
+        policy: ``[R, 2]`` uint16 policies at seats 0 and 1, indices into the policies of the tournament or log.
+        server: ``[R]`` uint8 seat that served; strikers alternate.
+        winner: ``[R]`` uint8 seat that won the rally.
+        reason: ``[R]`` uint8 outcome of the last stroke: FAULT or WINNER of :mod:`shuttle_marl.game.rules`.
+        score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
+        length: ``[R]`` int32 number of strokes, at least 1.
+        stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally; empty if strokes were not recorded.
+        update: ``[R]`` uint32 number of updates of the learner before the end of the rally; None: not recorded.
+        log_probability: ``[N]`` float32 log-probability of the stroke under the striker's policy, NaN if unknown; None: not
+            recorded.
+        value: ``[N]`` float32 the striker's value estimate before the stroke, NaN if unknown; None: not recorded.
+    """
+
+    pairing: U32
+    match: U32
+    rally: U16
+    policy: U16
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    length: I32
+    stroke: UInts
+    update: U32 | None = None
+    log_probability: F32 | None = None
+    value: F32 | None = None
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @functools.cached_property
+    def first_stroke(self) -> I64:
+        """``[R + 1]`` index of the first stroke of each rally in ``stroke``, followed by the number of strokes."""
+        return np.r_[0, np.cumsum(self.length, dtype=np.int64)]
+
+    @functools.cached_property
+    def position(self) -> I64:
+        """``[N]`` number of each stroke within its rally, from 0."""
+        return np.arange(self.first_stroke[-1]) - np.repeat(self.first_stroke[:-1], self.length)
+
+    @property
+    def optional_columns(self) -> tuple[str, ...]:
+        """Names of the columns of :data:`OPTIONAL` that are present."""
+        return tuple(name for name in OPTIONAL if getattr(self, name) is not None)
+
+    def row(self, i: int, catalogue: Catalogue) -> Rally:
+        """One rally.
+
+        Args:
+            i: row, 0 <= i < R.
+            catalogue: strokes of the game.
+        """
+        first, last = self.first_stroke[[i, i + 1]]
+        points_0, points_1, games_0, games_1 = self.score[i].tolist()
+        return Rally(
+            catalogue=catalogue,
+            server=int(self.server[i]),
+            stroke=self.stroke[first:last].astype(np.int64),
+            ending=int(self.reason[i]),
+            points=(points_0, points_1),
+            games=(games_0, games_1),
+            match=int(self.match[i]),
+            number=int(self.rally[i]),
+        )
+
+    def states(self, game: Game) -> I32:
+        """``[N]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
+        return states_of_rallies(game, self.stroke, self.position)
+
+    def slice(self, first: int, last: int) -> "Rallies":
+        """Rows ``first`` up to ``last``, without a copy."""
+        a, b = self.first_stroke[[first, last]]
+        return Rallies(**{name: column[a:b] if name in PER_STROKE else column[first:last] for name, column in self.columns()})
+
+    def select(self, rows: Bools | Ints) -> "Rallies":
+        """Some rows: ``[R]`` a mask, or indices in the order wanted."""
+        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        length = self.length[rows].astype(np.int64)
+        first = np.repeat(self.first_stroke[rows] - (np.cumsum(length) - length), length)
+        strokes = first + np.arange(len(first))
+        return Rallies(**{name: column[strokes if name in PER_STROKE else rows] for name, column in self.columns()})
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Rallies"]) -> "Rallies":
+        """Rows of several parts with the same columns, in their order."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name, _ in parts[0].columns()})
+
+    def columns(self) -> Iterator[tuple[str, Any]]:
+        """Name and array of every column that is present."""
+        for field in dataclasses.fields(self):
+            if (column := getattr(self, field.name)) is not None:
+                yield field.name, column
