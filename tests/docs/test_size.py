@@ -48,22 +48,20 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_modules_lines_and_names(root: Path) -> None:
+def test_modules_and_their_imports(root: Path) -> None:
     found = {module.name: module for module in size.modules(root).values()}
     assert set(found) == {f"shuttle_marl{name}" for name in ("", ".errors", ".a", ".a.low", ".a.top", ".a.unused")}
-    assert found["shuttle_marl.a.low"].names == ("X", "f")
-    assert found["shuttle_marl.a.top"].names == ("Z", "g")
     assert found["shuttle_marl.a.low"].lines == 5
     assert found["shuttle_marl.a.low"].origins == {}
     assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.errors"}
 
 
 def test_modules_with_one_importer(root: Path) -> None:
-    assert [module.name for module in size.with_one_importer(size.modules(root))] == ["shuttle_marl.a.low"]
+    assert [module.name for module in size.single_importers(size.modules(root))] == ["shuttle_marl.a.low"]
 
 
 def test_files_that_run_and_that_running_code_names(root: Path) -> None:
-    parts = size.parts_of(root, size.modules(root), PLAY)
+    parts = size.files_of(root, size.modules(root), PLAY)
     assert {path.name for path in parts} == {"top.py", "low.py", "errors.py"}
 
 
@@ -89,7 +87,7 @@ def test_a_part_of_what_is_played_is_counted(root: Path) -> None:
     (root / "shuttle_marl/training").mkdir()
     for name, text in {"__init__.py": "", **RUNS}.items():
         (root / "shuttle_marl/training" / name).write_text(text, encoding="utf-8")
-    parts = size.parts_of(root, size.modules(root), PLAY_RUN)
+    parts = size.files_of(root, size.modules(root), PLAY_RUN)
     assert {path.name for path in parts} == {"run.py", "rows.py", "kept.py"}
 
 
@@ -98,8 +96,66 @@ def test_a_folder_without_the_package_is_refused(tmp_path: Path) -> None:
         size.modules(tmp_path)
 
 
-def test_a_stroke_of_the_environment() -> None:
-    found = size.modules(size.ROOT)
-    parts = size.parts_of(size.ROOT, found, size.STROKES["a stroke of `rally_v0`"])
-    assert "shuttle_marl.game.tables" in {found[path].name for path in parts}
-    assert len(parts) <= 4
+CLASSES = """class Rally:
+    stroke: int
+    server: int
+class Stroke:
+    stroke: int
+    number: int
+def wide(self, a, b, c, d, e, f, g, h, *, i): ...
+def narrow(self, a, b, c, d, e, f, g, *, h): ...
+"""
+
+
+def test_rally_types_and_wide_functions(root: Path) -> None:
+    (root / "shuttle_marl/a/low.py").write_text(CLASSES, encoding="utf-8")
+    low = next(module for module in size.modules(root).values() if module.name == "shuttle_marl.a.low")
+    assert low.rally_types == ("Rally",)
+    assert low.wide == ("wide",)
+
+
+THREADED = """
+import threading
+from shuttle_marl.training import log
+from shuttle_marl.recording import writer
+def play():
+    traced(lambda: (log.before(), log.add(writer.write), log.before()), within="add")
+"""
+
+
+def test_files_within_a_function_and_in_its_threads(root: Path) -> None:
+    for folder, name, text in (
+        (
+            "training",
+            "log",
+            "import threading\ndef before(): ...\ndef add(write):\n    t = threading.Thread(target=write); t.start(); t.join()\n",
+        ),
+        ("recording", "writer", "from shuttle_marl.recording import chunk\ndef write(): chunk.compress()\n"),
+        ("recording", "chunk", "def compress(): ...\n"),
+        ("training", "unused", "def before(): ...\n"),
+    ):
+        (root / "shuttle_marl" / folder).mkdir(exist_ok=True)
+        (root / "shuttle_marl" / folder / "__init__.py").touch()
+        (root / "shuttle_marl" / folder / f"{name}.py").write_text(text, encoding="utf-8")
+    parts = size.files_of(root, size.modules(root), THREADED)
+    assert {path.name for path in parts} == {"log.py", "writer.py", "chunk.py"}
+
+
+def test_scripts_that_a_frame_imports(tmp_path: Path) -> None:
+    for name, text in {
+        "frame": 'import type { T } from "./types";\nimport { a,\n  type B } from "./a";\nimport { type C } from "./types";\n',
+        "a": 'export { b } from "./b.ts";\nimport { Vector3 } from "three";\n',
+        "b": "",
+        "types": "",
+    }.items():
+        (tmp_path / f"{name}.ts").write_text(text, encoding="utf-8")
+    assert {path.name for path in size.imported_scripts(tmp_path / "frame.ts")} == {"frame.ts", "a.ts", "b.ts"}
+    with pytest.raises(size.SizeError, match=r"none\.ts"):
+        size.imported_scripts(tmp_path / "none.ts")
+
+
+@pytest.mark.parametrize(("setup", "most", "file"), [(size.STROKE, 4, "tables.py")])
+def test_files_of_a_stroke(setup: str, most: int, file: str) -> None:
+    parts = size.files_of(size.ROOT, size.modules(size.ROOT), setup)
+    assert file in {path.name for path in parts}
+    assert len(parts) <= most, sorted(path.name for path in parts)
