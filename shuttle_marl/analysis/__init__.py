@@ -1,7 +1,8 @@
-"""Figures of what was played: shot mix, tempo, endings, landings, transitions, and the value that each stroke added.
+"""Analysis of rallies: the value of every stroke, and summaries of play (shot mix, tempo, endings, landings, transitions).
 
-Everything works on stroke tables of one schema (:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs go the
-same ways. See ``docs/analysis.md``. Names are imported when first used.
+:func:`analyse_rally` works on one rally of known policies. Summaries and :func:`add_values` work on stroke tables of one schema
+(:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs are treated alike. See ``docs/analysis.md``. Names are
+imported when first used.
 """
 
 from typing import TYPE_CHECKING
@@ -9,14 +10,21 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.analysis.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
     from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
     from shuttle_marl.analysis.values import PlayerValue, add_values, rank_players
 
 __all__ = [
     "AnalysisError",
+    "Decision",
+    "LogPlayers",
     "PlayerValue",
+    "Players",
+    "RallyAnalysis",
     "Summary",
     "add_values",
+    "analyse_rally",
+    "decision",
     "rally_table",
     "rank_players",
     "strokes_of",
@@ -27,6 +35,7 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "rally": ("Decision", "LogPlayers", "Players", "RallyAnalysis", "analyse_rally", "decision"),
         "summary": ("AnalysisError", "Summary", "rally_table", "strokes_of", "strokes_of_log", "summarise"),
         "values": ("PlayerValue", "add_values", "rank_players"),
     },
