@@ -1,14 +1,14 @@
-# `make demo` plays a tournament, `make test` runs the tests. Both install what they need into .venv, once.
+# `make demo` plays a tournament, `make test` runs the tests. Both install their requirements into .venv on the first call.
 
 PYTHON ?= python3
 VENV ?= .venv
-# Matches a pair that `make demo` plays.
+# Matches per pair of policies in `make demo`.
 MATCHES ?= 200
-# Another package index to look at too, for example one with CPU builds of PyTorch; see the README.
+# Additional package index, for example one with CPU builds of PyTorch; see the README.
 TORCH_INDEX ?=
-# Further flags of pytest, for example '-k league'.
+# Additional flags of pytest, for example '-k league'.
 PYTEST_FLAGS ?=
-# Processes that run tests side by side. 0: all tests one after the other, in one process.
+# Number of test processes; 0: run all tests in one process.
 JOBS ?= auto
 
 export PIP_CONSTRAINT := constraints.txt
@@ -17,7 +17,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install -qq $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
 PYTEST := $(BIN)/python -m pytest -n $(JOBS) --maxprocesses 4 --dist worksteal --durations 10
-# Each stamp stands for one finished installation. The larger one includes the smaller one.
+# A stamp marks a finished installation. The larger installation includes the smaller one.
 RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
@@ -27,13 +27,13 @@ INPUTS := pyproject.toml constraints.txt
 
 help:
 	@echo 'make demo       play a tournament between the players of the package, into runs/demo'
-	@echo 'make test       run the tests, all but the slow ones: a few minutes'
+	@echo 'make test       run all tests except the slow ones: a few minutes'
 	@echo 'make test-slow  run the slow tests: training runs, killed processes, tutorials, Ray and Node'
 	@echo 'make test-all   run both'
-	@echo 'make install    install everything, PyTorch too, and run nothing'
+	@echo 'make install    install all requirements, including PyTorch'
 	@echo 'make lint       check format, style, types and layers'
-	@echo 'make format     format the code and fix what can be fixed'
-	@echo 'make lock       choose all versions again and write them to constraints.txt'
+	@echo 'make format     format the code and apply automatic fixes'
+	@echo 'make lock       resolve all versions again and write them to constraints.txt'
 	@echo 'make clean      remove .venv and caches'
 
 demo: $(RUN_STAMP)
@@ -62,21 +62,21 @@ format: $(TEST_STAMP)
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-		|| { echo 'Python 3.11 or later is needed; `make PYTHON=python3.11 …` chooses another one'; exit 1; }
+		|| { echo 'Python 3.11 or later is required; `make PYTHON=python3.11 …` selects another interpreter'; exit 1; }
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
 $(RUN_STAMP): $(INPUTS) | $(BIN)/python
-	@echo 'Installing into $(VENV), once …'
+	@echo 'Installing into $(VENV) (first call only) …'
 	@$(INSTALL) --editable .
 	@touch $@
 
 $(TEST_STAMP): $(INPUTS) | $(BIN)/python
-	@echo 'Installing into $(VENV), with PyTorch and the tools of the tests, once …'
+	@echo 'Installing into $(VENV), with PyTorch and the development tools (first call only) …'
 	@$(INSTALL) --editable '.[test]'
 	@touch $(RUN_STAMP) $@
 
-# Versions are chosen in an environment of their own. The build part of a version (`+cpu`) is left out, so that the pin
-# holds for the builds of every platform.
+# Versions are resolved in a separate environment. The local part of a version (`+cpu`) is removed, so that a pin is valid on
+# every platform.
 lock: export PIP_CONSTRAINT :=
 lock:
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT \

@@ -1,8 +1,8 @@
-"""Settings of all tests, and the runner of the documentation's code.
+"""Settings of all tests, and collection of the code in the documentation.
 
 Every ``python`` block of a page runs, and every block whose fence says ``bash run``. A page is one test: its blocks run in
-order, in one namespace and one empty folder, up to the first that fails. A ``python`` block whose first line is a comment with
-a file name (``# my_policy.py``) is also written to that file, so that commands further down can use it.
+order, in one namespace and one empty folder, until one fails. A ``python`` block whose first line is a comment with a file
+name (``# my_policy.py``) is also written to that file, so that later commands can use it.
 """
 
 import os
@@ -21,24 +21,24 @@ from sybil import Document, Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 
-# One thread a process: tests run side by side, and each of these libraries would start a thread for every core. This has to
-# happen before the libraries are imported; programs that tests start inherit it.
+# One thread per process: tests run in parallel, and each of these libraries would start one thread per core. The variables must
+# be set before the libraries are imported; subprocesses inherit them.
 for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-# A machine that is busy otherwise makes a test slow, not wrong.
-# The same examples in every run: what fails here fails everywhere. `--hypothesis-profile explore` draws others.
+# No deadline: a busy machine makes a test slow, not wrong. Examples are the same in every run, so failures are reproducible;
+# `--hypothesis-profile explore` uses others.
 hypothesis.settings.register_profile("explore", deadline=None)
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
 SLOW_PAGES: Final = ("docs/tutorials", "docs/analysis.md", "docs/exact.md", "docs/league.md", "docs/rally_log.md")
-"""Pages, or folders of pages, whose code trains agents, or plays and solves the shipped game again and again; marked ``slow``."""
+"""Pages, or folders of pages, whose code trains agents or plays tournaments; marked ``slow``."""
 _FILE_NAME: Final = re.compile(r"#\s*(\w+\.py)\n")
 
 
 class _BashFailed(Exception):
-    """A command of the documentation that does not do what the page says."""
+    """A command of the documentation failed."""
 
 
 def _run_python(example: Example) -> None:
@@ -72,7 +72,7 @@ _SYBIL: Final = Sybil(parsers=[_PythonParser(), CodeBlockParser("bash run", _run
 
 
 class _PageCode(pytest.Item):
-    """All code of a page: one test, because a block needs what the blocks before it made."""
+    """All code of a page: one test, because blocks depend on earlier ones."""
 
     def __init__(self, *, document: Document, **arguments: Any) -> None:
         super().__init__(**arguments)
@@ -105,7 +105,7 @@ class _Page(pytest.File):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run tests of a minute or more first, so that no core waits at the end for one that began last."""
+    """Run the longest tests first, so that all cores are busy until the end."""
     items.sort(key=lambda item: not any(mark.kwargs.get("minutes") for mark in item.iter_markers("slow")))
 
 

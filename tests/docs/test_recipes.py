@@ -12,7 +12,7 @@ NEEDED = {
     "agilerl": ("agilerl", "peft"),
     "open_spiel": ("pyspiel", "tree"),
     "own_loop": ("torch",),
-    "rllib": ("ray",),
+    "rllib": ("ray", "tree"),
     "sb3": ("sb3_contrib",),
     "supersuit": ("supersuit",),
     "tianshou": ("tianshou",),
