@@ -1,9 +1,9 @@
 """``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
-import contextlib
+import dataclasses
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -35,10 +35,9 @@ File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
-Meant = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
-Origins = Annotated[tuple[str, ...], tyro.conf.arg(metavar="ORIGIN")]
+Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
-_HINT: Final = "--policy NAME=POLICY says what a name in the log stands for; --trust-policies runs what the log names"
+_HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
 
 
 def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
@@ -161,82 +160,96 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         _say(f"games: {_score_line(log, numbers)}")
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Selection:
+    """The rallies of a scene: exactly one of rally, match and best.
+
+    Attributes:
+        rally: number of the rally in the log.
+        match: number of the match in its pairing: all its rallies.
+        pairing: number of the pairing of the match.
+        best: number of rallies: the longest of the log.
+    """
+
+    rally: int | None = None
+    match: int | None = None
+    pairing: int = 0
+    best: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Appearance:
+    """Athletes and frame rate.
+
+    Attributes:
+        athletes: athletes at seats 0 and 1.
+        hands: racket hands of seats 0 and 1.
+        fps: frames per second, 25 to 50.
+    """
+
+    athletes: tuple[Athlete, Athlete] = ("male", "male")
+    hands: tuple[Hand, Hand] = ("right", "right")
+    fps: int = 50
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Model:
+    """Game and policies of the log.
+
+    Attributes:
+        game: model on whose game the rallies were played: a shipped one or a folder.
+        profile: men or women: the game of that discipline alone; default: the average of both.
+        policy: policy for a name in the log; modules and files are allowed here.
+        trust_policies: load policies from the modules and files that the log names, which runs their code.
+    """
+
+    game: str = "default"
+    profile: Profile | None = None
+    policy: Policies = ()
+    trust_policies: bool = False
+
+
 def scene(
-    path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")],
+    path: Log,
     *,
-    out: Path | None = None,
-    rally: int | None = None,
-    match: int | None = None,
-    pairing: int = 0,
-    best: int | None = None,
-    athletes: tuple[Athlete, Athlete] = ("male", "male"),
-    hands: tuple[Hand, Hand] = ("right", "right"),
-    fps: int = 50,
-    game: str = "default",
-    profile: Profile | None = None,
-    policy: Meant = (),
-    trust_policies: bool = False,
-    live: bool = False,
-    port: int = 8765,
-    origin: Origins = (),
+    out: Path,
+    selection: tyro.conf.OmitArgPrefixes[Selection] = Selection(),
+    appearance: tyro.conf.OmitArgPrefixes[Appearance] = Appearance(),
+    model: tyro.conf.OmitArgPrefixes[Model] = Model(),
 ) -> None:
-    """Stage rallies in 3D for Foxglove or Lichtblick: write a file, or serve them.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick.
 
     Args:
         path: a rally log, or a folder of them.
         out: the file to write, NAME.mcap.
-        rally: number of the rally in the log.
-        match: number of the match in its pairing.
-        pairing: number of the pairing whose match is shown.
-        best: show this many of the longest rallies.
-        athletes: of seats 0 and 1.
-        hands: with which seats 0 and 1 play.
-        fps: frames a second, 25 to 50.
-        game: model on whose game the rallies were played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        policy: the policy that a name in the log stands for; a module or a file may be given here.
-        trust_policies: take policies from the modules and files that the log names, which runs code that they hold.
-        live: serve the scene to Foxglove on this machine until interrupted.
-        port: to serve it on.
-        origin: further web pages that may connect, such as https://viewer.example.org, beside those of Foxglove and this machine.
+        selection: rallies of the scene.
+        appearance: athletes and frame rate.
+        model: game and policies of the log.
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.scene.admission import bind  # noqa: PLC0415
-    from shuttle_marl.scene.live import show_live  # noqa: PLC0415
     from shuttle_marl.scene.write import select, write_scene  # noqa: PLC0415
 
-    if (out is None) != live:
-        raise SceneError("say where the scene goes: either --out FILE or --live")
     console = cli.console(stderr=True)
-
-    def progress(numbers: Sequence[int]) -> Iterable[int]:
-        return track(numbers, "staging", console=console, transient=True)
-
-    with bind(port) if live else contextlib.nullcontext() as listener:
-        with RallyLog(path) as log:
-            numbers = select(log, rally=rally, match=match, pairing=pairing, best=best)
-            resolve = _resolver(policy, [player.name for player in log.policies], trust_policies)
-            content, unknown = write_scene(
-                log,
-                numbers,
-                resolve_game(game, profile),
-                athletes=athletes,
-                handedness=hands,
-                fps=fps,
-                resolve=resolve,
-                progress=progress,
-            )
-        for name, reason in unknown.items():
-            console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
-        if unknown and not (trust_policies or policy):
-            console.print(_HINT, soft_wrap=True)
-        if listener is not None:
-            show_live(content, listener, console, origins=origin)
-    if out is not None:
-        replace_file(out, content)
-        size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
-        sys.stdout.write(f"{printable(str(out))}: {size}; open it in Foxglove or Lichtblick\n")
+    with RallyLog(path) as log:
+        numbers = select(log, **dataclasses.asdict(selection))
+        content, unknown = write_scene(
+            log,
+            numbers,
+            resolve_game(model.game, model.profile),
+            athletes=appearance.athletes,
+            handedness=appearance.hands,
+            fps=appearance.fps,
+            resolve=_resolver(model, [player.name for player in log.policies]),
+            progress=lambda numbers: track(numbers, "staging", console=console, transient=True),
+        )
+    for name, reason in unknown.items():
+        console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
+    if unknown and not (model.trust_policies or model.policy):
+        console.print(_HINT, soft_wrap=True)
+    replace_file(out, content)
+    size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
+    sys.stdout.write(f"{printable(str(out))}: {size}; open it in Foxglove or Lichtblick\n")
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {
@@ -301,21 +314,21 @@ def _say(text: str) -> None:
     sys.stdout.write(printable(text, keep="\n") + "\n")
 
 
-def _resolver(meant: Sequence[str], names: Sequence[str], trusted: bool) -> "Resolve":
-    """Finds the policies of a log: those that the user names, else by the names in the log, trusted or not."""
+def _resolver(model: Model, names: Sequence[str]) -> "Resolve":
+    """Function that resolves the policies of a log: given by the user, else by their names in the log."""
     from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
 
     given: dict[str, str] = {}
-    for entry in meant:
-        fitting = [name for name in names if entry.startswith(f"{name}=")]
-        if not fitting:
+    for entry in model.policy:
+        matching = [name for name in names if entry.startswith(f"{name}=")]
+        if not matching:
             raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
-        name = max(fitting, key=len)
+        name = max(matching, key=len)
         given[name] = entry.removeprefix(f"{name}=")
 
-    def find(name: str, game: Game) -> Policy:
+    def resolved(name: str, game: Game) -> Policy:
         if name in given:
             return resolve(given[name], game)
-        return (resolve if trusted else resolve_recorded)(name, game)
+        return (resolve if model.trust_policies else resolve_recorded)(name, game)
 
-    return find
+    return resolved

@@ -9,4 +9,4 @@ __all__ = ["SceneError"]
 
 
 class SceneError(ShuttleError):
-    """A scene that cannot be made, served or drawn, or an unknown option."""
+    """A scene that cannot be written or drawn, or an unknown option."""
