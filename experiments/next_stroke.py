@@ -30,15 +30,15 @@ import pyarrow.compute as pc
 from rich.console import Console
 from rich.table import Table
 
+from experiments.imitation.imitator import Imitator
+from experiments.imitation.match_adaptation import adapt_to_match
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
-from shuttle_marl.dynamics.adapting import adapted
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.imitator import Imitator
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.stroke import N_SHOTS
@@ -110,13 +110,13 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[s
     rows = rows_from_strokes(strokes)
     with_height, unaided = imitator.predict(strokes), imitator.predict(strokes, height_known=False)
     seen: dict[str, Prediction] = {
-        "imitator, match watched": _of_joint(adapted(with_height, strokes), rows),
+        "imitator, match watched": _of_joint(adapt_to_match(with_height, strokes), rows),
         "imitator": _of_joint(with_height, rows),
         "own clone": next_stroke_probabilities(models, rows),
         "average clone": next_stroke_probabilities(models, rows, own=False),
     }
     hidden: dict[str, Prediction] = {
-        "imitator, match watched": _of_joint(adapted(unaided, strokes, height_known=False), rows),
+        "imitator, match watched": _of_joint(adapt_to_match(unaided, strokes, height_known=False), rows),
         "imitator": _of_joint(unaided, rows),
         "own clone": without_height(models, rows),
         "average clone": without_height(models, rows, own=False),

@@ -15,7 +15,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.models import ridge_logits
 from shuttle_marl.dynamics.network import encode, predict
-from shuttle_marl.dynamics.trees import INPUTS, PARAMETERS, Trees, fit_ordered_trees, fit_trees
+from shuttle_marl.dynamics.trees import INPUTS, PARAMETERS, Trees, fit_trees
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.shipped import read_model_card
 
@@ -39,25 +39,6 @@ def test_arrays_say_what_the_library_says() -> None:
     assert np.abs(booster.predict(x, raw_score=True) - trees.logits(rows.codes)).max() < 1e-12
     assert np.abs(expit(trees.logits(rows.codes)) - truth).mean() < 0.1
     again = fit_trees(rows.codes, label, leaves=6, rounds=40)
-    assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(trees).items())
-
-
-def test_arrays_of_ordered_trees_say_what_the_library_says() -> None:
-    lightgbm = pytest.importorskip("lightgbm")
-    rng = np.random.default_rng(3)
-    columns = rng.integers(0, [3, 64, 40, 2], (4000, 4)).astype(np.int16)
-    kind = (columns[:, 1] > 20).astype(np.int64) + (columns[:, 2] > 30)
-    label = np.where(rng.random(4000) < 0.8, 2 * kind, rng.integers(0, 5, 4000))
-    settings = {"leaves": 6, "rounds": 20, "rate": 0.2, "features": 0.5, "seed": 5}
-    trees = fit_ordered_trees(columns, label, 6, **settings)
-    booster = lightgbm.train(
-        {**PARAMETERS, "objective": "multiclass", "num_class": 6, "num_leaves": 6, "learning_rate": 0.2, "min_data_in_leaf": 40,
-         "feature_fraction": 0.5, "seed": 5},
-        lightgbm.Dataset(columns.astype(np.int32), label), num_boost_round=20,
-    )  # fmt: skip
-    assert np.abs(booster.predict(columns, raw_score=True) - trees.sums(columns, 6)).max() < 1e-12
-    assert (trees.sums(columns, 6).argmax(axis=1) == 2 * kind).mean() > 0.98
-    again = fit_ordered_trees(columns, label, 6, **settings)
     assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(trees).items())
 
 

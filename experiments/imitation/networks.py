@@ -1,50 +1,48 @@
-"""The networks of the imitator: residual networks that give the shot type, and the area given the shot type.
+"""Residual networks of the imitator: the shot type, and the area given the shot type.
 
-Every second network reads each number as the step of a quantile scale as well: it finds thresholds where the others are smooth.
-During the fit the contact height and each player are hidden in a share of the strokes.
+Every second network also reads each number as its step on a quantile scale, and so learns thresholds where the others are smooth.
+During the fit the contact height and each player are hidden in a fraction of the strokes.
 """
 
 import contextlib
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cuts_of, steps_of
 from shuttle_marl.arrays import F32, F64, I64
-from shuttle_marl.dynamics.moments import CODES, UNSEEN_HEIGHT, Moments, cuts_of, steps_of
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.tensor_files import checked
 
 _LIMIT: Final = 4.0
 """Standardised numbers are cut off here: single points in the files are far off."""
 _CHUNK: Final = 4096
 _HEIGHT: Final = list(CODES).index("height")
 _STRIKER: Final = len(CODES)
-"""Column of the striker; that of the receiver follows, and then those of the steps."""
+"""Column of the striker; followed by the receiver and the steps."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NetworksConfig:
-    """Settings of the fit; chosen on matches left out of the training matches.
+    """Settings of the fit; chosen on held-out matches of the training split.
 
     Attributes:
         members: networks of the ensemble.
         epochs: passes over the strokes.
-        batch: strokes a step.
+        batch: strokes per step.
         learning_rate: peak of the one-cycle schedule of AdamW.
         decay: weight decay of matrices and embeddings.
         width: hidden units of a layer.
         layers: number of hidden layers.
-        dropout: share of hidden units left out.
-        steps: of the quantile scales that every second network reads.
-        hide_height: share of strokes whose contact height is hidden during the fit.
-        hide_player: share of strokes whose striker is hidden during the fit, and share of those whose receiver is.
+        dropout: dropout probability of hidden units.
+        steps: steps of the quantile scales that every second network reads.
+        hide_height: fraction of strokes whose contact height is hidden during the fit.
+        hide_player: fraction of strokes whose striker is hidden during the fit, and of those whose receiver is.
     """
 
     members: int = 6
@@ -62,7 +60,7 @@ class NetworksConfig:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Context in which PyTorch computes each operation in the thread that asks for it."""
+    """Context manager: PyTorch computes each operation in the calling thread."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -89,8 +87,8 @@ class _Network(nn.Module):
         def drop(hidden: Tensor) -> Tensor:
             if dropout == 0:
                 return hidden
-            kept = (torch.rand(hidden.shape, generator=generator) >= dropout).to(hidden.dtype)
-            return hidden * (kept / (1 - dropout))
+            mask = (torch.rand(hidden.shape, generator=generator) >= dropout).to(hidden.dtype)
+            return hidden * (mask / (1 - dropout))
 
         hidden = drop(self.norms[0](functional.silu(self.numbers(numbers) + self.codes(columns))))
         for inner, norm in zip(self.inner, list(self.norms)[1:], strict=True):
@@ -99,15 +97,30 @@ class _Network(nn.Module):
         return logits[:, :N_SHOTS], logits[:, N_SHOTS:].view(-1, N_SHOTS, N_AREAS)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class ImitatorNetworks:
-    """Networks, fitted or to be fitted.
+class TrainingStrokes(NamedTuple):
+    """Training data of the networks.
 
     Attributes:
-        config: of the fit.
-        players: number of players, the average player left out.
-        mean, scale: ``[F]`` of the numbers of a moment.
-        cuts: ``[F, steps - 1]`` rising, between the steps of the quantile scale of each number.
+        numbers, columns: inputs, as returned by :meth:`ImitatorNetworks.inputs`.
+        shot: ``[N]`` shot types.
+        area: ``[N]`` areas, -1 where unknown.
+    """
+
+    numbers: Tensor
+    columns: Tensor
+    shot: Tensor
+    area: Tensor
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class ImitatorNetworks:
+    """Ensemble of networks.
+
+    Attributes:
+        config: settings of the fit.
+        players: number of players, without the average player.
+        mean, scale: ``[F]`` mean and standard deviation of each number.
+        cuts: ``[F, steps - 1]`` increasing cuts between the steps of the quantile scale of each number.
         members: the networks.
     """
 
@@ -119,44 +132,42 @@ class ImitatorNetworks:
     members: nn.ModuleList
 
     @classmethod
-    def untrained(cls, moments: Moments, players: int, config: NetworksConfig, seed: int) -> Self:
-        """Networks with drawn weights, their scales taken from the moments of all strokes to learn from."""
-        mean, scale = _scales(moments.numbers)
+    def untrained(cls, contexts: HitContexts, players: int, config: NetworksConfig, seed: int) -> Self:
+        """Networks with random weights; the scales are those of the contexts of the training strokes."""
+        mean, scale = _scales(contexts.numbers)
         with torch.random.fork_rng(devices=()):
             torch.manual_seed(seed)
             members = nn.ModuleList(_network(len(mean), players, config, k) for k in range(config.members))
-        cuts = cuts_of(moments.numbers, config.steps)
+        cuts = cuts_of(contexts.numbers, config.steps)
         return cls(config=config, players=players, mean=mean, scale=scale, cuts=cuts, members=members)
 
-    def inputs(self, moments: Moments, who: I64) -> tuple[Tensor, Tensor]:
+    def inputs(self, contexts: HitContexts, players: I64) -> tuple[Tensor, Tensor]:
         """Inputs of the networks.
 
         Args:
-            moments: of N strokes.
-            who: ``[N, 2]`` codes of striker and receiver, 0 for the average player.
+            contexts: of N strokes.
+            players: ``[N, 2]`` codes of striker and receiver, 0 for the average player.
 
         Returns:
-            ``[N, F]`` standardised numbers, 0 where not known; ``[N, 20 + F]`` columns of codes, players, and steps.
+            ``[N, F]`` standardised numbers, 0 where unknown; ``[N, 20 + F]`` columns of codes, players, and steps.
         """
-        numbers = np.clip((moments.numbers - self.mean) / self.scale, -_LIMIT, _LIMIT)
-        codes = np.concatenate([moments.codes, who, steps_of(moments.numbers, self.cuts)], axis=1)
+        numbers = np.clip((contexts.numbers - self.mean) / self.scale, -_LIMIT, _LIMIT)
+        codes = np.concatenate([contexts.codes, players, steps_of(contexts.numbers, self.cuts)], axis=1)
         return torch.from_numpy(np.nan_to_num(numbers)), torch.from_numpy(codes + self._starts)
 
-    def train(self, member: int, seed: int, numbers: Tensor, columns: Tensor, shot: Tensor, area: Tensor) -> None:
+    def train(self, member: int, seed: int, strokes: TrainingStrokes) -> None:
         """Fit one member.
 
         Args:
-            member: its index.
-            seed: of all random numbers.
-            numbers, columns: as of :meth:`inputs`.
-            shot: ``[N]`` shot types.
-            area: ``[N]`` areas, -1 where that is not known.
+            member: index of the network.
+            seed: random seed.
+            strokes: training data.
         """
-        config, starts = self.config, self._starts
-        network, columns = self.members[member], _read(columns, member)
+        config, starts, shot, area = self.config, self._starts, strokes.shot, strokes.area
+        network, columns = self.members[member], _member_columns(strokes.columns, member)
         generator = torch.Generator().manual_seed(seed)
         weights = list(network.parameters())
-        groups: list[dict[str, Any]] = [
+        groups: list[dict[str, list[nn.Parameter] | float]] = [
             {"params": [w for w in weights if w.ndim > 1], "weight_decay": config.decay},
             {"params": [w for w in weights if w.ndim == 1], "weight_decay": 0.0},
         ]
@@ -174,66 +185,42 @@ class ImitatorNetworks:
         for _ in range(config.epochs):
             for rows in torch.randperm(len(shot), generator=generator)[: steps * size].view(steps, size):
                 seen = columns[rows]
-                for column, code, share in hidden:
-                    seen[torch.rand(size, generator=generator) < share, column] = code
-                types, areas = network(numbers[rows], seen, config.dropout, generator)
+                for column, code, fraction in hidden:
+                    seen[torch.rand(size, generator=generator) < fraction, column] = code
+                types, areas = network(strokes.numbers[rows], seen, config.dropout, generator)
                 of_type = areas[torch.arange(size), shot[rows]]
                 over_types = torch.logsumexp(functional.log_softmax(types, 1)[:, :, None] + functional.log_softmax(areas, 2), 1)
                 loss = functional.cross_entropy(types, shot[rows])
                 loss = loss + functional.cross_entropy(of_type, area[rows], ignore_index=-1, reduction="sum") / size
-                # What is asked of the area without the shot type is fitted as well; it follows from the two, but not as sharply.
+                # The marginal probability of the area is fitted too: it follows from the other two, but less sharply.
                 loss = loss + 0.5 * functional.nll_loss(over_types, area[rows], ignore_index=-1, reduction="sum") / size
                 optimiser.zero_grad()
                 torch.autograd.backward(loss)
                 optimiser.step()
                 schedule.step()
 
-    def predict(self, moments: Moments, who: I64) -> F64:
+    def predict(self, contexts: HitContexts, players: I64) -> F64:
         """``[N, 13, 9]`` probability of each shot type and area; players as in :meth:`inputs`."""
-        numbers, columns = self.inputs(moments, who)
-        out = np.zeros((len(moments), N_SHOTS, N_AREAS))
+        numbers, columns = self.inputs(contexts, players)
+        out = np.zeros((len(contexts), N_SHOTS, N_AREAS))
         with torch.no_grad():
-            for start in range(0, len(moments), _CHUNK):
+            for start in range(0, len(contexts), _CHUNK):
                 part = slice(start, start + _CHUNK)
                 for k, member in enumerate(self.members):
-                    shot, area = member(numbers[part], _read(columns[part], k))
+                    shot, area = member(numbers[part], _member_columns(columns[part], k))
                     joint = functional.softmax(shot.double(), dim=1)[:, :, None] * functional.softmax(area.double(), dim=2)
                     out[part] += joint.numpy() / len(self.members)
         return out
 
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Arrays of a file, by name."""
-        weights = {f"members.{name}": weight.numpy() for name, weight in self.members.state_dict().items()}
-        return {"mean": self.mean, "scale": self.scale, "cuts": self.cuts, **weights}
-
-    @classmethod
-    def checked(cls, arrays: dict[str, npt.NDArray[Any]], players: int, config: NetworksConfig) -> Self:
-        """Networks of arrays from a file.
-
-        Raises:
-            KeyError, ValueError, RuntimeError: they are none.
-        """
-        f = arrays["mean"].shape
-        shapes = {"mean": f, "scale": f, "cuts": (*f, config.steps - 1)}
-        # Without memory of its own: what a file describes may be of any size, its weights are as large as the file.
-        with torch.device("meta"):
-            members = nn.ModuleList(_network(f[0], players, config, k) for k in range(config.members))
-        weights = {name.removeprefix("members."): array for name, array in arrays.items() if name.startswith("members.")}
-        state = {name: torch.from_numpy(checked(array, np.float32, array.shape)) for name, array in weights.items()}
-        members.load_state_dict(state, assign=True)
-        members.requires_grad_(False).eval()
-        scales = {name: checked(arrays[name], np.float32, shape) for name, shape in shapes.items()}
-        return cls(config=config, players=players, members=members, **scales)
-
     @property
     def _starts(self) -> I64:
-        """``[20 + F]`` first column of each code; of striker and receiver it is that of the average player."""
+        """``[20 + F]`` first column of each code; for striker and receiver it is the average player."""
         sizes = [*CODES.values(), *2 * [self.players + 1], *len(self.mean) * [self.config.steps + 1]]
         return np.cumsum([0, *sizes[:-1]])
 
 
 def _scales(numbers: F32) -> tuple[F32, F32]:
-    """Mean ``[F]`` and standard deviation ``[F]`` of numbers ``[N, F]``, of which some are NaN."""
+    """Mean ``[F]`` and standard deviation ``[F]`` of numbers ``[N, F]``, NaN ignored."""
     known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
     known = [column if len(column) else np.zeros(1) for column in known]
     return (
@@ -248,6 +235,6 @@ def _network(numbers: int, players: int, config: NetworksConfig, member: int) ->
     return _Network(numbers, columns + (numbers * (config.steps + 1) if member % 2 else 0), config)
 
 
-def _read(columns: Tensor, member: int) -> Tensor:
-    """Columns that a member reads: every second one the steps as well."""
+def _member_columns(columns: Tensor, member: int) -> Tensor:
+    """Input columns of a member: every second one reads the steps as well."""
     return columns if member % 2 else columns[:, : _STRIKER + 2]

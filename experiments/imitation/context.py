@@ -1,9 +1,8 @@
-"""The moment of a hit: all that can be seen before a stroke is chosen, as codes and numbers.
+"""Context of a hit: everything that is visible before a stroke is chosen, as codes and numbers.
 
-Positions of both players and of the shuttle when it is struck, how they moved since the strokes before, the tempo, the four
-strokes before, and the players. Nothing that happens after the hit is read: not the stroke itself, its outcome or its
-landing, and no later row. The landing of a returned stroke is where the receiver met it, so that of the incoming stroke is
-known at the hit.
+It holds the positions of both players and of the shuttle, their movement since the previous strokes, the tempo, the four previous
+strokes, and the players. It depends on nothing after the hit: neither on the stroke, its outcome and its landing, nor on later
+rows. The landing of a returned stroke is the receiver's contact point, so that of the incoming stroke is known at the hit.
 """
 
 import dataclasses
@@ -18,30 +17,30 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 HISTORY: Final = 4
-"""Strokes before the hit that are read."""
+"""Number of previous strokes."""
 UNSEEN_HEIGHT: Final = 2
-"""Code of a contact height that is not given."""
+"""Code of a hidden contact height."""
 _BEFORE: Final = {"shot": N_SHOTS, "area": N_AREAS, "height": 2, "technique": N_TECHNIQUES}
 CODES: Final[dict[str, int]] = {
     "height": UNSEEN_HEIGHT + 1,
     "discipline": 2,
-    # Of a stroke before: also "none" (the rally has just begun) and "unknown" (the row was dropped).
+    # Two more codes of a previous stroke: "none" (before the serve) and "unknown" (the row was dropped).
     **{f"{name}_{lag}": size + 2 for lag in range(1, HISTORY + 1) for name, size in _BEFORE.items()},
 }
-"""Codes of a moment, and how many values each has; ``_1`` is of the incoming stroke, ``_2`` of the striker's own before it."""
-LONGEST: Final = 5.0
-"""A longer time between two strokes [s] is an error of the file."""
+"""Number of values of each code; ``_1`` is the incoming stroke, ``_2`` the striker's previous one."""
+MAX_SECONDS: Final = 5.0
+"""A longer time between two strokes [s] is treated as an annotation error."""
 _USUAL_FRAME_RATE: Final = 30.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Moments:
-    """N moments.
+class HitContexts:
+    """Contexts of N hits.
 
     Attributes:
         codes: ``[N, 18]`` codes, columns as in :data:`CODES`.
-        numbers: ``[N, F]`` places in the striker's frame [m], distances [m], times [s], speeds [m/s], and where the rally
-            stands; NaN where something is not known.
+        numbers: ``[N, F]`` positions in the striker's frame [m], distances [m], times [s], speeds [m/s], and the phase of the
+            rally; NaN where unknown.
         striker, receiver: ``[N]`` identifiers of the players.
     """
 
@@ -53,19 +52,15 @@ class Moments:
     def __len__(self) -> int:
         return len(self.codes)
 
-    def take(self, which: npt.NDArray[np.integer | np.bool_]) -> "Moments":
-        """The moments chosen by an index or a mask."""
-        return Moments(**{field.name: getattr(self, field.name)[which] for field in dataclasses.fields(self)})
-
-    def without_height(self) -> "Moments":
-        """The same moments, the contact height hidden."""
+    def without_height(self) -> "HitContexts":
+        """The contexts with the contact height hidden."""
         codes = self.codes.copy()
         codes[:, list(CODES).index("height")] = UNSEEN_HEIGHT
         return dataclasses.replace(self, codes=codes)
 
 
-def moments_of(strokes: pa.Table) -> Moments:
-    """The moment of every stroke of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`)."""
+def hit_contexts(strokes: pa.Table) -> HitContexts:
+    """Context of every stroke of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`)."""
     before, number = _rows_before(strokes)
     codes = {
         "height": strokes["height"].to_numpy(zero_copy_only=False).astype(np.int16),
@@ -77,7 +72,7 @@ def moments_of(strokes: pa.Table) -> Moments:
             known = (before[lag] >= 0) & (values[before[lag]] >= 0)
             code = np.where(known, values[before[lag]], np.where(number <= lag, size, size + 1))
             codes[f"{name}_{lag}"] = code.astype(np.int16)
-    return Moments(
+    return HitContexts(
         codes=np.stack([codes[name] for name in CODES], axis=1),
         numbers=_numbers(strokes, before, number).astype(np.float32),
         striker=strokes["player"].to_numpy(zero_copy_only=False).astype(str),
@@ -86,21 +81,21 @@ def moments_of(strokes: pa.Table) -> Moments:
 
 
 def cuts_of(numbers: F32, steps: int) -> F32:
-    """``[F, steps - 1]`` quantiles of numbers ``[N, F]``, of which some are NaN: the cuts between steps of a scale."""
+    """``[F, steps - 1]`` quantiles of numbers ``[N, F]``, NaN ignored: the cuts between the steps of a scale."""
     shares = np.linspace(0, 1, steps + 1)[1:-1]
     known = [column[np.isfinite(column)].astype(np.float64) for column in numbers.T]
     return np.array([np.quantile(column if len(column) else np.zeros(1), shares) for column in known], dtype=np.float32)
 
 
 def steps_of(numbers: F32, cuts: F32) -> I64:
-    """``[N, F]`` step of each number ``[N, F]`` on its scale, one more than the last step where it is NaN."""
+    """``[N, F]`` step of each number ``[N, F]`` on its scale; NaN has a step of its own after the last."""
     steps = np.stack([np.searchsorted(cut, column) for cut, column in zip(cuts, numbers.T, strict=True)], axis=1)
     steps[np.isnan(numbers)] = cuts.shape[1] + 1
     return steps
 
 
 def _rows_before(strokes: pa.Table) -> tuple[I64, I64]:
-    """``[5, N]`` row of the stroke so many before each in its rally (0: its own row), -1 where there is none; and its number."""
+    """``[5, N]`` row of the stroke k = 0 … 4 before each in its rally, -1 without one; ``[N]`` number in the rally."""
     match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy(zero_copy_only=False)
     rally = np.stack([match, *(strokes[name].to_numpy(zero_copy_only=False).astype(np.int64) for name in ("game", "rally"))])
     number = strokes["stroke"].to_numpy(zero_copy_only=False).astype(np.int64)
@@ -111,34 +106,34 @@ def _rows_before(strokes: pa.Table) -> tuple[I64, I64]:
         earlier = np.maximum(rows - back, 0)
         lag = number - number[earlier]
         # Dropped rows leave gaps, so the stroke `lag` before stands at most `lag` rows before.
-        found = (rows >= back) & (rally[:, earlier] == rally).all(axis=0) & (lag >= back) & (lag <= HISTORY)
-        before[lag[found], rows[found]] = earlier[found]
+        same_rally = (rows >= back) & (rally[:, earlier] == rally).all(axis=0) & (lag >= back) & (lag <= HISTORY)
+        before[lag[same_rally], rows[same_rally]] = earlier[same_rally]
     return before, number
 
 
 def _numbers(strokes: pa.Table, before: I64, number: I64) -> F64:
-    place = {
+    position = {
         name: np.stack([_column(strokes, f"{name}_x"), _column(strokes, f"{name}_y")], axis=1)
         for name in ("striker", "receiver", "contact")
     }
-    # Who strikes now struck two strokes before as well, and received the stroke in between, seen from the other side.
-    own, other, shuttle = ([place[name]] for name in ("striker", "receiver", "contact"))
+    # Striker and receiver change with every stroke, and with them the frame of the coordinates.
+    own, other, shuttle = ([position[name]] for name in ("striker", "receiver", "contact"))
     for lag in range(1, HISTORY + 1):
         sign, mine, theirs = (1, "striker", "receiver") if lag % 2 == 0 else (-1, "receiver", "striker")
-        for places, name in ((own, mine), (other, theirs), (shuttle, "contact")):
-            places.append(sign * _at(place[name], before[lag]))
+        for positions, name in ((own, mine), (other, theirs), (shuttle, "contact")):
+            positions.append(sign * _at(position[name], before[lag]))
     frame, rate = _column(strokes, "frame"), _frame_rate(strokes)
     step = [(_at(frame, before[lag - 1]) - _at(frame, before[lag])) / rate for lag in range(1, HISTORY + 1)]
-    step = [np.where((time > 0) & (time < LONGEST), time, np.nan)[:, None] for time in step]
+    step = [np.where((time > 0) & (time < MAX_SECONDS), time, np.nan)[:, None] for time in step]
     tempo = np.maximum(step[0], 0.1)
     moves = [own[0] - own[1], other[0] - other[1], shuttle[0] - shuttle[1]]
     reach = shuttle[0] - own[0]
-    metres = [np.linalg.norm(way, axis=1, keepdims=True) for way in (*moves, reach)]
+    distances = [np.linalg.norm(vector, axis=1, keepdims=True) for vector in (*moves, reach)]
     phase = np.stack([np.log(number), np.minimum(number, 30) / 10, number % 2], axis=1)
     columns = [
-        *own, *other, *shuttle, *step, *moves, reach, *metres, phase,
+        *own, *other, *shuttle, *step, *moves, reach, *distances, phase,
         own[1] - own[2], other[1] - other[2],
-        *(way / tempo for way in moves), *(way / tempo for way in metres[:3]),
+        *(vector / tempo for vector in moves), *(length / tempo for length in distances[:3]),
     ]  # fmt: skip
     return np.concatenate(columns, axis=1)
 
@@ -149,13 +144,13 @@ def _column(strokes: pa.Table, name: str) -> F64:
 
 def _at(values: F64, rows: I64) -> F64:
     """Values of rows, NaN for row -1."""
-    known = rows >= 0
-    return np.where(known.reshape(-1, *(1,) * (values.ndim - 1)), values[rows], np.nan)
+    exists = rows >= 0
+    return np.where(exists.reshape(-1, *(1,) * (values.ndim - 1)), values[rows], np.nan)
 
 
 def _frame_rate(strokes: pa.Table) -> F64:
-    """``[N]`` frames a second of the video, from frame and clock of the row itself: no later row is asked."""
+    """``[N]`` frames per second of the video, from frame and clock of the same row."""
     frame, clock = _column(strokes, "frame"), _column(strokes, "clock")
-    # The clock shows whole seconds: early in a video it tells no rate.
+    # The clock has whole seconds, too coarse early in a video.
     rate = np.where(clock > 100, frame / np.maximum(clock, 1), _USUAL_FRAME_RATE)
     return np.asarray(np.clip(np.round(rate), 20, 120))
