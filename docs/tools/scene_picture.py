@@ -38,7 +38,7 @@ def lively(log: RallyLog) -> int:
     """Number of the first rally worth a picture."""
     for first, rallies in log.batches():
         for row in range(len(rallies)):
-            rally = rallies.part(row, row + 1)
+            rally = rallies.slice(row, row + 1)
             shots = log.catalogue.shot[rally.stroke]
             close = rally.score[0, :2].min() >= 8 and (rally.score[0, 2:] == 1).all()
             if close and rally.reason[0] == WINNER and shots[-1] == SMASH and len(set(shots.tolist())) >= 8:

@@ -5,7 +5,7 @@ import functools
 import json as json_format
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
-    from shuttle_marl.recording.kernel_rallies import Add
+    from shuttle_marl.rally.record import Rallies
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
@@ -372,11 +372,13 @@ def _print_away(rows: "Sequence[cli.Headlines]", refits: "Sequence[Game]", *, as
 
 
 @contextlib.contextmanager
-def _recorded(sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None) -> "Iterator[Add | None]":
+def _recorded(
+    sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None
+) -> "Iterator[Callable[[int, Rallies], None] | None]":
     """Recorder of the matches of policies that are sampled; None if there is nothing to record."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
-    from shuttle_marl.recording.kernel_rallies import free_name, sampled_log  # noqa: PLC0415
+    from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415
 
     if not Sampling.parse(record).every or not sampled:
         yield None

@@ -25,7 +25,6 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recover import recover as recover_log
 from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.schema import RecordingError
-from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import SceneError
 
 if TYPE_CHECKING:
@@ -284,7 +283,7 @@ def _describe(log: RallyLog, number: int) -> str:
         f"games {games[0]}-{games[1]}, points {points[0]}-{points[1]}, {names[server]} serves"
     ]
     catalogue = log.catalogue
-    for i, (stroke, outcome) in enumerate(zip(rally.stroke, outcomes(rally, catalogue), strict=True)):
+    for i, (stroke, outcome) in enumerate(zip(rally.stroke, rally.outcome(catalogue), strict=True)):
         shot, area = SHOTS[catalogue.shot[stroke]], AREAS[catalogue.area[stroke]]
         technique, height = TECHNIQUES[catalogue.technique[stroke]], HEIGHTS[catalogue.height[stroke]]
         lines.append(

@@ -8,42 +8,41 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from shuttle_marl.kernel.batch_log import BatchLog
+    from shuttle_marl.kernel.checks import KernelError
     from shuttle_marl.kernel.core import Players, pack
+    from shuttle_marl.kernel.lockstep import Matches, MatchResults
     from shuttle_marl.kernel.match_versus import MatchVersusBatch
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.rally import RallyBatch, Tally
-    from shuttle_marl.kernel.sampling import Distinct, RallySampler
-    from shuttle_marl.kernel.uncompiled import KernelError, Matches, PlayedMatches, SingleRallies
+    from shuttle_marl.kernel.sampling import Distinct, RallySampler, play_rallies
     from shuttle_marl.kernel.versus import VersusBatch
 
 __all__ = [
-    "BatchLog",
     "Distinct",
     "KernelError",
+    "MatchResults",
     "MatchVersusBatch",
     "Matches",
-    "PlayedMatches",
     "Players",
     "RallyBatch",
     "RallySampler",
-    "SingleRallies",
     "Tally",
     "VersusBatch",
     "pack",
     "play_matches",
+    "play_rallies",
 ]
 
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "batch_log": ("BatchLog",),
+        "checks": ("KernelError",),
         "core": ("Players", "pack"),
+        "lockstep": ("MatchResults", "Matches"),
         "match_versus": ("MatchVersusBatch",),
         "matches": ("play_matches",),
         "rally": ("RallyBatch", "Tally"),
-        "sampling": ("Distinct", "RallySampler"),
-        "uncompiled": ("KernelError", "Matches", "PlayedMatches", "SingleRallies"),
+        "sampling": ("Distinct", "RallySampler", "play_rallies"),
         "versus": ("VersusBatch",),
     },
 )

@@ -18,8 +18,8 @@ from shuttle_marl.arrays import I8, I16, I32, I64, U8, U16, U64, Bools
 from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
 _LOW_16: Final = np.uint64(0xFFFF)
 _CHOICE_ONE: Final = np.uint64(CHOICE_ONE)

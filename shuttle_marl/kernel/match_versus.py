@@ -10,6 +10,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     Tables,
@@ -26,7 +27,6 @@ from shuttle_marl.kernel.core import (
     table_choice,
 )
 from shuttle_marl.kernel.rows import Rows, Server, in_slices
-from shuttle_marl.kernel.uncompiled import checked_array
 from shuttle_marl.kernel.versus import AgainstBatch, Opponents
 
 ILLEGAL: Final = 2

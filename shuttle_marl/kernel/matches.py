@@ -1,6 +1,6 @@
 """Whole matches between tabulated policies, side by side, compiled.
 
-Bit for bit what :func:`shuttle_marl.kernel.uncompiled.play` does with the same tables and keys; there the policies may also
+Bit for bit what :func:`shuttle_marl.kernel.lockstep.play` does with the same tables and keys; there the policies may also
 read the score, here they may not, and a stroke costs a small part of it.
 """
 
@@ -16,6 +16,7 @@ from shuttle_marl.arrays import I8, I32, U8, U64, UInts
 from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -34,8 +35,9 @@ from shuttle_marl.kernel.core import (
     table_choice,
     tables_of,
 )
+from shuttle_marl.kernel.lockstep import Matches, MatchResults
 from shuttle_marl.kernel.rows import Rows, new_rows, part_of
-from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, checked_array, checked_number, stroke_type
+from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 _STROKES_A_MATCH: Final = 1600
 """First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of
@@ -155,8 +157,7 @@ def _play_block(
     matches: Matches,
     rules: Rules,
     keep: bool,
-    type_: np.dtype[np.unsignedinteger],
-) -> PlayedMatches:
+) -> MatchResults:
     size, rallies = len(matches), rules.max_rallies
     log = _Log(
         begun=np.zeros(size, np.int32),
@@ -168,9 +169,9 @@ def _play_block(
         reason=np.empty((size, rallies), np.uint8),
         score=np.empty((size, rallies, 4), np.uint8),
         strokes=np.empty((size, rallies), np.int32),
-        stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), type_),
+        stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), stroke_dtype(tables.rank.shape[1])),
     )
-    lanes, live, step = new_rows(size), size, 0
+    lanes, live, step = new_rows(max(1, size)), size, 0
     _begin(lanes, log, matches.key, matches.first_server)
     while True:
         live, step = _play(tables, players, matches.entrant, matches.key, rules.numbers, keep, lanes, live, log, step)
@@ -179,17 +180,19 @@ def _play_block(
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
     was_played = np.arange(rallies) < log.begun[:, None]
     match, rally = np.nonzero(was_played)
-    return PlayedMatches(
-        games=log.games,
-        match=match.astype(np.int32),
-        rally=rally.astype(np.int32),
+    played = Rallies(
+        pairing=np.zeros(len(match), np.uint32),
+        match=match.astype(np.uint32),
+        rally=rally.astype(np.uint16),
+        policy=matches.entrant[match].astype(np.uint16),
         server=log.server[was_played],
         winner=log.winner[was_played],
         reason=log.reason[was_played],
         score=log.score[was_played],
         length=log.strokes[was_played],
-        stroke=np.concatenate([row[:length] for row, length in zip(log.stroke, log.length, strict=True)]),
+        stroke=np.concatenate([log.stroke[:0].ravel(), *(row[:n] for row, n in zip(log.stroke, log.length, strict=True))]),
     )
+    return MatchResults(log.games, played)
 
 
 def play_matches(
@@ -201,18 +204,18 @@ def play_matches(
     keep_strokes: bool = True,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> PlayedMatches:
+) -> MatchResults:
     """Play all matches to their end.
 
     Args:
         game: the tables.
-        matches: who plays whom, who serves first, and with which draws.
-        policies: the entrants, tabulated for this game; packed already by :func:`~shuttle_marl.kernel.pack` saves time where
-            the same ones play again.
+        matches: entrants, first servers and draws.
+        policies: the entrants, tabulated for this game. Packing them once with :func:`~shuttle_marl.kernel.pack` saves time if
+            the same policies play several times.
         rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
-        threads: threads that share the matches, never changing a result; None: as many as there are processors.
-        progress: called now and then with the number of strokes played since the last call.
+        threads: number of threads; does not change results. None: number of processors.
+        progress: called from time to time with the number of strokes played since the last call.
 
     Raises:
         KernelError: a policy of another game, or a match between entrants that do not exist.
@@ -222,37 +225,26 @@ def play_matches(
     checked_array("entrant", matches.entrant, np.int32, (len(matches), 2), 0, len(players.cumulative) - 1)
     workers = os.cpu_count() if threads is None else checked_number("threads", threads, 1)
     tables = tables_of(game)
-    type_ = stroke_type(game)
 
-    def block(first: int) -> PlayedMatches:
+    def play_from(first: int) -> MatchResults:
         part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})
-        return _play_block(tables, players, part, rules, keep_strokes, type_)
+        return _play_block(tables, players, part, rules, keep_strokes)
 
-    parts = []
-    starts = range(0, len(matches), BLOCK)
+    games: list[I32] = []
+    rallies: list[Rallies] = []
+    starts = range(0, max(1, len(matches)), BLOCK)
     with ThreadPoolExecutor(workers) as pool:
-        for played in _in_order(pool, block, starts):
-            parts.append(played)
+        for first, results in zip(starts, _in_order(pool, play_from, starts), strict=True):
+            games.append(results.games)
+            rallies.append(dataclasses.replace(results.rallies, match=results.rallies.match + np.uint32(first)))
             if progress is not None:
-                progress(int(played.length.sum()))
-    return _joined(parts, starts, type_)
+                progress(int(results.rallies.length.sum()))
+    return MatchResults(np.concatenate(games), Rallies.concatenate(rallies))
 
 
-def _in_order(pool: ThreadPoolExecutor, work: Callable[[int], PlayedMatches], starts: Sequence[int]) -> Iterator[PlayedMatches]:
+def _in_order(pool: ThreadPoolExecutor, work: Callable[[int], MatchResults], starts: Sequence[int]) -> Iterator[MatchResults]:
     try:
         yield from pool.map(work, starts)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         raise
-
-
-def _joined(parts: Sequence[PlayedMatches], starts: Sequence[int], type_: np.dtype[np.unsignedinteger]) -> PlayedMatches:
-    if not parts:
-        none, few = np.empty(0, np.int32), np.empty(0, np.uint8)
-        return PlayedMatches(
-            games=np.empty((0, 2), np.int32), match=none, rally=none, server=few, winner=few, reason=few,
-            score=np.empty((0, 4), np.uint8), length=none, stroke=np.empty(0, type_),
-        )  # fmt: skip
-    joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(PlayedMatches)}
-    joined["match"] += np.repeat(np.asarray(starts, np.int32), [len(part.match) for part in parts])
-    return PlayedMatches(**joined)

@@ -8,6 +8,7 @@ import numpy as np
 from shuttle_marl.arrays import F32, I16, I64, Bools, Ints
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -30,7 +31,6 @@ from shuttle_marl.kernel.core import (
     uniform_choice,
 )
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
-from shuttle_marl.kernel.uncompiled import checked_number
 
 _NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
 
@@ -169,15 +169,6 @@ class RallyBatch(Batch):
         if seed is not None:
             self.reseed(seed)
         _reset(self.rows, self._chosen_rows(rows), self._seed_key, self._server)
-
-    def serve(self, rows: Bools) -> tuple[F32, Bools]:
-        """Start the next rally in some rows; returns rewards and which rows are over, as :meth:`step` does: none.
-
-        Args:
-            rows: ``[B]`` which ones.
-        """
-        self.reset(rows=rows)
-        return np.zeros(len(self), np.float32), np.zeros(len(self), np.bool_)
 
     def policy_strokes(self, players: Players) -> I64:
         """``[B]`` the stroke of each row that a tabulated policy plays, by the draw of the stroke that is due.

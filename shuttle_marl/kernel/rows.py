@@ -13,6 +13,7 @@ from shuttle_marl.arrays import I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import Game
+from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -30,7 +31,6 @@ from shuttle_marl.kernel.core import (
     tables_of,
     uniform_choice,
 )
-from shuttle_marl.kernel.uncompiled import KernelError, check_room, checked_array, checked_number
 
 DRAWN: Final = -1
 """The seat that serves is drawn at random."""

@@ -21,7 +21,8 @@ from shuttle_marl.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import Players, pack, put, tables_of
+from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
+from shuttle_marl.kernel.core import Players, Tables, pack, put, tables_of
 from shuttle_marl.kernel.table_play import (
     NO_ROOM,
     Learned,
@@ -37,8 +38,8 @@ from shuttle_marl.kernel.table_play import (
     tape_for,
     write,
 )
-from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Starts, no_starts, room_for
-from shuttle_marl.kernel.uncompiled import KernelError, SingleRallies, checked_array, stroke_type
+from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Room, Starts, no_starts, room_for
+from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 Assess = Callable[[I32], tuple[F32, F32]]
 """``[U]`` states to ``[U, n]`` logits of all strokes and ``[U]`` values to the striker."""
@@ -367,44 +368,89 @@ class RallySampler:
         """Note the rallies of the next iteration while they are played, so that :meth:`record` need not play them again."""
         self._note_next = True
 
-    def record(self, numbers: Ints, *, figures: bool = False) -> SingleRallies:
-        """Some rallies of the last iteration as they were played, for a log; before the next iteration.
+    def record(self, numbers: Ints, *, figures: bool = False) -> Rallies:
+        """Rallies of the last iteration, for a log; to be called before the next iteration.
 
         Args:
             numbers: ``[R]`` of :attr:`numbers`, of those that begin with a serve.
-            figures: whether to give the log-probability and the value of every stroke of the learner.
+            figures: whether to return ``log_probability`` and ``value`` of the learner's strokes.
+
+        Returns:
+            The rallies; ``match`` is their number, policy 0 is the learner, policy 1 + k opponent k.
 
         Raises:
             KernelError: a rally that was not played in the last iteration.
         """
         number = checked_array("rallies", numbers, np.int64, (len(numbers),), self._first, self._next - 1)
         tape = self._tape if self._tape.used[0] else self._replayed(number)
-        rally, lengths = tape.rally[: tape.used[0]], tape.length[: tape.used[0]]
-        order = np.argsort(rally, kind="stable")
-        rows = order[np.searchsorted(rally, number, sorter=order)]
-        start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
-        count = int(length.sum(dtype=np.int64))
-        stroke, extra = np.empty(count, stroke_type(self.game)), np.empty((2 if figures else 0, count), np.float32)
-        read_tape(self._tables, self._learned, self._opponents, tape, rows, start, stroke, extra)
-        server, winner, reason = tape.ended[:, rows]
-        return SingleRallies(
-            rally=number,
-            opponent=np.maximum(self._opponents[number % len(self._opponents)] - 1, 0),
-            server=server,
-            winner=winner,
-            reason=reason,
-            length=length,
-            stroke=stroke,
-            extra=extra,
-        )
+        return _rallies_of(self._tables, self._learned, self._opponents, tape, number, figures=figures)
 
     def _replayed(self, numbers: I64) -> Tape:
         """Rallies of the last iteration, played again."""
         mean = self._sums.total[5] / max(1.0, self._sums.total[1])
         tape = tape_for(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
-        while len(numbers):
-            done = replay(self._tables, self._learned, self._opponents, no_starts(), self._seed_key, numbers, self._room, tape)
-            numbers = numbers[done:]
-            if len(numbers):  # the tape is full, or a rally is longer than the room, which another device has not needed
-                tape, self._room = longer(tape), room_for(2 * self._room.rallies.state.shape[1])
+        tape, self._room = _played_again(self._tables, self._learned, self._opponents, self._seed_key, numbers, self._room, tape)
         return tape
+
+
+def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], n: int, *, seed: int = 0) -> Rallies:
+    """Play the first n rallies of a seed, with the draws of the first n episodes of ``rally_v0``.
+
+    Args:
+        game: the game.
+        policies: policies at seats 0 and 1.
+        n: number of rallies.
+        seed: random seed.
+
+    Returns:
+        The rallies; ``match`` is their number, ``policy`` 0 and 1.
+
+    Raises:
+        KernelError: fewer than one rally, or a policy of another game.
+    """
+    numbers = np.arange(checked_number("rallies", n, 1), dtype=np.int64)
+    none = np.empty(0, np.float32)
+    learned = Learned(pack(policies, game), none, none, np.zeros(game.n_states, np.int32))
+    tables, opponents, room, tape = tables_of(game), np.ones(1, np.int32), room_for(_LONG), tape_for(n, 16 * n)
+    tape, _ = _played_again(tables, learned, opponents, draws.stream(seed)[0], numbers, room, tape)
+    return _rallies_of(tables, learned, opponents, tape, numbers, figures=False)
+
+
+def _played_again(
+    tables: Tables, learned: Learned, opponents: I32, seed_key: np.uint64, numbers: I64, room: Room, tape: Tape
+) -> tuple[Tape, Room]:
+    """Play rallies onto a tape; both the tape and the room grow as needed."""
+    while len(numbers):
+        numbers = numbers[replay(tables, learned, opponents, no_starts(), seed_key, numbers, room, tape) :]
+        if len(numbers):
+            tape, room = longer(tape), room_for(2 * room.rallies.state.shape[1])
+    return tape, room
+
+
+def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, number: I64, *, figures: bool) -> Rallies:
+    """Rallies of a tape by their numbers ``[R]``."""
+    rally, lengths = tape.rally[: tape.used[0]], tape.length[: tape.used[0]]
+    order = np.argsort(rally, kind="stable")
+    rows = order[np.searchsorted(rally, number, sorter=order)]
+    start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
+    count = int(length.sum(dtype=np.int64))
+    stroke = np.empty(count, stroke_dtype(tables.rank.shape[1]))
+    extra = np.empty((2 if figures else 0, count), np.float32)
+    read_tape(tables, learned, opponents, tape, rows, start, stroke, extra)
+    server, winner, reason = tape.ended[:, rows]
+    policy = np.zeros((len(number), 2), np.uint16)
+    policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)
+    return Rallies(
+        pairing=np.zeros(len(number), np.uint32),
+        match=number.astype(np.uint32),
+        rally=np.zeros(len(number), np.uint16),
+        policy=policy,
+        server=server,
+        winner=winner,
+        reason=reason,
+        score=np.zeros((len(number), 4), np.uint8),
+        length=length,
+        stroke=stroke,
+        log_probability=extra[0] if figures else None,
+        value=extra[1] if figures else None,
+    )

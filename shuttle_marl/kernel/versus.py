@@ -8,6 +8,7 @@ import numpy as np
 from shuttle_marl.arrays import F32, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -29,7 +30,6 @@ from shuttle_marl.kernel.core import (
     table_choice,
 )
 from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
-from shuttle_marl.kernel.uncompiled import KernelError, checked_array
 
 
 class Opponents(NamedTuple):
@@ -82,23 +82,6 @@ def _reset(tables: Tables, rows: Rows, opponents: Opponents, which: Bools, seed_
     for i in range(rows.state.size):
         if which[i]:
             _begin_learner(tables, rows, opponents, i, seed_key, server)
-
-
-@compiled
-def _serve(
-    tables: Tables,
-    rows: Rows,
-    opponents: Opponents,
-    which: Bools,
-    reward: F32,
-    done: Bools,
-    seed_key: np.uint64,
-    server: int,
-) -> None:
-    for i in range(rows.state.size):
-        outcome = _begin_rally(tables, rows, opponents, i, seed_key, server) if which[i] else 2
-        done[i] = outcome < 2
-        reward[i] = (1 - 2 * outcome) * done[i]
 
 
 @compiled
@@ -265,19 +248,6 @@ class VersusBatch(AgainstBatch):
         """Let every row begin with the first of its rallies of another seed when it begins its next one."""
         super().reseed(seed)
         self.opponents.unseen[:] = 0
-
-    def serve(self, rows: Bools) -> tuple[F32, Bools]:
-        """Start the next rally in some rows, also one that ends on the opponent's serve and that :meth:`reset` passes over.
-
-        Args:
-            rows: ``[B]`` which ones.
-
-        Returns:
-            ``[B]`` float32 reward of the learner and ``[B]`` whether the rally is over, as from :meth:`step`.
-        """
-        reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        _serve(self._tables, self.rows, self.opponents, self._chosen_rows(rows), reward, done, self._seed_key, self._server)
-        return reward, done
 
     def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
         """Start the next rally in some rows, up to the learner's first stroke.

@@ -16,7 +16,7 @@ from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.uncompiled import ask
+from shuttle_marl.kernel.lockstep import ask
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
@@ -205,7 +205,7 @@ class Strikers:
             self._rows[first : first + len(table), : table.shape[1]] = table
 
     def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
-        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.uncompiled.Choose`.
+        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.lockstep.Choose`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.

@@ -20,11 +20,10 @@ from shuttle_marl.arrays import Bools
 from shuttle_marl.cluster import Cluster, Shared, Task
 from shuttle_marl.game import draws
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
+from shuttle_marl.kernel.lockstep import Matches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers
 from shuttle_marl.league.sequential import decided
 from shuttle_marl.recording import Rallies
-from shuttle_marl.recording.kernel_rallies import rallies_of
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players
@@ -321,7 +320,7 @@ class Tournament:
             rallies = self._rallies(group, first, last, progress)
             bounds = np.searchsorted(rallies.pairing, [p.number for p in group] + [group[-1].number + 1])
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
-                part = rallies.part(int(begin), int(end))
+                part = rallies.slice(int(begin), int(end))
                 result = tally(pairing, part, pairing.entrants[0])
                 kept = [] if not self._keep_strokes else [part if self._sample is None else self._sample(part)]
                 before = found.get(pairing)
@@ -337,19 +336,20 @@ class Tournament:
         played = (self._ask if asked else self._play_tables)(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
-        return rallies_of(played, pairing=number[in_group], match=first + match, policy=matches.entrant)
+        policy = matches.entrant[played.match].astype(np.uint16)
+        return dataclasses.replace(played, pairing=number[in_group], match=(first + match).astype(np.uint32), policy=policy)
 
-    def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
+    def _play_tables(self, matches: Matches, progress: Callable[[int], None] | None) -> Rallies:
         """Play matches between entrants that all have a table."""
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         seated = Matches(entrant=self._place[matches.entrant], first_server=matches.first_server, key=matches.key)
         keep, threads = self._keep_strokes, self._threads
-        return play_matches(self._game, seated, self._players, keep_strokes=keep, threads=threads, progress=progress)
+        return play_matches(self._game, seated, self._players, keep_strokes=keep, threads=threads, progress=progress).rallies
 
-    def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> PlayedMatches:
+    def _ask(self, matches: Matches, progress: Callable[[int], None] | None) -> Rallies:
         """Play matches in which an entrant has to be asked for every stroke."""
-        return play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress)
+        return play(self._game, matches, self._strikers.choose, keep_strokes=self._keep_strokes, progress=progress).rallies
 
     @functools.cached_property
     def _shared(self) -> "Shared[Tournament]":

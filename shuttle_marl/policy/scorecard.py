@@ -27,8 +27,9 @@ from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, ask, play
+from shuttle_marl.kernel.lockstep import Matches, ask, play
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.rally.record import Rallies
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
@@ -39,9 +40,8 @@ FEW_STROKES: Final = 5
 _AWAY: Final = 1e-6
 """Error bound of values away from home, far below what refits differ by."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
-Watch = Callable[[int, Matches, PlayedMatches], None]
-"""``(first, matches, played)``: shown a batch of matches, those from number ``first`` on; entrant 0 is the policy that is
-sampled, entrant 1 its opponent."""
+Watch = Callable[[Rallies], None]
+"""Receives the rallies of a batch of matches; policy 0 is the sampled policy, policy 1 its opponent."""
 
 _Z: Final = NormalDist().inv_cdf(0.975)
 _BATCH: Final = 1 << 12
@@ -270,7 +270,7 @@ def sample(
 ) -> SampledOdds:
     """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
 
-    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.uncompiled.play`.
+    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
 
     Args:
         policy: may read the score.
@@ -294,14 +294,14 @@ def sample(
             first_server=((number >> 1) & 1).astype(np.int8),
             key=draws.stream(seed, key, number),
         )
-        played = play(opponent.game, seated, choose, keep_strokes=watch is not None)
-        if watch is not None:
-            watch(first, seated, played)
+        games, played = play(opponent.game, seated, choose, keep_strokes=watch is not None)
         match = first + played.match
+        if watch is not None:
+            watch(dataclasses.replace(played, match=match))
         rallies += np.bincount(match, minlength=matches)
         won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
         strokes += int(played.length.sum())
-        wins += int((played.games.argmax(axis=1) == seat).sum())
+        wins += int((games.argmax(axis=1) == seat).sum())
     share = float(won.sum() / rallies.sum())
     # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
     interval = binomtest(wins, matches).proportion_ci(method="wilson")
@@ -318,7 +318,7 @@ def sample(
 
 
 class _Choose:
-    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.uncompiled.Choose`."""
+    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.lockstep.Choose`."""
 
     def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
         self._policy, self._name = policy, name

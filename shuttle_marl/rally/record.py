@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I32, I64, U8, U16, U32, Bools, Ints, UInts
+from shuttle_marl.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
 from shuttle_marl.game.stroke import Catalogue
@@ -17,6 +17,11 @@ PER_STROKE: Final = ("stroke", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
 OPTIONAL: Final = ("update", "log_probability", "value")
 """Columns of :class:`Rallies` that may be missing."""
+
+
+def stroke_dtype(n_strokes: int) -> np.dtype[np.unsignedinteger]:
+    """Type of ``Rallies.stroke`` in a game of ``n_strokes`` strokes: uint8 or uint16."""
+    return np.dtype(np.uint8 if n_strokes <= 256 else np.uint16)
 
 
 class RallyError(ShuttleError):
@@ -167,7 +172,26 @@ class Rallies:
     @functools.cached_property
     def position(self) -> I64:
         """``[N]`` number of each stroke within its rally, from 0."""
-        return np.arange(self.first_stroke[-1]) - np.repeat(self.first_stroke[:-1], self.length)
+        return np.arange(self.first_stroke[-1]) - self.first_stroke[self.row_of_stroke]
+
+    @functools.cached_property
+    def row_of_stroke(self) -> I64:
+        """``[N]`` row of the rally of each stroke."""
+        return np.repeat(np.arange(len(self)), self.length)
+
+    @functools.cached_property
+    def striker(self) -> I64:
+        """``[N]`` seat of the striker of each stroke."""
+        return (self.server[self.row_of_stroke] + self.position) & 1
+
+    def outcome(self, catalogue: Catalogue) -> I8:
+        """``[N]`` outcome of each stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`.
+
+        The contact of a return is the height of the next stroke.
+        """
+        following = np.r_[catalogue.height[self.stroke[1:]], np.int8(0)][: len(self.stroke)] + RETURNED_BELOW
+        following[self.first_stroke[1:] - 1] = self.reason
+        return following.astype(np.int8)
 
     @property
     def optional_columns(self) -> tuple[str, ...]:

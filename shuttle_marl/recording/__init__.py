@@ -5,12 +5,13 @@
 again from the recorded seed. ``docs/rally_log.md`` describes the file byte for byte.
 """
 
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Derived, Replay, replay
-from shuttle_marl.recording.schema import Rallies, RecordingError
+from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
 __all__ = [

@@ -15,12 +15,13 @@ from shuttle_marl.arrays import I64, Bools
 from shuttle_marl.files import open_file
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.container import FOOTER_LENGTH, FRAME, MAGIC, damage, stream
 from shuttle_marl.recording.header import Sampling
 from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import replay
-from shuttle_marl.recording.schema import DamagedLogError, Rallies
+from shuttle_marl.recording.schema import DamagedLogError
 
 _BLOCK: Final = 1 << 20
 

@@ -23,15 +23,16 @@ from mcap.records import Chunk, Footer, Header, Message, Metadata
 from mcap.writer import CompressionType
 
 from shuttle_marl.files import problem
+from shuttle_marl.rally.record import PER_STROKE, Rallies
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.schema import (
-    OF_STROKES,
     VERSION,
     DamagedLogError,
     OtherFileError,
-    Rallies,
     RecordingError,
     arrow_schema,
+    from_arrow,
+    to_arrow,
 )
 
 PROFILE: Final = "shuttle_marl"
@@ -136,7 +137,7 @@ def compression(header: LogHeader) -> CompressionType:
 
     LZ4 where training records figures of single strokes: there are millions a second, and it takes half of the time of zstd.
     """
-    return CompressionType.LZ4 if set(OF_STROKES) & set(header.columns) else CompressionType.ZSTD
+    return CompressionType.LZ4 if set(PER_STROKE) & set(header.columns) else CompressionType.ZSTD
 
 
 _SAYS: Final[dict[str, Callable[[bytes], int]]] = {
@@ -220,7 +221,7 @@ def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
 
 def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
     """The message of a batch whose first rally has number ``first``."""
-    batch = rallies.to_arrow(n_strokes)
+    batch = to_arrow(rallies, n_strokes)
     batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
@@ -245,7 +246,7 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
     first = int(metadata.get(b"first_rally", b"-1"))
     if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
         raise DamagedLogError("a batch without a place in the log")
-    rallies = Rallies.from_arrow(batch)
+    rallies = from_arrow(batch)
     _check_numbers(rallies, header)
     return first, rallies
 

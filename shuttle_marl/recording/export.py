@@ -10,9 +10,10 @@ import pyarrow.parquet
 
 from shuttle_marl.files import replacing
 from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import Derived
-from shuttle_marl.recording.schema import Rallies, RecordingError
+from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.tables import rally_rows, stroke_rows
 from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
 

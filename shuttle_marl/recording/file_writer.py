@@ -17,10 +17,11 @@ import pyarrow as pa
 from mcap.writer import Writer
 
 from shuttle_marl.files import NO_ROOM, problem
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, RALLY_TIME, TOPIC, advice, compression
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import unfinished
-from shuttle_marl.recording.schema import Rallies, RecordingError, arrow_schema
+from shuttle_marl.recording.schema import RecordingError, arrow_schema
 
 _END: Final = 4096
 _END_OF_BATCH: Final = 256

@@ -12,7 +12,8 @@ from shuttle_marl import __version__
 from shuttle_marl.arrays import U64, Bools, Ints
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.recording.schema import EXTRA_COLUMNS, VERSION, DamagedLogError, Rallies, RecordingError
+from shuttle_marl.rally.record import OPTIONAL, Rallies
+from shuttle_marl.recording.schema import VERSION, DamagedLogError, RecordingError
 
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs in which every rally stands for itself: a match of one point."""
@@ -104,7 +105,7 @@ class LogHeader:
         rules: when games and matches were won.
         draws: what names the draws of a rally, see :data:`Draws`.
         record: which rallies were recorded, see :class:`Sampling`.
-        columns: those of :data:`shuttle_marl.recording.schema.EXTRA_COLUMNS` that the log has, in that order.
+        columns: those of :data:`shuttle_marl.rally.record.OPTIONAL` that the log has, in that order.
         software: what wrote the log.
         part: number of this file among those of the log, from 0; logs that differ in this and the next field alone are equal.
         first_rally: number of the first rally of this file.
@@ -130,8 +131,8 @@ class LogHeader:
     def __post_init__(self) -> None:
         if self.draws not in get_args(Draws):
             raise RecordingError(f"draws {self.draws!r}: expected {', '.join(get_args(Draws))}")
-        if self.columns != tuple(name for name in EXTRA_COLUMNS if name in self.columns):
-            raise RecordingError(f"columns {self.columns}: expected some of {EXTRA_COLUMNS}, in that order")
+        if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
+            raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
         for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
             if not least <= getattr(self, name) < limit:
                 raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")

@@ -16,6 +16,7 @@ from mcap.records import Attachment, AttachmentIndex
 
 from shuttle_marl.arrays import U64
 from shuttle_marl.files import open_file
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.container import (
     INDEX_NAME,
     INDEX_SCHEMA,
@@ -27,7 +28,7 @@ from shuttle_marl.recording.container import (
     read_summary,
     stream,
 )
-from shuttle_marl.recording.schema import DamagedLogError, Rallies, RecordingError
+from shuttle_marl.recording.schema import DamagedLogError, RecordingError
 
 SUFFIX: Final = ".mcap"
 _UNFINISHED: Final = ".part"

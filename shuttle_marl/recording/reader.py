@@ -13,9 +13,10 @@ import pyarrow as pa
 from shuttle_marl.arrays import I64, UInts
 from shuttle_marl.files import problem
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path
-from shuttle_marl.recording.schema import OtherFileError, Rallies, RecordingError, arrow_schema
+from shuttle_marl.recording.schema import OtherFileError, RecordingError, arrow_schema, from_arrow
 from shuttle_marl.recording.tables import Derive, rally_rows, stroke_rows
 
 
@@ -115,7 +116,7 @@ class RallyLog:
             last = self.first_rally[-1] + self.rallies[-1] - 1 if len(self.first_rally) else -1
             raise RecordingError(f"{self.path}: no rally {number}; they are numbered up to {last}")
         first, rallies = self.batch(i)
-        return rallies.part(number - first, number - first + 1)
+        return rallies.slice(number - first, number - first + 1)
 
     def file_of(self, number: int) -> int:
         """Which of :attr:`files` a rally stands in."""
@@ -169,7 +170,7 @@ class RallyLog:
     def no_rallies(self) -> Rallies:
         """No rows, with the columns of this log."""
         header = self.files[0].header
-        return Rallies.from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(header.strokes), header.columns)))
+        return from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(header.strokes), header.columns)))
 
     def close(self) -> None:
         """Close the files."""

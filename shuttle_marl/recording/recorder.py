@@ -1,29 +1,28 @@
 """Recording while a program continues to play: a thread encodes, compresses and writes."""
 
+import contextlib
 import dataclasses
 import functools
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-from shuttle_marl.recording.header import LogHeader, Sampling
-from shuttle_marl.recording.schema import Rallies, RecordingError
+import numpy as np
+
+from shuttle_marl.game.draws import pairing_key
+from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.record import Rallies
+from shuttle_marl.recording.header import LogHeader, Player, Sampling
+from shuttle_marl.recording.log_file import existing_parts
+from shuttle_marl.recording.schema import RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
 WAITING_STROKES: Final = 1 << 24
 """So many strokes may wait to be written before :meth:`RallyRecorder.add` waits too."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Work:
-    """Rallies to be written, once they are made."""
-
-    strokes: int
-    make: Callable[[], Rallies]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,7 +57,7 @@ class RallyRecorder:
         self.sampling = Sampling.parse(log.header.record)
         self.sample: Callable[[Rallies], Rallies] = functools.partial(self.sampling.of, log.header)
         self._log, self._limit = log, waiting_strokes
-        self._queue: queue.SimpleQueue[_Work | _Flush | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Rallies | _Flush | None] = queue.SimpleQueue()
         self._waiting = 0
         self._changed = threading.Condition()
         self._error: BaseException | None = None
@@ -93,20 +92,11 @@ class RallyRecorder:
         """
         chosen = self.sample(rallies)
         if len(chosen):
-            self._enqueue(_Work(strokes=len(chosen.stroke), make=lambda: chosen))
-
-    def add_later(self, make: Callable[[], Rallies], strokes: int) -> None:
-        """Record rallies that the thread itself makes, such as those of :class:`shuttle_marl.kernel.RallySampler`.
-
-        Args:
-            make: makes the finished rallies; called once, in the order in which it was handed over, in the thread.
-            strokes: about how many strokes that takes, to count what waits.
-
-        Raises:
-            RecordingError: the log cannot be written any further; every batch before is there. An error of ``make`` is raised
-                by a later call.
-        """
-        self._enqueue(_Work(strokes=strokes, make=lambda: self.sample(make())))
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
+                self._waiting += len(chosen.stroke)
+            self._raise()
+            self._queue.put(chosen)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Have everything added so far written, the last batch shorter than others if need be, and return at once.
@@ -159,13 +149,6 @@ class RallyRecorder:
         else:
             self.abort()
 
-    def _enqueue(self, work: _Work) -> None:
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
-            self._waiting += work.strokes
-        self._raise()
-        self._queue.put(work)
-
     def _join(self) -> None:
         if self._thread.is_alive():
             self._queue.put(None)
@@ -188,11 +171,59 @@ class RallyRecorder:
                 assert self._error is not None
                 item.done.set_exception(self._error)
 
-    def _do(self, item: _Work | _Flush) -> None:
+    def _do(self, item: Rallies | _Flush) -> None:
         if isinstance(item, _Flush):
             item.done.set_result(self._log.flush(sync=item.sync))
             return
-        self._log.append(item.make())
+        self._log.append(item)
         with self._changed:
-            self._waiting -= item.strokes
+            self._waiting -= len(item.stroke)
             self._changed.notify_all()
+
+
+@contextlib.contextmanager
+def sampled_log(
+    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
+) -> Iterator[Callable[[int, Rallies], None]]:
+    """Log of the matches of :func:`shuttle_marl.policy.scorecard.sample` of several policies against one opponent.
+
+    Args:
+        path: path of the finished log.
+        policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
+        opponent: the opponent of all of them.
+        game: the game.
+        seed: random seed.
+        record: ``all`` or ``sample:N``.
+
+    Yields:
+        A function of the number of a pairing and rallies of it that records them; policy 0 of the rallies is the sampled policy,
+        policy 1 the opponent.
+
+    Raises:
+        RecordingError: the log exists or cannot be written, or ``record`` is invalid.
+    """
+    header = LogHeader(
+        seed=seed,
+        game=game.hash,
+        strokes=game.catalogue.names,
+        policies=(opponent, *(Player(name=name) for name in policies)),
+        pairings=tuple(pairing_key(name, opponent.name) for name in policies),
+        matches_per_draw=1,
+    )
+    with RallyRecorder.create(path, header, record) as recorder:
+
+        def add(pairing: int, rallies: Rallies) -> None:
+            numbers = np.full(len(rallies), pairing, np.uint32)
+            policy = np.array([1 + pairing, 0], np.uint16)[rallies.policy]
+            recorder.add(dataclasses.replace(rallies, pairing=numbers, policy=policy))
+
+        yield add
+
+
+def free_name(path: Path) -> Path:
+    """Return the path, or the first of ``NAME-2``, ``NAME-3``, … without a log."""
+    found, number = path, 1
+    while existing_parts(found):
+        number += 1
+        found = path.with_stem(f"{path.stem}-{number}")
+    return found

@@ -17,11 +17,12 @@ from mcap.opcode import Opcode
 from mcap.records import Message
 
 from shuttle_marl.files import open_file, problem
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.container import FRAME, UNDECODABLE, compression, damage, decode, message_of_chunk, read_header
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import SUFFIX, existing_parts, part_path, set_aside, unfinished
-from shuttle_marl.recording.schema import DamagedLogError, Rallies, RecordingError
+from shuttle_marl.recording.schema import DamagedLogError, RecordingError
 from shuttle_marl.recording.writer import RallyLogWriter
 
 _BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4

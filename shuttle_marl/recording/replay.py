@@ -8,13 +8,13 @@ import numpy.typing as npt
 
 from shuttle_marl.arrays import I32, Bools
 from shuttle_marl.game import draws
-from shuttle_marl.game.rules import WINNER, states_of_rallies, strike
+from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.schema import Rallies, RecordingError
-from shuttle_marl.recording.tables import outcomes, rows_of_strokes
+from shuttle_marl.recording.schema import RecordingError
 
 
 class Derived:
@@ -51,8 +51,7 @@ class Derived:
         columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
         found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
         if self._policies:
-            row, _, seat = rows_of_strokes(rallies)
-            striker = rallies.policy[row, seat]
+            striker = rallies.policy[rallies.row_of_stroke, rallies.striker]
             probability = np.full(len(state), np.nan)
             for i, policy in self._policies.items():
                 mine = (striker == i) & (state >= 0)
@@ -79,10 +78,8 @@ def states(game: Game, rallies: Rallies) -> tuple[I32, I32]:
 
     Both are -1 where the stroke, or the one it answers, is not legal.
     """
-    _, position, _ = rows_of_strokes(rallies)
-    stroke = rallies.stroke.astype(np.int64)
-    state = states_of_rallies(game, stroke, position)
-    k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), stroke))
+    state = rallies.states(game)
+    k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), rallies.stroke.astype(np.int64)))
     return np.where(k < 0, -1, state), k
 
 
@@ -124,24 +121,23 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
             first, batch = file.batch(i)
             rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
             bad = _wrong_strokes(file.header, game, batch, chosen)
-            row = rows_of_strokes(batch)[0]
+            row = batch.row_of_stroke
             wrong.extend((offset + first + np.unique(np.r_[row[bad], np.flatnonzero(_wrong_winner(batch))])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
 def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
     """``[N]`` strokes that are illegal, have another outcome than the draw gives, or are not what their policy chooses."""
-    row, position, seat = rows_of_strokes(rallies)
     state, k = states(game, rallies)
     wrong = state < 0
     if header.draws == "unknown":
         return wrong
     legal = np.flatnonzero(~wrong)
     key = header.rally_key(rallies)
-    bits = draws.draw(key[row[legal]], position[legal])
+    bits = draws.draw(key[rallies.row_of_stroke[legal]], rallies.position[legal])
     outcome, _ = strike(game, state[legal], k[legal], draws.outcome_draw(bits))
-    wrong[legal] = outcome != outcomes(rallies, game.catalogue)[legal]
-    policy = rallies.policy[row[legal], seat[legal]]
+    wrong[legal] = outcome != rallies.outcome(game.catalogue)[legal]
+    policy = rallies.policy[rallies.row_of_stroke[legal], rallies.striker[legal]]
     for i, played in policies.items():
         mine = np.flatnonzero(policy == i)
         wrong[legal[mine]] |= played.choose(state[legal[mine]], draws.choice_draw(bits[mine])) != k[legal[mine]]

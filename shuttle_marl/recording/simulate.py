@@ -1,5 +1,6 @@
 """Strokes in the schema of the annotated matches: of any rallies, and of whole matches that are simulated."""
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -18,10 +19,8 @@ from shuttle_marl.game import court, draws
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player
-from shuttle_marl.recording.kernel_rallies import rallies_of
-from shuttle_marl.recording.schema import Rallies
-from shuttle_marl.recording.tables import rows_of_strokes
 
 _NO_DISCIPLINE: Final = "MS"
 
@@ -47,7 +46,7 @@ def stroke_table(
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``. ``area`` of a fault is that of its
         landing, as in the annotated data.
     """
-    row, position, seat = rows_of_strokes(rallies)
+    row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
     outcome = np.full(len(stroke), Outcome.RETURNED)
     outcome[rallies.first_stroke[1:] - 1] = outcome_of(rallies.reason)
@@ -161,7 +160,7 @@ def simulated_rallies(game: Game, players: Mapping[str, Floats], *, matches: int
     match, pairing = np.divmod(number, len(pairs))
     entrant = np.array([[names.index(a), names.index(b)] for a, b in pairs], np.int32)[pairing]
     key = draws.stream(seed, np.array(keys, np.uint64)[pairing], match)
-    played = play_matches(game, Matches(entrant=entrant, first_server=(number % 2).astype(np.int8), key=key), tables)
+    played = play_matches(game, Matches(entrant=entrant, first_server=(number % 2).astype(np.int8), key=key), tables).rallies
     header = LogHeader(
         seed=seed,
         game=game.hash,
@@ -170,7 +169,8 @@ def simulated_rallies(game: Game, players: Mapping[str, Floats], *, matches: int
         pairings=tuple(keys),
         matches_per_draw=1,
     )
-    return header, rallies_of(played, pairing=pairing[played.match], match=match[played.match], policy=entrant)
+    number_in_log, pairing_in_log = (column[played.match].astype(np.uint32) for column in (match, pairing))
+    return header, dataclasses.replace(played, pairing=pairing_in_log, match=number_in_log)
 
 
 def account_of(strokes: pa.Table) -> Account:

@@ -7,12 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import I8, I64, Ints
-from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
+from shuttle_marl.arrays import Ints
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.rally.record import PER_STROKE, Rallies
 from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.log_file import LogFile
-from shuttle_marl.recording.schema import OF_STROKES, Rallies
+from shuttle_marl.recording.schema import to_arrow
 
 Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
 """Makes further columns ``[N]`` of the strokes of a batch."""
@@ -28,20 +29,6 @@ class _Log(Protocol):
     def file_of(self, number: int) -> int: ...
 
 
-def rows_of_strokes(rallies: Rallies) -> tuple[I64, I64, I64]:
-    """``[N]`` each: row of the rally a stroke belongs to, its position in it from 0, and the seat that struck it."""
-    row = np.repeat(np.arange(len(rallies)), rallies.length)
-    position = np.arange(len(row)) - rallies.first_stroke[row]
-    return row, position, (rallies.server[row] + position) & 1
-
-
-def outcomes(rallies: Rallies, catalogue: Catalogue) -> I8:
-    """``[N]`` outcome of every stroke (index into OUTCOMES): the contact of a return is the height of the next stroke."""
-    following = np.r_[catalogue.height[rallies.stroke[1:]], np.int8(0)][: len(rallies.stroke)] + RETURNED_BELOW
-    following[rallies.first_stroke[1:] - 1] = rallies.reason
-    return following.astype(np.int8)
-
-
 def rally_rows(log: _Log, first: int, rallies: Rallies) -> pa.Table:
     """A batch as a table of rallies.
 
@@ -50,7 +37,7 @@ def rally_rows(log: _Log, first: int, rallies: Rallies) -> pa.Table:
         it stands in, the columns of the log with the names of the policies (dictionary) in ``policy_0`` and ``policy_1``,
         ``reason`` in words (dictionary), and ``length`` (int32) before ``strokes``.
     """
-    table = pa.Table.from_batches([rallies.to_arrow(len(log.catalogue))])
+    table = pa.Table.from_batches([to_arrow(rallies, len(log.catalogue))])
     names = [player.name for player in log.policies]
     for seat in (0, 1):
         at = table.schema.get_field_index(f"policy_{seat}")
@@ -77,18 +64,18 @@ def stroke_rows(log: _Log, first: int, rallies: Rallies, derive: Derive | None =
         Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
         ``policy``, ``stroke`` (its name) and ``outcome``; then those that the log has of ``log_probability`` and ``value``.
     """
-    row, position, seat = rows_of_strokes(rallies)
-    further: dict[str, npt.NDArray[np.generic]] = {n: getattr(rallies, n) for n in OF_STROKES if n in rallies.columns}
+    row, seat = rallies.row_of_stroke, rallies.striker
+    further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
     if derive is not None:
         further |= derive(rallies)
     return pa.table(
         {
             "number": (first + row).astype(np.uint64),
-            "position": position.astype(np.int32),
+            "position": rallies.position.astype(np.int32),
             "seat": seat.astype(np.uint8),
             "policy": _words(rallies.policy[row, seat], [player.name for player in log.policies]),
             "stroke": _words(rallies.stroke, log.catalogue.names),
-            "outcome": _words(outcomes(rallies, log.catalogue), OUTCOMES),
+            "outcome": _words(rallies.outcome(log.catalogue), OUTCOMES),
             **further,
         }
     )

@@ -9,11 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.container import encode
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import existing_parts, part_path
-from shuttle_marl.recording.schema import Rallies, RecordingError
+from shuttle_marl.recording.schema import RecordingError
 
 BATCH_RALLIES: Final = 4096
 MAX_BYTES: Final = 1 << 30
@@ -75,16 +76,16 @@ class RallyLogWriter:
         Raises:
             RecordingError: other columns than the header names; or no space or the like, and every batch before is there.
         """
-        if rallies.columns != self.header.columns:
-            raise RecordingError(f"{self.path}: rallies with columns {rallies.columns}, expected {self.header.columns}")
+        if rallies.optional_columns != self.header.columns:
+            raise RecordingError(f"{self.path}: rallies with columns {rallies.optional_columns}, expected {self.header.columns}")
         waiting, first = sum(map(len, self._waiting)), 0
         while waiting + len(rallies) - first >= self._batch_rallies:
             last = first + self._batch_rallies - waiting
-            batch = rallies.part(first, last)
-            self._write(Rallies.join([*self._waiting, batch]) if self._waiting else batch)
+            batch = rallies.slice(first, last)
+            self._write(Rallies.concatenate([*self._waiting, batch]) if self._waiting else batch)
             self._waiting, waiting, first = [], 0, last
         if first < len(rallies):
-            self._waiting.append(rallies.part(first, len(rallies)))
+            self._waiting.append(rallies.slice(first, len(rallies)))
 
     def flush(self, *, sync: bool = True) -> int:
         """Write the rallies that wait as a shorter batch.
@@ -99,7 +100,7 @@ class RallyLogWriter:
             RecordingError: no space or the like.
         """
         if sum(map(len, self._waiting)):
-            rest = Rallies.join(self._waiting)
+            rest = Rallies.concatenate(self._waiting)
             self._waiting = []
             self._write(rest)
         if sync:

@@ -17,10 +17,10 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import require_game, states
-from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion, PlayedRally
 from shuttle_marl.staging.rally import rally_of

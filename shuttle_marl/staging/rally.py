@@ -13,8 +13,8 @@ from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.schema import Rallies
 
 
 class StagingError(ShuttleError):
@@ -114,20 +114,11 @@ def play_rallies(game: Game, policies: tuple[Policy, Policy], n: int, *, seed: i
         PolicyError: a policy that reads the score, or returns no distribution over the legal strokes.
         KernelError: fewer than one rally.
     """
-    from shuttle_marl.kernel import BatchLog, RallyBatch, pack  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.kernel import play_rallies as play  # noqa: PLC0415  numba is slow to import
 
-    batch = RallyBatch(game, n)
-    log = BatchLog(batch, seed=seed)
-    players = pack([tabulate(policy, game, f"seat {seat}") for seat, policy in enumerate(policies)], game)
-    while batch.rows.rally.min() < n:
-        log.play(batch.policy_strokes(players)[:, None])
-    played = log.take()
-    strokes = np.split(played.stroke.astype(np.int64), np.cumsum(played.length)[:-1])
-    # Each row begins with the rally of its own number, and the rallies are in the order of the rows.
-    return [
-        PlayedRally(catalogue=game.catalogue, server=int(played.server[k]), stroke=strokes[k], ending=int(played.reason[k]))
-        for k in np.flatnonzero(played.rally < n)
-    ]
+    tables = tuple(tabulate(policy, game, f"seat {seat}") for seat, policy in enumerate(policies))
+    rallies = play(game, (tables[0], tables[1]), n, seed=seed)
+    return [_played(game.catalogue, rallies.slice(k, k + 1)) for k in range(n)]
 
 
 def recorded_rally(log: RallyLog, number: int) -> PlayedRally:
@@ -150,9 +141,13 @@ def rally_of(log: RallyLog, rally: Rallies) -> PlayedRally:
     Raises:
         StagingError: its strokes make no rally.
     """
+    return _played(log.catalogue, rally).checked()
+
+
+def _played(catalogue: Catalogue, rally: Rallies) -> PlayedRally:
     return PlayedRally(
-        catalogue=log.catalogue,
+        catalogue=catalogue,
         server=int(rally.server[0]),
         stroke=rally.stroke.astype(np.int64),
         ending=int(rally.reason[0]),
-    ).checked()
+    )

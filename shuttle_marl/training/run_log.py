@@ -4,26 +4,26 @@ Rallies are played to their end in the iteration in which they begin, from draws
 name. So a pairing of the log is what is played between two checkpoints, and its key is the seed of that segment.
 """
 
-import functools
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from shuttle_marl.arrays import I64
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel import RallySampler, SingleRallies
+from shuttle_marl.kernel import RallySampler
+from shuttle_marl.rally.record import OPTIONAL
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
-from shuttle_marl.recording.kernel_rallies import single_rallies_of
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import TrainingConfig
 
 RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
-_FIGURES: Final = ("log_probability", "value")
-_COLUMNS: Final = {"ppo": ("update", *_FIGURES), "a2c": ("update", *_FIGURES), "sac": ("update",)}
+_COLUMNS: Final = {"ppo": OPTIONAL, "a2c": OPTIONAL, "sac": ("update",)}
 
 
 class RunLog:
@@ -31,16 +31,14 @@ class RunLog:
 
     Args:
         recorder: writes them.
-        header: of the log.
-        seat: the learner's; None in self-play.
+        header: of the log; its first policy is the learner, the others its opponents.
     """
 
-    def __init__(self, recorder: RallyRecorder, header: LogHeader, *, seat: int | None) -> None:
-        self._recorder, self._header, self._seat = recorder, header, seat
+    def __init__(self, recorder: RallyRecorder, header: LogHeader) -> None:
+        self._recorder, self._header = recorder, header
         self._sampling = Sampling.parse(header.record)
-        self._figures = tuple(name for name in header.columns if name in _FIGURES)
         self._thread = ThreadPoolExecutor(1, "recording replays")
-        self._replay: tuple[Future[SingleRallies], Callable[[SingleRallies], Rallies]] | None = None
+        self._pending: Future[Rallies] | None = None
 
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record what a sampler played in its last iteration; in self-play what the learner played with itself from the serve on.
@@ -64,16 +62,24 @@ class RunLog:
         if not len(numbers):
             return
         self.settle()
-        played = self._thread.submit(sampler.record, numbers, figures=bool(self._figures))
-        rallies_of = functools.partial(single_rallies_of, pairing=segment, seat=self._seat, update=update, columns=self._figures)
-        self._replay = played, rallies_of
+        self._pending = self._thread.submit(self._rallies, sampler, numbers, segment, update)
 
     def settle(self) -> None:
         """Wait until what was added last is put together, and hand it to the writer."""
-        if self._replay is not None:
-            (replay, rallies_of), self._replay = self._replay, None
-            played = replay.result()
-            self._recorder.add_later(functools.partial(rallies_of, played), len(played.stroke))
+        if self._pending is not None:
+            pending, self._pending = self._pending, None
+            self._recorder.add(pending.result())
+
+    def _rallies(self, sampler: RallySampler, numbers: I64, segment: int, update: int) -> Rallies:
+        rallies = sampler.record(numbers, figures="value" in self._header.columns)
+        n = len(rallies)
+        own = len(self._header.policies) == 1  # a pool of self-play is not named
+        return dataclasses.replace(
+            rallies,
+            pairing=np.full(n, segment, np.uint32),
+            update=np.full(n, update, np.uint32),
+            policy=np.zeros((n, 2), np.uint16) if own else rallies.policy,
+        )
 
     def flush(self) -> int:
         """Have everything on the disk; returns the number of rallies there."""
@@ -132,4 +138,4 @@ def open_log(
         record=config.record,
         columns=_COLUMNS[config.algorithm],
     )
-    return RunLog(RallyRecorder(resume(folder / RALLIES, header, rallies)), header, seat=0 if opponents else None)
+    return RunLog(RallyRecorder(resume(folder / RALLIES, header, rallies)), header)

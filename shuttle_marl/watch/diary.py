@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.recorder import RallyRecorder
-from shuttle_marl.recording.schema import Rallies
 from shuttle_marl.watch.match import PERSON, Rally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.tables import Tables

@@ -32,7 +32,7 @@ def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Tab
     """The log knows states and targets by number; the table knows attributes and landings. Both lead to the same values."""
     game = bc.game
     with RallyLog(tournament) as log:
-        rallies = Rallies.join([batch for _, batch in log.batches()])
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
     state, k = states(game, rallies)
     value = evaluate(bc, bc).striking[0]
     assert np.allclose(column(valued, "win_before"), (1 + value[state]) / 2, atol=1e-12)
@@ -50,7 +50,7 @@ def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: 
     """The mean over the targets of the shot type and technique, weighted by how likely bc aims and faults there."""
     game = bc.game
     with RallyLog(tournament) as log:
-        rallies = Rallies.join([batch for _, batch in log.batches()])
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
     state, _ = states(game, rallies)
     value = evaluate(bc, bc).striking[0]
     quality, probability = game.stroke_values(value), bc.pair_probabilities()

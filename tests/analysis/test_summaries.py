@@ -72,7 +72,7 @@ def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
     strokes = strokes_of(tournament, rallies=10**9)
     assert strokes.schema.equals(STROKES, check_metadata=True)
     with RallyLog(tournament) as log:
-        rallies = Rallies.join([batch for _, batch in log.batches()])
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
         catalogue, names = log.catalogue, [player.name for player in log.policies]
     assert strokes.num_rows == len(rallies.stroke)
     assert (strokes["shot"].to_numpy() == catalogue.shot[rallies.stroke]).all()

@@ -118,7 +118,7 @@ def test_sampled_rallies_are_recorded(capsys: pytest.CaptureFixture[str], reader
     again = replay(log, GAME, {"bc": tabulate(resolve("bc", GAME), GAME)})
     assert again.wrong == ()
     assert [player.name for player in log.policies] == ["bc", reader, "my_reader:other"]
-    rallies = Rallies.join([batch for _, batch in log.batches()])
+    rallies = Rallies.concatenate([batch for _, batch in log.batches()])
     for card, player in ((cards[0], 1), (cards[2], 2)):
         mine = rallies.select((rallies.policy == player).any(axis=1))
         seat = (mine.policy[:, 1] == player).astype(int)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from shuttle_marl.game import draws, scoring
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, strike
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.kernel.uncompiled import Matches, PlayedMatches, play
+from shuttle_marl.kernel.lockstep import Matches, MatchResults, play
 from shuttle_marl.league.entrants import Strikers, enter
 from shuttle_marl.league.tournament import Pairing, groups, join, matches_of, round_robin
 from tests.reduced import reduced_game
@@ -23,8 +23,8 @@ STRIKERS = Strikers(GAME, ENTRANTS)
 SHORT = scoring.Rules(points=5, clear=2, cap=7, games=2)
 
 
-def parts(played: PlayedMatches) -> dict[str, np.ndarray]:
-    return {field.name: getattr(played, field.name) for field in dataclasses.fields(played)}
+def parts(results: MatchResults) -> dict[str, np.ndarray]:
+    return {"games": results.games, **dict(results.rallies.columns())}
 
 
 def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
@@ -56,7 +56,8 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, i
     return rallies
 
 
-def as_rows(played: PlayedMatches) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+def as_rows(results: MatchResults) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+    played = results.rallies
     ends = np.cumsum(played.length)
     return [
         (
@@ -84,12 +85,12 @@ def test_lock_step_is_play_one_stroke_at_a_time(rules: scoring.Rules) -> None:
 
 
 def test_games_won_are_those_of_the_last_rally() -> None:
-    played = play(GAME, some_matches(seed=4), STRIKERS.choose)
+    won, played = play(GAME, some_matches(seed=4), STRIKERS.choose)
     last = np.r_[played.match[1:] != played.match[:-1], True]
     games = played.score[last, 2:].astype(int)
     games[np.arange(len(games)), played.winner[last]] += 1
-    assert np.array_equal(played.games, games)
-    assert (played.games.max(axis=1) == 2).all()
+    assert np.array_equal(won, games)
+    assert (won.max(axis=1) == 2).all()
 
 
 @settings(max_examples=15, deadline=None)
@@ -126,12 +127,12 @@ def test_equal_players_mirror_each_other_in_a_cell() -> None:
 def test_progress_counts_every_stroke() -> None:
     counted: list[int] = []
     played = play(GAME, some_matches(seed=6, last=20), STRIKERS.choose, progress=counted.append)
-    assert sum(counted) == played.length.sum()
+    assert sum(counted) == played.rallies.length.sum()
     assert len(counted) > 3
 
 
 def test_both_ways_to_lose_a_rally_occur() -> None:
-    reasons = play(GAME, some_matches(seed=7), STRIKERS.choose).reason
+    reasons = play(GAME, some_matches(seed=7), STRIKERS.choose).rallies.reason
     assert set(reasons.tolist()) == {FAULT, WINNER}
 
 

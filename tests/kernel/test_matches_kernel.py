@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, PlayedMatches, matches, pack, play_matches
-from shuttle_marl.kernel.uncompiled import play
+from shuttle_marl.kernel import KernelError, Matches, MatchResults, matches, pack, play_matches
+from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
@@ -29,7 +29,7 @@ RULES = {
 
 def by_numpy(
     game: Game, wanted: Matches, tables: list[TabulatedPolicy], rules: Rules, *, keep_strokes: bool = True
-) -> PlayedMatches:
+) -> MatchResults:
     strikers = Strikers(game, [Entrant(name=str(i), policy=table, table=table) for i, table in enumerate(tables)])
     return play(game, wanted, strikers.choose, rules=rules, keep_strokes=keep_strokes)
 
@@ -43,11 +43,11 @@ def some_matches(size: int, players: int, seed: int) -> Matches:
     )
 
 
-def assert_same(one: PlayedMatches, other: PlayedMatches) -> None:
-    for field in dataclasses.fields(PlayedMatches):
-        a, b = getattr(one, field.name), getattr(other, field.name)
-        assert a.dtype == b.dtype, field.name
-        assert np.array_equal(a, b), field.name
+def assert_same(one: MatchResults, other: MatchResults) -> None:
+    columns = zip([("games", one.games), *one.rallies.columns()], [("games", other.games), *other.rallies.columns()], strict=True)
+    for (name, a), (_, b) in columns:
+        assert a.dtype == b.dtype, name
+        assert np.array_equal(a, b), name
 
 
 @pytest.mark.parametrize("keep", [True, False])
@@ -56,7 +56,7 @@ def test_every_rule_and_field(rules: Rules, keep: bool) -> None:
     wanted = some_matches(60, 3, 1)
     expected = by_numpy(GAME, wanted, TABLES, rules, keep_strokes=keep)
     assert_same(play_matches(GAME, wanted, TABLES, rules=rules, keep_strokes=keep), expected)
-    assert len(expected.stroke) == (expected.length.sum() if keep else 0)
+    assert len(expected.rallies.stroke) == (expected.rallies.length.sum() if keep else 0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -79,7 +79,7 @@ def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
     played = play_matches(GAME, wanted, pack(TABLES, GAME), rules=rules, threads=threads, progress=counted.append)
     assert_same(played, expected)
     assert len(counted) == 3
-    assert sum(counted) == expected.length.sum()
+    assert sum(counted) == expected.rallies.length.sum()
 
 
 @pytest.mark.parametrize("room", [1, 7, 60])

@@ -14,10 +14,12 @@ from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, RallyBatch, Tally
+from shuttle_marl.kernel import KernelError, RallyBatch, Tally, pack, play_rallies
 from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _show
 from shuttle_marl.policy.bc import load
 from tests.exact.exact_games import random_game, random_policy
+from tests.kernel.episodes import compare_with_rally_v0
+from tests.reduced import reduced_game
 
 GAME = default_game()
 
@@ -235,9 +237,9 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
         batch.step(strokes[:2])
     small = RallyBatch(GAME, 2)
     for room in (small.new_observations(), Observations(*(array[::-1] for array in batch.new_observations()))):
-        with pytest.raises(KernelError, match=r"room for (tokens|mask), .*: expected"):
+        with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):
             batch.step(strokes, observed=room)
-        with pytest.raises(KernelError, match=r"room for (tokens|mask), .*: expected"):
+        with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):
             batch.observe(room)
     assert state_of(batch) == before
     batch.step(strokes)
@@ -282,3 +284,34 @@ def test_the_smallest_game_can_be_played() -> None:
     game = random_game(0, 2, 0.0)
     batch = RallyBatch(game, 1)
     assert dataclasses.astuple(batch.run(1000))[2] > 100
+
+
+def test_policies_choose_as_the_batch_that_plays_by_itself() -> None:
+    opponents = [random_policy(GAME, seed) for seed in range(3)]
+    alone, batch = RallyBatch(GAME, 30, seed=7), RallyBatch(GAME, 30, seed=7)
+    alone.run(50, (opponents[0], opponents[1]))
+    players = pack(opponents[:2], GAME)
+    for _ in range(50):
+        batch.step(batch.policy_strokes(players))
+    assert np.array_equal(alone.rows.state, batch.rows.state)
+    assert np.array_equal(alone.rows.rally, batch.rows.rally)
+    with pytest.raises(KernelError, match=r"packed policies: uint16 of shape \(3, \d+\); expected uint16 of shape \(2, \d+\)"):
+        batch.policy_strokes(pack(opponents, GAME))
+
+
+def test_rallies_of_two_policies_are_those_of_the_batch() -> None:
+    """Also when there are more strokes than the first guess has room for."""
+    game, n = reduced_game(), 400
+    one, other = random_policy(game, 1), random_policy(game, 2)
+    rallies = play_rallies(game, (one, other), n, seed=3)
+    compare_with_rally_v0(3, rallies, game=game)
+    assert rallies.match.tolist() == list(range(n))
+    assert (rallies.policy == [0, 1]).all()
+    batch, players = RallyBatch(game, n, seed=3), pack([one, other], game)
+    for t in range(int(rallies.length.max())):
+        stroke = batch.policy_strokes(players)
+        running = (batch.rows.rally < n) & (rallies.length > t)
+        assert np.array_equal(stroke[running], rallies.stroke[rallies.first_stroke[:-1][running] + t])
+        batch.step(stroke)
+    with pytest.raises(KernelError, match="rallies 0: expected a whole number"):
+        play_rallies(game, (one, other), 0)

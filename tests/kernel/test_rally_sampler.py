@@ -47,10 +47,9 @@ def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPoli
     sampler.reset(5)
     sampler.collect(1000, network(0))
     played = sampler.record(sampler.numbers[:300])
-    columns = {name: getattr(played, name) for name in ("server", "winner", "reason", "length", "stroke")}
-    compare_with_rally_v0(5, played.rally, **columns, game=GAME)
-    if opponents:
-        assert (played.opponent == played.rally % len(opponents)).all()
+    compare_with_rally_v0(5, played, game=GAME)
+    assert (played.policy[:, 0] == 0).all()
+    assert (played.policy[:, 1] == (1 + played.match % len(opponents) if opponents else 0)).all()
 
 
 def test_what_is_won_and_played_is_what_the_tables_say() -> None:
@@ -199,7 +198,7 @@ def test_some_rallies_may_be_of_self_play() -> None:
     sampler.assign(np.array([-1, 1]))
     sampler.collect(500, network(0))
     played = sampler.record(sampler.numbers)
-    assert set(played.opponent[played.rally % 2 == 1]) == {1}
+    assert set(played.policy[played.match % 2 == 1, 1]) == {2}
     sampler.replace_opponent(1, RANDOM)
     with pytest.raises(KernelError, match="opponents: -1 to 2"):
         sampler.assign(np.array([-1, 2]))
@@ -249,11 +248,12 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
         found.append((sampler.record(wanted, figures=True), sampler.take()))
         monkeypatch.undo()
     (expected, strokes), *others = found
-    assert expected.rally.tolist() == wanted.tolist()
+    assert expected.match.tolist() == wanted.tolist()
     assert expected.length.sum() == len(expected.stroke)
     for played, taken in others:
-        for name, column in vars(expected).items():
-            assert np.array_equal(column, getattr(played, name), equal_nan=name == "extra"), name
+        assert played.optional_columns == ("log_probability", "value")
+        for name, column in expected.columns():
+            assert np.array_equal(column, getattr(played, name), equal_nan=name in played.optional_columns), name
         assert np.array_equal(taken.visits, strokes.visits)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel.uncompiled import play
+from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
 from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
@@ -189,8 +189,9 @@ def test_a_policy_asked_at_every_stroke_plays_what_its_table_plays() -> None:
     other = enter("random", GAME)
     matches = matches_of(pairing, 3, 0, 6)
     played = [play(GAME, matches, Strikers(GAME, [other, it]).choose) for it in (asked, enter("safe", GAME))]
-    for field in dataclasses.fields(played[0]):
-        assert np.array_equal(*(getattr(p, field.name) for p in played)), field.name
+    assert np.array_equal(*(p.games for p in played))
+    for name, column in played[0].rallies.columns():
+        assert np.array_equal(column, getattr(played[1].rallies, name)), name
 
 
 def test_the_score_is_the_strikers_own_view() -> None:
@@ -204,7 +205,7 @@ def test_the_score_is_the_strikers_own_view() -> None:
 
     strikers = Strikers(GAME, [entrant("watching", watching, reads_score=True), enter("attacking", GAME)])
     matches = matches_of(round_robin(["watching", "attacking"])[0], 0, 0, 2)
-    played = play(GAME, matches, strikers.choose)
+    played = play(GAME, matches, strikers.choose).rallies
     seat = (matches.entrant[played.match, 1] == 0).astype(int)
     serves = played.server == seat
     score, seat = played.score[serves].astype(int), seat[serves]

@@ -37,7 +37,6 @@ from shuttle_marl.league.report import console_table, report
 from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.check import check
-from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.runs import LOCK, is_finished, locked
 from shuttle_marl.table_files import csv_bytes
 from tests.reduced import reduced_game, reduced_model
@@ -101,7 +100,7 @@ def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
         pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
         score: scoring.Score | None = None
         for _, batch in log.batches():
-            outcome = outcomes(batch, log.catalogue)
+            outcome = batch.outcome(log.catalogue)
             for i in range(len(batch)):
                 pairing = int(batch.pairing[i])
                 seat = names.index(pairs[pairing][0]) == batch.policy[i, 1]

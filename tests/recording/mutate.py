@@ -103,7 +103,7 @@ class Mutator:
     def message(self) -> None:
         """A wrong message with a right checksum."""
         log = LogFileWriter(self.path, self.header, fsync_seconds=60)
-        part = self.rallies.part(0, 30)
+        part = self.rallies.slice(0, 30)
         log.write(0, mutated(encode(0, part, len(self.header.strokes)), self.rng), part)
         log.close()
 
@@ -130,7 +130,7 @@ class Mutator:
         name = str(self.rng.choice([f.name for f in dataclasses.fields(LogHeader)]))
         header.strange[name] = JUNK[self.rng.integers(len(JUNK))]
         log = LogFileWriter(self.path, header, fsync_seconds=60)
-        log.write(0, encode(0, self.rallies.part(0, 30), len(self.header.strokes)), self.rallies.part(0, 30))
+        log.write(0, encode(0, self.rallies.slice(0, 30), len(self.header.strokes)), self.rallies.slice(0, 30))
         log.close()
 
 

@@ -45,7 +45,7 @@ def forged(tmp_path: Path, played: Path) -> Path:
     """A log, right in all else, whose policies are named for code and for files."""
     with RallyLog(played) as log:
         header = dataclasses.replace(log.header, policies=tuple(Player(name=name) for name in FORGED))
-        rallies = Rallies.join([batch for _, batch in log.batches()]).part(0, 200)
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()]).slice(0, 200)
     policy = np.stack([np.arange(200) % len(FORGED), np.arange(1, 201) % len(FORGED)], axis=1).astype(np.uint16)
     with RallyLogWriter(tmp_path / "forged.mcap", header) as writer:
         writer.append(dataclasses.replace(rallies, policy=policy))
@@ -131,7 +131,7 @@ def test_names_reach_the_terminal_without_control_characters(
 ) -> None:
     with RallyLog(played) as log:
         header = dataclasses.replace(log.header, policies=(Player(name=ESCAPES),) * 3, software=ESCAPES)
-        rallies = log.batch(0)[1].part(0, 50)
+        rallies = log.batch(0)[1].slice(0, 50)
     with RallyLogWriter(tmp_path / "a.mcap", header) as writer:
         writer.append(rallies)
     module, arguments = command

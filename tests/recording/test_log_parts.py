@@ -24,7 +24,7 @@ def same(a: Rallies, b: Rallies) -> bool:
 
 
 def everything(log: RallyLog) -> Rallies:
-    return Rallies.join([batch for _, batch in log.batches()])
+    return Rallies.concatenate([batch for _, batch in log.batches()])
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ class TestParts:
                 assert same(everything(log), rallies(200))
                 assert [first for first, _ in log.batches()] == list(range(0, 200, 16))
                 assert log.size == sum(file.stat().st_size for file in in_parts.parent.iterdir())
-                assert same(log.rally(150), rallies(200).part(150, 151))
+                assert same(log.rally(150), rallies(200).slice(150, 151))
                 assert log.rally_table()["number"].to_pylist() == list(range(200))
                 assert log.stroke_table().num_rows == len(rallies(200).stroke)
 
@@ -61,7 +61,7 @@ class TestParts:
         with RallyLog(part) as log:
             first = int(log.first_rally[0])
             assert first == log.files[0].header.first_rally > 0
-            assert same(log.rally(first + 3), rallies(200).part(first + 3, first + 4))
+            assert same(log.rally(first + 3), rallies(200).slice(first + 3, first + 4))
             with pytest.raises(RecordingError, match=f"no rally {first - 1}"):
                 log.rally(first - 1)
         with RallyLog(in_parts) as log:
@@ -105,7 +105,7 @@ class TestParts:
         found = recover(part)
         assert (found.path, found.rallies, found.lost) == (part.with_suffix(""), 192 - known, 0)
         with RallyLog(path) as read:
-            assert same(everything(read), rallies(200).part(0, 192))
+            assert same(everything(read), rallies(200).slice(0, 192))
 
 
 class TestResume:
@@ -187,7 +187,7 @@ class TestResume:
         log = RallyLogWriter(path, header(), batch_rallies=8, max_bytes=12_000)
         ends = [int((whole.pairing < pairing).sum()) for pairing in range(4)]
         for first, last in itertools.pairwise(ends):
-            log.append(whole.part(first, last))
+            log.append(whole.slice(first, last))
             log.flush()
         log.abort()
         assert [rallies_of_pairings(path, pairing) for pairing in range(4)] == ends
@@ -231,7 +231,9 @@ class TestFolders:
             assert [log.pairings[i] for i in table["pairing"].to_pylist()] == keys
             assert strokes.num_rows == sum(len(whole.stroke) for whole in wholes)
             for number in (0, 99, 100, 217, 299):
-                assert np.array_equal(log.rally(number).stroke, wholes[number // 100].part(number % 100, number % 100 + 1).stroke)
+                assert np.array_equal(
+                    log.rally(number).stroke, wholes[number // 100].slice(number % 100, number % 100 + 1).stroke
+                )
             with pytest.raises(RecordingError, match="share no header"):
                 _ = log.header
 

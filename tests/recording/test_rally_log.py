@@ -20,8 +20,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.recording.schema import arrow_schema
-from shuttle_marl.recording.tables import outcomes, rows_of_strokes
+from shuttle_marl.recording.schema import arrow_schema, from_arrow, to_arrow
 
 RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
 
@@ -50,7 +49,7 @@ def test_what_was_appended_is_read(tmp_path_factory, rallies, header, sizes, bat
         assert log.n_rallies == sum(sizes)
         assert log.n_strokes == sum(len(part.stroke) for part in parts)
         if read:
-            assert same(Rallies.join([batch for _, batch in read]), Rallies.join(parts))
+            assert same(Rallies.concatenate([batch for _, batch in read]), Rallies.concatenate(parts))
             assert all(len(rallies) == batch for _, rallies in read[:-1])
             assert [first for first, _ in read] == list(range(0, sum(sizes), batch))
 
@@ -59,14 +58,14 @@ def test_strokes_of_a_large_catalogue_take_two_bytes(rallies: Callable[..., Rall
     for n, kind in ((256, pa.uint8()), (257, pa.uint16())):
         assert arrow_schema(n).field("strokes").type.value_type == kind
         part = rallies(50, n_strokes=n)
-        assert same(Rallies.from_arrow(part.to_arrow(n)), part)
+        assert same(from_arrow(to_arrow(part, n)), part)
 
 
 def test_one_rally_by_number(log_file: Path, rallies: Callable[..., Rallies]) -> None:
     whole = rallies(100)
     with RallyLog(log_file) as log:
         for number in (0, 15, 16, 57, 99):
-            assert same(log.rally(number), whole.part(number, number + 1))
+            assert same(log.rally(number), whole.slice(number, number + 1))
         for number in (-1, 100, 10**9):
             with pytest.raises(RecordingError, match=f"no rally {number}; they are numbered up to 99"):
                 log.rally(number)
@@ -136,7 +135,7 @@ def test_tables_hold_every_rally_and_stroke_by_name(log_file: Path, rallies: Cal
     assert set(table["reason"].to_pylist()) == {"fault", "winner"}
     assert strokes.num_rows == len(whole.stroke)
     assert strokes["stroke"].to_pylist() == [names[i] for i in whole.stroke]
-    row, position, seat = rows_of_strokes(whole)
+    row, position, seat = whole.row_of_stroke, whole.position, whole.striker
     assert strokes["number"].to_pylist() == row.tolist()
     assert strokes["position"].to_pylist() == position.tolist()
     policy = [("attacking", "ünïcode | name")[whole.policy[r, s]] for r, s in zip(row, seat, strict=True)]
@@ -146,7 +145,7 @@ def test_tables_hold_every_rally_and_stroke_by_name(log_file: Path, rallies: Cal
     assert outcome[last].tolist() == [("fault", "winner")[i] for i in whole.reason]
     returned = [("returned from below", "returned from above")[catalogue.height[i]] for i in whole.stroke[1:][~last[:-1]]]
     assert outcome[~last].tolist() == returned
-    assert outcomes(whole, catalogue).dtype == np.int8
+    assert whole.outcome(catalogue).dtype == np.int8
 
 
 def test_an_empty_log(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
@@ -203,7 +202,7 @@ def test_the_same_rallies_give_the_same_bytes(tmp_path: Path, rallies: Callable[
     for name, cuts in (("a", [0, 200]), ("b", [0, 1, 50, 51, 130, 200])):
         with RallyLogWriter(tmp_path / f"{name}.mcap", header(), batch_rallies=32) as log:
             for first, last in itertools.pairwise(cuts):
-                log.append(whole.part(first, last))
+                log.append(whole.slice(first, last))
         files.append((tmp_path / f"{name}.mcap").read_bytes())
     assert files[0] == files[1]
 

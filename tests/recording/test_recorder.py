@@ -1,7 +1,6 @@
 """The recorder with a thread of its own, and what it records."""
 
 import dataclasses
-import functools
 import threading
 import time
 from collections.abc import Callable
@@ -20,7 +19,7 @@ def same(a: Rallies, b: Rallies) -> bool:
 
 def read(path: Path) -> Rallies:
     with RallyLog(path) as log:
-        return Rallies.join([batch for _, batch in log.batches()])
+        return Rallies.concatenate([batch for _, batch in log.batches()])
 
 
 def test_the_same_bytes_as_without_a_thread(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
@@ -130,26 +129,6 @@ def test_an_error_of_the_caller_keeps_what_was_added(tmp_path: Path, rallies, he
     assert recover(tmp_path / "a.mcap.part").rallies == 32
 
 
-def test_rallies_that_the_thread_makes(tmp_path: Path, rallies, header) -> None:
-    whole, threads = rallies(300), []
-
-    def make(first: int) -> Rallies:
-        threads.append(threading.current_thread())
-        return whole.part(first, first + 50)
-
-    with RallyRecorder.create(tmp_path / "a.mcap", header(), "sample:3", batch_rallies=32) as recorder:
-        for first in range(0, 300, 50):
-            recorder.add_later(functools.partial(make, first), 50)
-    assert set(threads) == {recorder._thread}
-    expected = recorder.sampling.of(header(), whole)
-    assert 50 < len(expected) < 150
-    assert same(read(tmp_path / "a.mcap"), expected)
-    failing = RallyRecorder.create(tmp_path / "b.mcap", header())
-    failing.add_later(lambda: 1 / 0, 1)
-    with pytest.raises(ZeroDivisionError):
-        failing.close()
-
-
 def test_what_cannot_be_created(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     for record, says in (("none", "leave the recorder out"), ("some", "expected all, none, or sample:N")):
         with pytest.raises(RecordingError, match=says):
@@ -182,16 +161,16 @@ def test_columns_of_learners_are_kept(tmp_path: Path, rallies, header, columns: 
         "value": np.where(rng.random(n) < 0.3, np.nan, rng.normal(size=n)).astype(np.float32),
     }
     whole = dataclasses.replace(whole, **{name: made[name] for name in columns})
-    assert whole.columns == columns
+    assert whole.optional_columns == columns
     with RallyLogWriter(tmp_path / "a.mcap", header(columns=columns), batch_rallies=64) as log:
-        log.append(whole.part(0, 130))
-        log.append(whole.part(130, 300))
+        log.append(whole.slice(0, 130))
+        log.append(whole.slice(130, 300))
     found = read(tmp_path / "a.mcap")
     for name in (f.name for f in dataclasses.fields(Rallies) if getattr(whole, f.name) is not None):
         assert np.array_equal(getattr(found, name), getattr(whole, name), equal_nan=name == "value"), name
     with RallyLog(tmp_path / "a.mcap") as read_log:
         table, strokes = read_log.rally_table(), read_log.stroke_table()
-        assert read_log.rally(200).columns == columns
+        assert read_log.rally(200).optional_columns == columns
     for name in columns:
         of_strokes = name != "update"
         values = (strokes if of_strokes else table)[name].to_numpy()
@@ -199,5 +178,5 @@ def test_columns_of_learners_are_kept(tmp_path: Path, rallies, header, columns: 
         assert (name in strokes.column_names) == of_strokes
     chosen = rng.random(300) < 0.5
     picked = whole.select(chosen)
-    assert picked.columns == columns
+    assert picked.optional_columns == columns
     assert len(picked.stroke) == whole.length[chosen].sum()

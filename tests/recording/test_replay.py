@@ -13,7 +13,6 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.replay import states
-from shuttle_marl.recording.tables import outcomes, rows_of_strokes
 
 GAME = default_game()
 
@@ -21,7 +20,7 @@ GAME = default_game()
 @pytest.fixture
 def whole(played: Path) -> tuple[LogHeader, Rallies]:
     with RallyLog(played) as log:
-        return log.header, Rallies.join([batch for _, batch in log.batches()])
+        return log.header, Rallies.concatenate([batch for _, batch in log.batches()])
 
 
 @pytest.fixture
@@ -39,7 +38,7 @@ def written(tmp_path: Path) -> Callable[[LogHeader, Rallies], Path]:
 def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies]) -> None:
     _, rallies = whole
     state, k = states(GAME, rallies)
-    outcome = outcomes(rallies, GAME.catalogue)
+    outcome = rallies.outcome(GAME.catalogue)
     last = rallies.first_stroke[1:] - 1
     assert (state[rallies.first_stroke[:-1]] == ROOT).all()
     # A draw that gives the recorded outcome: the threshold before it.
@@ -87,7 +86,7 @@ def test_a_changed_score_is_found_without_the_game(whole: tuple[LogHeader, Ralli
 
 def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
     header, rallies = whole
-    row = rows_of_strokes(rallies)[0]
+    row = rallies.row_of_stroke
     rng = np.random.default_rng(0)
     at = rng.choice(len(row), 40, replace=False)
     found = 0

@@ -60,11 +60,11 @@ def test_the_recorder_keeps_those(tmp_path: Path, rallies, header) -> None:
     whole = rallies(2000)
     with RallyRecorder.create(tmp_path / "a.mcap", header(), "sample:5", batch_rallies=64) as recorder:
         for first in range(0, 2000, 100):
-            recorder.add(whole.part(first, first + 100))
+            recorder.add(whole.slice(first, first + 100))
     expected = whole.select(Sampling(every=5).keeps(header(), whole.pairing, whole.match))
     with RallyLog(tmp_path / "a.mcap") as log:
         assert log.header == dataclasses.replace(header(), record="sample:5")
-        found = Rallies.join([batch for _, batch in log.batches()])
+        found = Rallies.concatenate([batch for _, batch in log.batches()])
     assert 300 < len(found) < 500
     assert np.array_equal(found.match, expected.match)
     assert np.array_equal(found.stroke, expected.stroke)
@@ -84,8 +84,8 @@ def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path,
     assert check(sampled / "rallies.mcap", GAME).problems == ()
     with RallyLog(sampled / "rallies.mcap") as log, RallyLog(tmp_path / "full" / "rallies.mcap") as all_of_it:
         assert log.header.record == "sample:4"
-        some = Rallies.join([batch for _, batch in log.batches()])
-        everything = Rallies.join([batch for _, batch in all_of_it.batches()])
+        some = Rallies.concatenate([batch for _, batch in log.batches()])
+        everything = Rallies.concatenate([batch for _, batch in all_of_it.batches()])
         expected = everything.select(Sampling(every=4).keeps(log.header, everything.pairing, everything.match))
     assert 0.1 < len(some) / len(everything) < 0.4
     for field in ("pairing", "match", "rally", "winner", "stroke"):
@@ -113,7 +113,7 @@ def test_a_resumed_sampled_run_writes_the_same_bytes(sampled: Path, tmp_path: Pa
 def test_rallies_that_do_not_belong_to_the_sample_are_found(tmp_path: Path, sampled: Path) -> None:
     with RallyLog(sampled / "rallies.mcap") as log:
         header = dataclasses.replace(log.header, record="sample:5")
-        rallies = Rallies.join([batch for _, batch in log.batches()])
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
     with RallyLogWriter(tmp_path / "a.mcap", header) as log_writer:
         log_writer.append(rallies)
     assert "does not belong to sample:5" in check(tmp_path / "a.mcap").problems[0]

@@ -65,7 +65,7 @@ def test_a_tournament_is_read_whole(read: Read, played: Path) -> None:
     status, [found] = read(played)
     assert status == 0, found
     with RallyLog(played) as log:
-        rallies = Rallies.join([batch for _, batch in log.batches()])
+        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
         assert found["stream"] == {"messages": len(log.rallies), "topics": ["/rallies"]}
         indexed = found["indexed"]
         assert indexed["first"] == log.first_rally.tolist()
@@ -85,7 +85,7 @@ def test_columns_and_parts_are_read(read: Read, tmp_path: Path, rallies, header)
         value=np.full(len(made.stroke), np.nan, dtype=np.float32),
     )
     path = tmp_path / "a.mcap"
-    with RallyLogWriter(path, header(columns=learner.columns), batch_rallies=64, max_bytes=50_000) as log:
+    with RallyLogWriter(path, header(columns=learner.optional_columns), batch_rallies=64, max_bytes=50_000) as log:
         log.append(learner)
     with RallyLog(path) as whole:
         paths = [file.path for file in whole.files]

@@ -18,7 +18,6 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.tables import outcomes
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.frames import PLAY, SHADOWS, SHUTTLE_PLACE, TOLERANCE, WORLD, bone_frame
 from shuttle_marl.scene.layouts import LAYOUTS
@@ -209,7 +208,7 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
                 assert message["stroke"] == log.catalogue.names[stroke]
                 assert message["seat"] == (int(rally.server[0]) + i) % 2
                 assert message["player"] == log.policies[int(rally.policy[0, message["seat"]])].name
-            assert outcomes(rally, log.catalogue)[-1] == (message["end"] == "winner")
+            assert rally.outcome(log.catalogue)[-1] == (message["end"] == "winner")
             before, after = [m for _, m in reel.of(topics.SCORE) if m["rally"] == number]
             points = [int(p) for p in rally.score[0, :2]]
             assert [before["points_0"], before["points_1"]] == points

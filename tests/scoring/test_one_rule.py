@@ -5,8 +5,7 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +19,8 @@ from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.uncompiled import ask, play
+from shuttle_marl.kernel.lockstep import ask, play
 from shuttle_marl.recording.check import _Matches
-from shuttle_marl.recording.schema import Rallies
 
 GAME = default_game()
 UNIFORM = UniformPolicy()
@@ -99,11 +97,11 @@ def by_lockstep(rules: Rules) -> Iterator[list[Rally]]:
     def choose(entrant: Any, *seen: Any) -> Any:
         return ask(UNIFORM, "random", GAME, *seen)
 
-    yield from played(play(GAME, some_matches(), choose, rules=rules))
+    yield from played(play(GAME, some_matches(), choose, rules=rules).rallies)
 
 
 def by_kernel(rules: Rules) -> Iterator[list[Rally]]:
-    yield from played(play_matches(GAME, some_matches(), [tabulate(UNIFORM, GAME)], rules=rules))
+    yield from played(play_matches(GAME, some_matches(), [tabulate(UNIFORM, GAME)], rules=rules).rallies)
 
 
 @pytest.mark.parametrize("rules", RULES, ids=str)
@@ -117,14 +115,7 @@ def test_every_player_of_matches_follows_the_rules_it_is_given(player: Any, rule
 @pytest.mark.parametrize("other", [Rules(points=3, cap=4), Rules(points=3, cap=6)], ids=str)
 def test_the_check_of_a_log_follows_the_rules_of_its_header(other: Rules) -> None:
     rules = Rules(points=3, cap=5)
-    games = play_matches(GAME, some_matches(60), [tabulate(UNIFORM, GAME)], rules=rules)
-    rallies = cast(
-        Rallies,
-        SimpleNamespace(
-            pairing=np.zeros(len(games.match), np.int64), match=games.match, rally=games.rally,
-            server=games.server, winner=games.winner, score=games.score,
-        ),
-    )  # fmt: skip
+    rallies = play_matches(GAME, some_matches(60), [tabulate(UNIFORM, GAME)], rules=rules).rallies
     assert not _Matches(rules).breaks(rallies).any()
     assert _Matches(other).breaks(rallies).any()
 

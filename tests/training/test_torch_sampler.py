@@ -227,7 +227,7 @@ def test_a_whole_run_begins_as_with_the_kernel_and_logs_what_it_plays(device: st
         done = train(dataclasses.replace(RUN, sampler=sampler, device=device, out=tmp_path / sampler))
         with RallyLog(done.folder / "rallies.mcap") as log:
             assert replay(log, GAME, {"bc": BC}).wrong == ()
-            played = Rallies.join([batch for _, batch in log.batches()])
+            played = Rallies.concatenate([batch for _, batch in log.batches()])
         assert np.isfinite(played.log_probability).sum() == done.strokes
         assert 0.3 < done.evaluation.rally_win < 0.7
         logged.append(played.select(played.update == 0))

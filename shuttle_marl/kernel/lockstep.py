@@ -1,0 +1,222 @@
+"""Matches in lock-step, without a compiler: every match plays its own rally, and all play their next stroke in one numpy step.
+
+For policies that read the score and therefore are evaluated at every stroke. Between tabulated policies
+:func:`shuttle_marl.kernel.play_matches` plays the same matches, bit for bit and much faster. The draws of a rally depend on the
+key of its match, its number and its server alone, never on the other matches of the batch. Slots are not refilled: after t steps
+every match that still runs has seen exactly t strokes.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from shuttle_marl.arrays import I8, I32, U64, Bools, Intp, UInts
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.rules import WINNER, strike
+from shuttle_marl.game.scoring import BWF, Rules, count_rally
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.kernel.checks import checked_array
+from shuttle_marl.rally.record import Rallies, stroke_dtype
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Matches:
+    """M matches to be played.
+
+    Attributes:
+        entrant: ``[M, 2]`` int32 policy at each seat, an index into the list of policies.
+        first_server: ``[M]`` int8 seat that serves first.
+        key: ``[M]`` uint64 key of the draws of each match; matches with the same key share their draws.
+
+    Raises:
+        KernelError: wrong shapes or kinds of numbers, a negative entrant, or a server that is neither 0 nor 1.
+    """
+
+    entrant: I32
+    first_server: I8
+    key: U64
+
+    def __post_init__(self) -> None:
+        size = len(self.key)
+        for name, type_, shape, high in (
+            ("entrant", np.int32, (size, 2), None), ("first_server", np.int8, (size,), 1), ("key", np.uint64, (size,), None),
+        ):  # fmt: skip
+            object.__setattr__(self, name, checked_array(name, getattr(self, name), type_, shape, 0, high))
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+
+class MatchResults(NamedTuple):
+    """Results of M matches.
+
+    Attributes:
+        games: ``[M, 2]`` int32 games won by each seat.
+        rallies: all rallies in the order of match, rally. ``match`` is the index of the match, ``policy`` the entrants,
+            ``pairing`` 0. ``stroke`` is empty if strokes were not recorded.
+    """
+
+    games: I32
+    rallies: Rallies
+
+
+Choose = Callable[[I32, I32, I32, I32, I32], Intp]
+"""``(entrant [B], state [B], draw [B], striker [B], score [4, B]) -> [B]``: index of the chosen stroke among the legal strokes.
+
+``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1.
+"""
+
+_MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES = 0, 1, 2, 3, 4, 5, 6, 8
+_ROWS: Final = 10
+_REPORT_EVERY: Final = 64
+
+
+def play(
+    game: Game,
+    matches: Matches,
+    choose: Choose,
+    *,
+    rules: Rules = BWF,
+    keep_strokes: bool = True,
+    progress: Callable[[int], None] | None = None,
+) -> MatchResults:
+    """Play all matches to their end.
+
+    Args:
+        game: the game.
+        matches: entrants, first servers and draws.
+        choose: chooses the strokes.
+        rules: when a game and a match are won.
+        keep_strokes: whether to return the strokes, or only their number.
+        progress: called from time to time with the number of strokes played since the last call.
+    """
+    log = _MatchLog(len(matches), rules.max_rallies, stroke_dtype(game.n_strokes))
+    games = np.zeros((len(matches), 2), dtype=np.int32)
+    entrant = matches.entrant.ravel()
+    keys, key_row = np.unique(matches.key, return_inverse=True)
+    names = 2 * (log.longest + 1)
+    rally_key = draws.extend(keys[:, None], np.arange(names)).ravel()  # by 2 * rally + server
+    key_row = key_row * names
+
+    slots = np.zeros((_ROWS, len(matches)), dtype=np.int32)
+    slots[_MATCH] = np.arange(len(matches))
+    slots[_STATE] = ROOT
+    slots[_STRIKER] = slots[_SERVER] = matches.first_server
+    key = rally_key[key_row + slots[_SERVER]]
+    unreported = 0
+    while alive := slots.shape[1]:
+        match, state, striker, stroke = slots[: _STROKE + 1]
+        bits = draws.draw(key, stroke)
+        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
+        if keep_strokes:
+            log.write_strokes(match, game.stroke_at(state, k))
+        outcome, following = strike(game, state, k, draws.outcome_draw(bits))
+        stroke += 1
+        ended = np.flatnonzero(following < 0)
+        if len(ended):
+            now = slots[:, ended]
+            won_by = np.where(outcome[ended] == WINNER, now[_STRIKER], 1 - now[_STRIKER])
+            log.write_rallies(now, won_by, outcome[ended])
+            over = _count_rally(now, won_by, rules)
+            slots[:, ended] = now
+            key[ended] = rally_key[key_row[now[_MATCH]] + 2 * now[_RALLY] + now[_SERVER]]
+        continues = following >= 0
+        np.copyto(state, following, where=continues)
+        striker ^= continues
+        if len(ended) and over.any():
+            games[now[_MATCH, over]] = now[_GAMES:, over].T
+            slots, key = _without(ended[over], slots, key)
+        unreported += alive
+        if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not slots.shape[1]):
+            progress(unreported)
+            unreported = 0
+    return MatchResults(games, log.read(matches.entrant))
+
+
+def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+    """Strokes of a policy that is evaluated at every stroke, as :data:`Choose` returns them.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the legal strokes; the message contains ``name``.
+    """
+    # Points and games from the striker's view: own first.
+    seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
+    seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+    states = States(game=game, state=state, score=seen)
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states, name), draw))
+    if (rank < 0).any():
+        raise PolicyError(f"policy {name!r}: no legal stroke was drawn")
+    return rank.astype(np.intp)
+
+
+def _count_rally(now: I32, won_by: Intp, rules: Rules) -> Bools:
+    """Count a rally in each column of ``now`` and start the next one; returns whether each match is over."""
+    column = np.arange(now.shape[1])
+    own, other, games = _POINTS + won_by, _POINTS + 1 - won_by, _GAMES + won_by
+    counted = count_rally(now[own, column], now[other, column], now[games, column], rules)
+    now[own, column], now[games, column] = counted.points, counted.games
+    now[_POINTS:_GAMES, counted.game_won] = 0
+    now[_STATE], now[_STROKE] = ROOT, 0
+    now[_STRIKER] = now[_SERVER] = won_by
+    now[_RALLY] += 1
+    over: Bools = counted.match_won
+    return over
+
+
+def _without(gone: Intp, slots: I32, key: U64) -> tuple[I32, U64]:
+    """Remove columns from slots and keys; the last columns move into the gaps."""
+    alive = len(key) - len(gone)
+    moved = np.setdiff1d(np.arange(alive, len(key)), gone, assume_unique=True)
+    gaps = gone[gone < alive]
+    slots[:, gaps], key[gaps] = slots[:, moved], key[moved]
+    return slots[:, :alive], key[:alive]
+
+
+class _MatchLog:
+    """Stores rallies by (match, rally) and strokes by (step, match), and returns them in order."""
+
+    def __init__(self, n_matches: int, longest: int, type_: np.dtype[np.unsignedinteger]) -> None:
+        self.longest = longest
+        self._shape = (n_matches, longest)
+        size = n_matches * longest
+        self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
+        self._score = np.zeros((size, 4), dtype=np.uint8)
+        self._length = np.zeros(size, dtype=np.int32)
+        self._stroke_type = type_
+        self._steps: list[UInts] = []
+
+    def write_strokes(self, match: I32, stroke: I32) -> None:
+        row = np.empty(self._shape[0], dtype=self._stroke_type)
+        row[match] = stroke
+        self._steps.append(row)
+
+    def write_rallies(self, now: I32, won_by: Intp, reason: I8) -> None:
+        at = now[_MATCH] * self.longest + now[_RALLY]
+        self._server[at] = now[_SERVER]
+        self._winner[at] = won_by
+        self._reason[at] = reason
+        self._score[at] = now[_POINTS:].T
+        self._length[at] = now[_STROKE]
+
+    def read(self, entrant: I32) -> Rallies:
+        at = np.flatnonzero(self._length)
+        match, rally = np.divmod(at, self.longest)
+        total = self._length.reshape(self._shape).sum(axis=1)
+        stroke = np.empty(0, dtype=self._stroke_type)
+        if self._steps:
+            stroke = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
+        return Rallies(
+            pairing=np.zeros(len(at), np.uint32),
+            match=match.astype(np.uint32),
+            rally=rally.astype(np.uint16),
+            policy=entrant[match].astype(np.uint16),
+            server=self._server[at],
+            winner=self._winner[at],
+            reason=self._reason[at],
+            score=self._score[at],
+            length=self._length[at],
+            stroke=stroke,
+        )
