@@ -15,7 +15,7 @@ from experiments.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene.cameras import CAMERAS
+from shuttle_marl.scene.board import CAMERAS
 
 PICTURE: Final = IMAGES / "foxglove.png"
 MATCH: Final = IMAGES / "foxglove_match.png"

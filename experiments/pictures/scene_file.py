@@ -20,9 +20,8 @@ from scipy.spatial.transform import Rotation
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.arrays import F64, U8
 from shuttle_marl.scene import SceneError
-from shuttle_marl.scene.cameras import BOARDS
-from shuttle_marl.scene.frames import WORLD
 from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
+from shuttle_marl.scene.topics import BOARDS, WORLD
 from shuttle_marl.staging.rotation import exponential, matrix
 
 Pose = tuple[F64, F64]

@@ -7,8 +7,8 @@ from typing import Any, Final
 import foxglove.layouts as fox
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.cameras import BOARDS, CAMERAS, Camera
-from shuttle_marl.scene.frames import WORLD
+from shuttle_marl.scene.board import CAMERAS, Camera
+from shuttle_marl.scene.topics import BOARDS, WORLD
 
 _BACKGROUND: Final = "#10141c"
 _RED, _BLUE, _YELLOW, _GREEN = "#e8594f", "#4e98e2", "#f7df71", "#5cd6a9"
@@ -83,7 +83,7 @@ def lichtblick(*, match: bool = False) -> bytes:
                 "near": 0.1,
                 "far": 500,
             },
-            "followMode": "follow-pose" if camera.follow else "follow-none",
+            "followMode": "follow-none" if camera.frame == WORLD else "follow-pose",
             "followTf": camera.frame,
             "scene": {
                 "backgroundColor": _BACKGROUND,
@@ -212,7 +212,7 @@ def _view(camera: Camera) -> fox.ThreeDeePanel:
             camera_state=state,
             follow_tf=camera.frame,
             fixed_frame=WORLD,
-            follow_mode="follow-pose" if camera.follow else "follow-none",
+            follow_mode="follow-none" if camera.frame == WORLD else "follow-pose",
             scene=fox.BaseRendererSceneSettings(
                 background_color=_BACKGROUND,
                 mesh_up_axis="y_up",

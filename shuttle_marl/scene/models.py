@@ -27,9 +27,22 @@ from shuttle_marl.game.court import (
     WIDTH,
 )
 from shuttle_marl.scene.board import name_lines
-from shuttle_marl.scene.frames import SHADOWS, SHUTTLE, WORLD, bone_frame, name_frame
 from shuttle_marl.scene.mesh import Mesh, joined, lathe, moved, normals_of, read_array, read_file, tube
-from shuttle_marl.scene.topics import at, box, colour, label, model, point, stamp, vector
+from shuttle_marl.scene.topics import (
+    SHADOWS,
+    SHUTTLE_FRAME,
+    WORLD,
+    at,
+    bone_frame,
+    box,
+    colour,
+    label,
+    model,
+    name_frame,
+    point,
+    stamp,
+    vector,
+)
 from shuttle_marl.staging import (
     CORK,
     FEATHER,
@@ -241,7 +254,7 @@ def _net(time: int) -> SceneEntity:
 
 def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEntity]:
     """Models that follow the bones of both players and the shuttle, and the names over their heads."""
-    out = [_carried(time, SHUTTLE, models=[model(shuttle())])]
+    out = [_carried(time, SHUTTLE_FRAME, models=[model(shuttle())])]
     out += [_shadow(time, frame, across) for frame, across in zip(SHADOWS, _SHADOW_SIZES, strict=True)]
     for seat in (0, 1):
         right = motion.handedness[seat] == "right"

@@ -1,9 +1,10 @@
-"""Topics of a scene and the messages on them; ``docs/foxglove.md`` lists them for readers.
+"""Topics and frames of reference of a scene, schemas of its JSON messages, and constructors of messages.
 
-Here is what the messages of each topic hold, short ways to make them, and what sends them later.
+``docs/foxglove.md`` describes every topic.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from foxglove import Channel, Context
@@ -12,6 +13,7 @@ from foxglove.messages import (
     Color,
     CubePrimitive,
     FrameTransform,
+    FrameTransforms,
     Log,
     LogLevel,
     ModelPrimitive,
@@ -29,7 +31,6 @@ from foxglove.messages import (
 
 from shuttle_marl.arrays import Floats
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.report import SECOND
 
@@ -47,8 +48,42 @@ VALUE: Final = "/rally/value"
 STATE: Final = "/rally/state"
 SUMMARY: Final = "/rally/summary"
 
+BOARDS: Final = tuple(f"/scene/board_{camera}" for camera in ("broadcast", "side", "follow"))
+"""Scoreboards, one for each camera."""
 SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
-"""Topics that the 3D panel shows."""
+"""Topics of the 3D panel."""
+
+WORLD: Final = "court"
+"""Frame of reference of the court."""
+PLAY: Final = "play"
+"""Frame of reference of players and shuttle: the court, turned by half a turn while the players are at exchanged ends."""
+SHUTTLE_FRAME: Final = "shuttle"
+"""Moves and turns with the shuttle; the cork points along z."""
+SHUTTLE_PLACE: Final = "shuttle_place"
+"""Moves with the shuttle without turning."""
+SHADOWS: Final = ("shadow_0", "shadow_1", "shadow_shuttle")
+"""Frames of reference on the floor below the hips of seats 0 and 1, and below the shuttle."""
+
+
+def bone_frame(seat: int, bone: str) -> str:
+    """Name of the frame of reference of a bone."""
+    return f"{seat}/{bone}"
+
+
+def joint_frame(seat: int, bone: int) -> str:
+    """Name of the frame of reference in which a bone turns, fixed to the bone's parent."""
+    return f"{seat}.{bone}"
+
+
+def name_frame(seat: int) -> str:
+    """Name of the frame of reference over the head of a player, which does not turn."""
+    return f"{seat}/name"
+
+
+def place_frame(seat: int) -> str:
+    """Name of the frame of reference that moves with the hips of a player without turning."""
+    return f"player_{seat}"
+
 
 _NUMBER: Final = {"type": "number"}
 _INTEGER: Final = {"type": "integer"}
@@ -126,29 +161,34 @@ SCHEMAS: Final[dict[str, dict[str, Any]]] = {
 """JSON schemas of the topics that plots and tables read."""
 
 
-class Topics:
-    """The channels of one scene."""
+Message = SceneUpdate | FrameTransforms | Log | dict[str, Any]
+Timed = tuple[int, str, Message]
+"""Time [ns], topic and content of a message."""
+
+
+class Channels:
+    """The channels of one scene, one for each topic."""
 
     def __init__(self, context: Context) -> None:
-        self.scenes = {topic: SceneUpdateChannel(topic, context=context) for topic in SCENES}
-        self.tf = FrameTransformsChannel(TF, context=context)
-        self.tf_static = FrameTransformsChannel(TF_STATIC, context=context)
-        self.log = LogChannel(LOG, context=context)
-        self.json = {topic: Channel(topic, schema=schema, context=context) for topic, schema in SCHEMAS.items()}
+        self._channels: dict[str, Any] = {topic: SceneUpdateChannel(topic, context=context) for topic in SCENES}
+        self._channels[TF] = FrameTransformsChannel(TF, context=context)
+        self._channels[TF_STATIC] = FrameTransformsChannel(TF_STATIC, context=context)
+        self._channels[LOG] = LogChannel(LOG, context=context)
+        self._channels |= {topic: Channel(topic, schema=schema, context=context) for topic, schema in SCHEMAS.items()}
 
-
-Send = Callable[[Topics, int], None]
-Timed = tuple[int, Send]
-"""A message: when [ns], and what sends it then."""
+    def write(self, messages: Iterable[Timed]) -> None:
+        """Write messages in the order of their times."""
+        for time, topic, message in sorted(messages, key=lambda timed: timed[0]):
+            self._channels[topic].log(message, log_time=time)
 
 
 def stamp(nanoseconds: int) -> Timestamp:
-    """An instant."""
+    """Time as a message field."""
     return Timestamp(sec=nanoseconds // SECOND, nsec=nanoseconds % SECOND)
 
 
 def colour(red: float, green: float, blue: float, alpha: float = 1.0) -> Color:
-    """A colour, as it is seen on a screen, 0 to 1."""
+    """An sRGB colour, each component from 0 to 1."""
     return Color(r=red, g=green, b=blue, a=alpha)
 
 
@@ -163,12 +203,12 @@ def vector(v: Vector) -> Vector3:
 
 
 def at(v: Vector) -> Pose:
-    """A place, not turned."""
+    """Pose at a place, without rotation."""
     return Pose(position=vector(v), orientation=_UPRIGHT)
 
 
 def transform(when: Timestamp, child: str, parent: str, value: Sequence[float]) -> FrameTransform:
-    """A frame of reference in another: moved if the value is a place [m], turned if it is a quaternion (x, y, z, w)."""
+    """Transform from a child to its parent: ``value`` is a translation [m] or a quaternion (x, y, z, w)."""
     if len(value) == 3:
         place, turn = vector((value[0], value[1], value[2])), _UPRIGHT
     else:
@@ -177,17 +217,17 @@ def transform(when: Timestamp, child: str, parent: str, value: Sequence[float]) 
 
 
 def box(centre: Vector, size: Vector, shade: Color) -> CubePrimitive:
-    """A box along the axes [m]."""
+    """An axis-aligned box [m]."""
     return CubePrimitive(pose=at(centre), size=vector(size), color=shade)
 
 
-def label(words: str, place: Vector, pixels: float, shade: Color) -> TextPrimitive:
-    """Words that always face the viewer and are as large on the screen from anywhere, ``pixels`` high."""
-    return TextPrimitive(pose=at(place), billboard=True, font_size=pixels, scale_invariant=True, color=shade, text=words)
+def label(text: str, place: Vector, pixels: float, shade: Color) -> TextPrimitive:
+    """Text that faces the viewer, ``pixels`` high on the screen at any distance."""
+    return TextPrimitive(pose=at(place), billboard=True, font_size=pixels, scale_invariant=True, color=shade, text=text)
 
 
 def model(meshes: list[Mesh]) -> ModelPrimitive:
-    """Meshes as a model."""
+    """Meshes as one glTF model."""
     return ModelPrimitive(
         pose=at((0, 0, 0)),
         scale=vector((1, 1, 1)),
@@ -198,36 +238,26 @@ def model(meshes: list[Mesh]) -> ModelPrimitive:
     )
 
 
-def update(nanoseconds: int, entities: list[SceneEntity]) -> SceneUpdate:
-    """All that a topic shows from this time: earlier entities are deleted, so that the message stands for itself after a seek."""
-    everything = SceneEntityDeletion(timestamp=stamp(nanoseconds), type=SceneEntityDeletionType.All, id="")
-    return SceneUpdate(deletions=[everything], entities=entities)
+def entities_on(topic: str, time: int, entities: list[SceneEntity]) -> Timed:
+    """All entities of a topic of the 3D panel from a time on.
+
+    The message deletes earlier entities, so that it is complete after a seek.
+    """
+    everything = SceneEntityDeletion(timestamp=stamp(time), type=SceneEntityDeletionType.All, id="")
+    return time, topic, SceneUpdate(deletions=[everything], entities=entities)
 
 
-def entities_on(topic: str, entities: Callable[[int], list[SceneEntity]]) -> Send:
-    """Send all that a topic of the 3D panel shows."""
-
-    def send(to: Topics, time: int) -> None:
-        message: SceneUpdate = update(time, entities(time))
-        to.scenes[topic].log(message, log_time=time)
-
-    return send
+def known(content: dict[str, Any]) -> dict[str, Any]:
+    """Entries that are neither None nor NaN."""
+    unknown = {name for name, value in content.items() if value is None or (isinstance(value, float) and math.isnan(value))}
+    return {name: value for name, value in content.items() if name not in unknown}
 
 
-def numbers_on(topic: str, content: dict[str, Any]) -> Send:
-    """Send numbers and words on a topic of the plots, without what is None."""
-    kept = {name: value for name, value in content.items() if value is not None}
-
-    def send(to: Topics, time: int) -> None:
-        to.json[topic].log(kept, log_time=time)
-
-    return send
+def numbers_on(topic: str, time: int, content: dict[str, Any]) -> Timed:
+    """Numbers and text on a topic of the plots, without entries that are None or NaN."""
+    return time, topic, known(content)
 
 
-def log_line(words: str, name: str) -> Send:
-    """Send a line of the log."""
-
-    def send(to: Topics, time: int) -> None:
-        to.log.log(Log(timestamp=stamp(time), level=LogLevel.Info, message=words, name=name), log_time=time)
-
-    return send
+def log_line(time: int, text: str, name: str) -> Timed:
+    """A line of the log."""
+    return time, LOG, Log(timestamp=stamp(time), level=LogLevel.Info, message=text, name=name)

@@ -11,6 +11,8 @@ from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from shuttle_marl import __version__
+from shuttle_marl.analysis import LogPlayers
+from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.errors import printable
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
@@ -19,10 +21,11 @@ from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import SceneError, models, topics
 from shuttle_marl.scene.commentary import commentary
 from shuttle_marl.scene.layouts import LAYOUTS
-from shuttle_marl.scene.moving import joint_message, motion_messages
-from shuttle_marl.scene.report import SECOND, Annotator, Resolve, StagedRally
-from shuttle_marl.scene.topics import update
+from shuttle_marl.scene.motion import joint_message, motion_messages
+from shuttle_marl.scene.report import SECOND, StagedRally, report_rally
+from shuttle_marl.scene.topics import entities_on
 from shuttle_marl.staging import stage
+from shuttle_marl.staging.rally import rally_of
 
 EPOCH: Final = 1_735_689_600 * SECOND
 """Start of every scene: rallies are played at no date, and viewers want one (2025-01-01)."""
@@ -101,24 +104,22 @@ def write_scene(
     """
     if not 25 <= fps <= MOST_FPS:
         raise SceneError(f"{fps} frames a second: expected 25 to {MOST_FPS}; viewers warn about more")
-    annotator = Annotator(log, game, resolve)
+    players = LogPlayers(log, game, resolve)
     context, buffer = Context(), io.BytesIO()
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
     writer = open_mcap(buffer, context=context, writer_options=options)
-    to, start = topics.Topics(context), EPOCH
+    channels, start = topics.Channels(context), EPOCH
     names: tuple[str, str] | None = None
     for i, number in enumerate(progress(numbers)):
-        report = annotator.report(int(number))
-        motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
+        report = report_rally(log, int(number), game, players)
+        motion = stage(rally_of(log, log.rally(int(number))), seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
-            to.tf_static.log(joint_message(start, motion), log_time=start)
-            to.scenes[topics.COURT].log(update(start, models.court(start)), log_time=start)
-        if not i or names != report.names:
+            channels.write([joint_message(start, motion), entities_on(topics.COURT, start, models.court(start))])
+        if names != report.names:
             names = report.names
-            to.scenes[topics.PLAYERS].log(update(start, models.players(start, motion, names)), log_time=start)
-        for time, send in sorted([*motion_messages(staged), *commentary(staged)], key=lambda timed: timed[0]):
-            send(to, time)
+            channels.write([entities_on(topics.PLAYERS, start, models.players(start, motion, names))])
+        channels.write([*motion_messages(staged), *commentary(staged)])
         start = staged.end + CUT
     for name, content in LAYOUTS.items():
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=name, media_type="application/json", data=content())
@@ -128,7 +129,7 @@ def write_scene(
     )
     writer.write_metadata(METADATA, _facts(log, numbers, game))
     writer.close()
-    return buffer.getvalue(), annotator.unknown
+    return buffer.getvalue(), players.unknown
 
 
 def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:

@@ -7,6 +7,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.arrays import I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
@@ -17,7 +18,7 @@ from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import states
-from shuttle_marl.scene.report import Annotator, staging_key
+from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import Rally, Score
 from shuttle_marl.watch.tables import Kept
@@ -70,7 +71,7 @@ class LogRallies:
     def __init__(self, path: Path, game: Game) -> None:
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and answers come from several threads
-        self._annotator, self._games = Annotator(self._log, game), Kept(_MOST_MATCHES)
+        self._players, self._games = LogPlayers(self._log, game), Kept(_MOST_MATCHES)
         self.title = printable(path.name)
 
     @property
@@ -111,12 +112,11 @@ class LogRallies:
     def players(self, number: int) -> Players | None:
         """Its players; see :class:`Recorded`."""
         with self._lock:
-            first, second = (self._log.policies[int(policy)] for policy in self._log.rally(number).policy[0])
-            tables = [self._annotator.table(player) for player in (first, second)]
-            value = self._annotator.values((first, second))
-        if tables[0] is None or tables[1] is None or value is None:
+            found = self._players.of_rally(number)
+        first, second = found.tables
+        if first is None or second is None or found.value is None:
             return None
-        return Players(tables=(tables[0], tables[1]), value=value)
+        return Players(tables=(first, second), value=found.value)
 
     def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
         """Points of the games before each rally of a match, by the number of the rally."""

@@ -19,7 +19,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.frames import WORLD
+from shuttle_marl.scene.topics import WORLD
 from shuttle_marl.scene.write import select, write_scene
 from tests.tournaments import play_league
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.board import name_lines
-from shuttle_marl.scene.cameras import BOARDS, CAMERAS, Camera
+from shuttle_marl.scene.board import CAMERAS, Camera, name_lines
 from shuttle_marl.scene.layouts import LAYOUTS, lichtblick
+from shuttle_marl.scene.topics import BOARDS
 
 DOCS = Path(__file__).parents[2] / "docs" / "layouts"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -13,9 +14,9 @@ from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.check import check
 from shuttle_marl.recording.simulate import simulated_rallies
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.cameras import BOARDS
 from shuttle_marl.scene.commentary import percent
-from shuttle_marl.scene.report import Annotator
+from shuttle_marl.scene.report import report_rally
+from shuttle_marl.scene.topics import BOARDS
 from shuttle_marl.scene.write import write_scene
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.scene.conftest import read
@@ -49,52 +50,55 @@ def test_a_log_plays_again(path: Path, tables: dict[str, TabulatedPolicy]) -> No
         assert replay(log, GAME, tables).wrong == ()
 
 
-def test_annotations_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
-    """Against efforts and duels that are counted here, and probabilities that are looked up by the whole observation."""
+def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+    """Compared with efforts and duels that are counted here, and probabilities looked up by the whole observation."""
     good, returned, _ = GAME.stroke_probabilities()
     value = evaluate(tables["one"], tables["other"])
-    met = set()
+    observed = set()
     with RallyLog(path) as log:
-        annotator = Annotator(log, GAME, lambda name, _: tables[name])
+        players = LogPlayers(log, GAME, lambda name, _: tables[name])
         for number in range(20):
-            report = annotator.report(number)
+            report = report_rally(log, number, GAME, players)
             catalogue, played = report.played.catalogue, report.played
             strokes, attacks, duel = [GAME.n_strokes] * 2 + played.stroke.tolist(), [0, 0], 0
-            for i, annotation in enumerate(report.strokes):
+            for i, (decision, rank) in enumerate(zip(report.analysis.decisions, report.analysis.rank, strict=True)):
                 seat, stroke = int(played.striker[i]), int(played.stroke[i])
-                assert (annotation.efforts, annotation.duel) == ((min(attacks[0], 2), min(attacks[1], 2)), min(duel, 3))
-                efforts = [annotation.efforts[seat], annotation.efforts[1 - seat]]
+                efforts = report.efforts(i)
+                assert (efforts, report.duel(i)) == ((min(attacks[seat], 2), min(attacks[1 - seat], 2)), min(duel, 3))
                 state = int(GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts))
                 pair = int(GAME.pair(state, stroke))
-                assert (annotation.p_succ, annotation.p_ret) == (good[pair], returned[pair])
+                assert (decision.p_succ[rank], decision.p_ret[rank]) == (good[pair], returned[pair])
                 table = tables[report.names[seat]]
-                assert annotation.probability == table.pair_probabilities()[pair]
+                assert decision.probability[rank] == table.pair_probabilities()[pair]
                 seats = [NAMES.index(name) for name in report.names]
-                assert annotation.value == pytest.approx((1 + value.striking[seats[seat]][state]) / 2, abs=1e-6)
-                met.add((*annotation.efforts, annotation.duel))
+                assert decision.value == pytest.approx((1 + value.striking[seats[seat]][state]) / 2, abs=1e-6)
+                observed.add((*efforts, report.duel(i)))
                 attacks[seat] += int(catalogue.is_attack[stroke])
                 duel = duel + 1 if catalogue.is_net_shot[stroke] else 0
             assert (report.winner == int(played.striker[-1])) == (played.ending == WINNER)
-    assert len(met) > 15
+    assert len(observed) > 15
 
 
-def test_the_scene_says_how_tired_players_are(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+def test_the_scene_tells_the_effort_of_players(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
     with RallyLog(path) as log:
         number = next(n for n in range(log.n_rallies) if len(log.rally(n).stroke) >= LONG)
-        annotations = Annotator(log, GAME, lambda name, _: tables[name]).report(number).strokes
+        report = report_rally(log, number, GAME, LogPlayers(log, GAME, lambda name, _: tables[name]))
         content, unknown = write_scene(log, [number], GAME, fps=25, resolve=lambda name, _: tables[name])
     assert not unknown
     messages = read(content)
     strokes = [message for _, topic, message in messages if topic == topics.STROKE]
-    assert [{s["effort"], s["opponent_effort"]} for s in strokes] == [set(a.efforts or ()) for a in annotations]
-    assert [s["duel"] for s in strokes] == [a.duel for a in annotations]
+    numbers = range(len(report.played))
+    assert [(s["effort"], s["opponent_effort"]) for s in strokes] == [report.efforts(i) for i in numbers]
+    assert [s["duel"] for s in strokes] == [report.duel(i) for i in numbers]
     assert strokes[-1]["effort"] + strokes[-1]["opponent_effort"] > 0
     texts = [t.text for _, topic, m in messages if topic == BOARDS[0] for e in m.entities for t in e.texts]
     words = " ".join(" ".join(texts).split())
-    for annotation in annotations:
-        assert annotation.efforts is not None
-        assert f"effort {annotation.efforts[0]} - {annotation.efforts[1]}" in words
-        assert f"good {percent(annotation.p_succ)}, returned {percent(annotation.p_ret)}" in words
+    good, returned = report.analysis.of_strokes("p_succ"), report.analysis.of_strokes("p_ret")
+    for i in numbers:
+        efforts, seat = report.efforts(i), int(report.played.striker[i])
+        assert efforts is not None
+        assert f"effort {efforts[seat]} - {efforts[1 - seat]}" in words
+        assert f"good {percent(good[i])}, returned {percent(returned[i])}" in words
     schema = topics.SCHEMAS[topics.STROKE]["properties"]
     assert {"effort", "opponent_effort", "duel"} <= set(schema)
     assert json.dumps(strokes[0])

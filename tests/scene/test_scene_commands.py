@@ -17,10 +17,11 @@ from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.rally.record import RallyError
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.write import select, write_scene
-from shuttle_marl.staging import PlayedRally, StagingError, play_rallies
+from shuttle_marl.staging import PlayedRally, play_rallies
 from tests.scene.conftest import read
 
 
@@ -162,7 +163,7 @@ def test_a_policy_that_is_not_there_leaves_its_probabilities_out(
 def test_a_rally_that_cannot_be_is_refused(log_of: Callable[..., Path], short_rally: PlayedRally, bc_hash: str) -> None:
     wrong = dataclasses.replace(short_rally, stroke=np.full(2, short_rally.stroke[0]))
     player = Player(name="bc", hash=bc_hash)
-    with RallyLog(log_of(player, player, rally=wrong)) as log, pytest.raises(StagingError, match="has no other"):
+    with RallyLog(log_of(player, player, rally=wrong)) as log, pytest.raises(RallyError, match="has no other"):
         write_scene(log, [0], default_game())
 
 

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
 
+from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tables import ROOT
@@ -19,9 +20,10 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.frames import PLAY, SHADOWS, SHUTTLE_PLACE, TOLERANCE, WORLD, bone_frame
 from shuttle_marl.scene.layouts import LAYOUTS
-from shuttle_marl.scene.report import Annotator, StagedRally
+from shuttle_marl.scene.motion import TOLERANCE
+from shuttle_marl.scene.report import StagedRally, report_rally
+from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
 
@@ -104,9 +106,9 @@ def test_what_viewers_interpolate_is_the_motion(reel: Any, log_path: Path) -> No
     """Bones, strings and shuttle between the instants that the file tells are where the staging has them."""
     start, off, tip_off, shuttle_off = EPOCH, [], [], []
     with RallyLog(log_path) as log:
-        annotator = Annotator(log, default_game(), resolve_recorded)
+        players = LogPlayers(log, default_game(), resolve_recorded)
         for number in reel.numbers:
-            report = annotator.report(number)
+            report = report_rally(log, number, default_game(), players)
             motion = stage(report.played, seed=report.key, athletes=("male", "female"), handedness=("right", "left"))
             staged = StagedRally(report=report, motion=motion, start=start)
             for frame in range(0, len(motion.time), 13):
