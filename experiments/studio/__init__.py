@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.scene.layouts import lichtblick
-from shuttle_marl.scene.write import EPOCH
+from shuttle_marl.scene.write import EPOCH, LAYOUTS
 
 NO_PROBLEMS: Final = "No problems found"
 """Studio's message about a file without problems."""
@@ -74,8 +73,7 @@ def visit(
         raise StudioError(
             f"{scene}: no such file; `python -m shuttle_marl.recording scene LOG --match 0 --out {scene}` makes one"
         )
-    layout = folder / "layout.json"
-    layout.write_bytes(lichtblick(match=match))
+    layout = next(path for path in LAYOUTS if path.name == ("match" if match else "layout") + ".lichtblick.json")
     time = EPOCH // 10**6 + round(1000 * seconds)
     paths = (str(path.resolve()) for path in (scene, layout, picture))
     seen: dict[str, Any] = json.loads(_call("node", "visit.mjs", *paths, str(time), str(scale), *tabs, folder=folder))

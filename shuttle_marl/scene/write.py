@@ -1,8 +1,9 @@
-"""Scene files: which rallies they show, and MCAP with the messages that Foxglove and Lichtblick show."""
+"""Selection of rallies, and scene files: MCAP with the messages that Foxglove and Lichtblick show."""
 
 import io
 import json
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,6 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.tables import rally_rows
 from shuttle_marl.scene import SceneError, models, topics
 from shuttle_marl.scene.commentary import commentary
-from shuttle_marl.scene.layouts import LAYOUTS
 from shuttle_marl.scene.motion import joint_message, motion_messages
 from shuttle_marl.scene.report import SECOND, StagedRally, report_rally
 from shuttle_marl.scene.topics import entities_on
@@ -28,32 +28,38 @@ from shuttle_marl.staging import stage
 from shuttle_marl.staging.rally import rally_of
 
 EPOCH: Final = 1_735_689_600 * SECOND
-"""Start of every scene: rallies are played at no date, and viewers want one (2025-01-01)."""
+"""Start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one."""
 MOST_FPS: Final = 50
+LAYOUTS: Final = tuple(
+    Path(__file__).parent / "layouts" / f"{scope}.{viewer}.json"
+    for scope in ("layout", "match")
+    for viewer in ("lichtblick", "foxglove")
+)
+"""Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
 METADATA: Final = "shuttle_marl.scene"
 CUT: Final = SECOND // 1000
-"""From the end of a rally to the next one: too short to see what viewers interpolate between the two [ns]."""
+"""Time between two rallies [ns]: too short for a visible interpolation."""
 _CHUNK: Final = 1 << 20
 
 
 def select(
     log: RallyLog, *, rally: int | None = None, match: int | None = None, pairing: int = 0, best: int | None = None
 ) -> list[int]:
-    """Numbers of the rallies, in the order in which they are shown.
+    """Numbers of the rallies of a scene, in their order.
 
     Args:
         log: the log.
         rally: number of one rally.
-        match: number of a match of the pairing: all its rallies.
-        pairing: number of the pairing.
-        best: that many of the longest rallies, the longest last.
+        match: number of a match: all its rallies.
+        pairing: number of the pairing of the match.
+        best: number of rallies: the longest of the log, the longest last.
 
     Raises:
         SceneError: not exactly one of rally, match and best; or the log has no such match.
         RecordingError: the log is damaged.
     """
     if sum(choice is not None for choice in (rally, match, best)) != 1:
-        raise SceneError("say which rallies: one of --rally NUMBER, --match NUMBER, --best COUNT")
+        raise SceneError("expected one of --rally NUMBER, --match NUMBER, --best COUNT")
     if rally is not None:
         return [rally]
     if match is not None:
@@ -82,28 +88,29 @@ def write_scene(
     resolve: Resolve = resolve_recorded,
     progress: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> tuple[bytes, dict[str, str]]:
-    """Rallies of a log, one after the other, as the bytes of an MCAP file.
+    """Write rallies of a log, one after the other, as the bytes of an MCAP file.
 
     Args:
-        log: whose rallies they are.
-        numbers: of the rallies in the log, at least one.
-        game: the game that was played on.
-        athletes: ``male`` or ``female``, of seats 0 and 1.
-        handedness: ``right`` or ``left``, of seats 0 and 1.
-        fps: frames a second, 25 to 50; viewers warn about more.
-        resolve: finds the policies that the log names; by default neither modules nor files, because a log may come from others.
-        progress: wraps the numbers while they are worked through.
+        log: the log.
+        numbers: numbers of the rallies in the log, at least one.
+        game: the game that was played.
+        athletes: athletes at seats 0 and 1, ``male`` or ``female``.
+        handedness: racket hands of seats 0 and 1, ``right`` or ``left``.
+        fps: frames per second, 25 to 50; viewers warn about more.
+        resolve: resolves the policies that the log names; by default no modules and no files, because logs are untrusted.
+        progress: wraps the numbers, for a progress bar.
 
     Returns:
-        The file, and why a policy is not known, by its name: then the scene says nothing of its choices.
+        The file, and by the names of unknown policies the reasons; the scene leaves out their probabilities.
 
     Raises:
         RecordingError: the log has no such rally, is damaged, or was played on another game.
-        SceneError: a rally of it cannot have been played, or too few or too many frames a second.
+        RallyError: the strokes of a rally do not form one.
+        SceneError: a stroke is not legal in the game, or the frame rate is out of range.
         StagingError: an unknown option of the staging.
     """
     if not 25 <= fps <= MOST_FPS:
-        raise SceneError(f"{fps} frames a second: expected 25 to {MOST_FPS}; viewers warn about more")
+        raise SceneError(f"{fps} frames per second: expected 25 to {MOST_FPS}; viewers warn about more")
     players = LogPlayers(log, game, resolve)
     context, buffer = Context(), io.BytesIO()
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
@@ -121,8 +128,8 @@ def write_scene(
             channels.write([entities_on(topics.PLAYERS, start, models.players(start, motion, names))])
         channels.write([*motion_messages(staged), *commentary(staged)])
         start = staged.end + CUT
-    for name, content in LAYOUTS.items():
-        writer.attach(log_time=EPOCH, create_time=EPOCH, name=name, media_type="application/json", data=content())
+    for path in LAYOUTS:
+        writer.attach(log_time=EPOCH, create_time=EPOCH, name=path.name, media_type="application/json", data=path.read_bytes())
     rows = _rows(log, numbers)
     writer.attach(
         log_time=EPOCH, create_time=EPOCH, name="rallies.arrow", media_type="application/vnd.apache.arrow.file", data=rows
@@ -133,7 +140,7 @@ def write_scene(
 
 
 def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
-    """The rallies as they stand in the log, as an Arrow IPC file."""
+    """The rows of the rallies in the log, as an Arrow IPC file."""
     table = pa.concat_tables([rally_rows(log, int(number), log.rally(int(number))) for number in numbers])
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, table.schema) as file:
@@ -142,7 +149,7 @@ def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
 
 
 def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
-    """Origin of the rallies, so that they can be found and played again."""
+    """Origin of the rallies: log, seeds, game and policies."""
     headers = [file.header for file in log.files]
     seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
     players = [log.policies[i] for i in seated]

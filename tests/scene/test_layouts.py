@@ -1,8 +1,7 @@
-"""Layouts: all that they show exists, and those in the documentation are those in the files."""
+"""Layouts: every topic and field exists, and cameras are those of the scoreboards."""
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,10 @@ import pytest
 
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.board import CAMERAS, Camera, name_lines
-from shuttle_marl.scene.layouts import LAYOUTS, lichtblick
-from shuttle_marl.scene.topics import BOARDS
+from shuttle_marl.scene.topics import BOARDS, WORLD
+from shuttle_marl.scene.write import LAYOUTS
 
-DOCS = Path(__file__).parents[2] / "docs" / "layouts"
+DOCUMENTS = {path.name: json.loads(path.read_bytes()) for path in LAYOUTS}
 
 
 def texts(thing: Any) -> list[str]:
@@ -24,9 +23,9 @@ def texts(thing: Any) -> list[str]:
     return [thing] if isinstance(thing, str) else []
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", DOCUMENTS)
 def test_every_path_leads_somewhere(name: str) -> None:
-    paths = [text for text in texts(json.loads(LAYOUTS[name]())) if re.match(r"/(rally|scene|log|tf)", text)]
+    paths = [text for text in texts(DOCUMENTS[name]) if re.match(r"/(rally|scene|log|tf)", text)]
     assert set(topics.SCENES) <= set(paths)
     assert topics.LOG in paths
     plotted = [path for path in paths if "." in path]
@@ -38,14 +37,30 @@ def test_every_path_leads_somewhere(name: str) -> None:
             schema = schema["properties"][field]
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_the_documentation_has_the_same_layouts(name: str) -> None:
-    assert (DOCS / name).read_bytes() == LAYOUTS[name](), f"write it again: LAYOUTS[{name!r}]()"
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_layouts_have_the_cameras_of_the_scoreboards(name: str) -> None:
+    """A scoreboard is in the picture only if the layout has the camera for which it was placed."""
+
+    def cameras(node: Any) -> list[dict[str, Any]]:
+        children = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+        own = [node] if isinstance(node, dict) and "cameraState" in node else []
+        return own + [camera for child in children for camera in cameras(child)]
+
+    states = cameras(DOCUMENTS[name])
+    assert len(states) == len(CAMERAS)
+    for state, camera in zip(states, CAMERAS, strict=True):
+        seen = state["cameraState"]
+        angles = [seen["distance"], seen["phi"], seen["thetaOffset"], seen["fovy"]]
+        assert angles == [camera.distance, camera.phi, camera.theta, camera.fovy]
+        assert tuple(seen["targetOffset"]) == camera.target
+        assert state["followTf"] == camera.frame
+        assert state["followMode"] == ("follow-none" if camera.frame == WORLD else "follow-pose")
+        assert {topic for topic, setting in state["topics"].items() if not setting["visible"]} == set(BOARDS) - {camera.board}
 
 
-@pytest.mark.parametrize("match", [False, True])
-def test_lichtblick_finds_every_panel_of_the_arrangement(match: bool) -> None:
-    document = json.loads(lichtblick(match=match))
+@pytest.mark.parametrize("name", ["layout.lichtblick.json", "match.lichtblick.json"])
+def test_lichtblick_finds_every_panel_of_the_arrangement(name: str) -> None:
+    document = DOCUMENTS[name]
     tabs = [tab["layout"] for tab in document["configById"]["Tab!cameras"]["tabs"]]
 
     def panels(node: Any) -> list[str]:
@@ -53,9 +68,6 @@ def test_lichtblick_finds_every_panel_of_the_arrangement(match: bool) -> None:
 
     assert len(tabs) == 3
     assert sorted(panels(document["layout"]) + tabs) == sorted(document["configById"])
-    for tab, camera in zip(tabs, CAMERAS, strict=True):
-        hidden = {topic for topic, setting in document["configById"][tab]["topics"].items() if not setting["visible"]}
-        assert hidden == set(BOARDS) - {camera.board}
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.title)
@@ -83,5 +95,5 @@ def test_names_of_any_length_fit(name: str) -> None:
 
 
 def test_a_match_is_shown_without_the_jumps_of_every_rally() -> None:
-    assert "rally_win_0" not in LAYOUTS["match.lichtblick.json"]().decode()
-    assert "rally_win_0" in LAYOUTS["layout.lichtblick.json"]().decode()
+    assert "rally_win_0" not in json.dumps(DOCUMENTS["match.lichtblick.json"])
+    assert "rally_win_0" in json.dumps(DOCUMENTS["layout.lichtblick.json"])

@@ -44,8 +44,8 @@ def test_one_rally_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.Capt
         (["--rally", "999999", "--out", "x.mcap"], "no rally 999999"),
         (["--match", "999", "--out", "x.mcap"], "no match 999 of pairing 0"),
         (["--best", "0", "--out", "x.mcap"], "expected 1 or more"),
-        (["--rally", "1", "--fps", "10", "--out", "x.mcap"], "10 frames a second: expected 25 to 50"),
-        (["--rally", "1", "--fps", "100", "--out", "x.mcap"], "100 frames a second: expected 25 to 50"),
+        (["--rally", "1", "--fps", "10", "--out", "x.mcap"], "10 frames per second: expected 25 to 50"),
+        (["--rally", "1", "--fps", "100", "--out", "x.mcap"], "100 frames per second: expected 25 to 50"),
     ],
 )
 def test_impossible_requests(

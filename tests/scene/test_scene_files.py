@@ -20,11 +20,10 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.layouts import LAYOUTS
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
-from shuttle_marl.scene.write import CUT, EPOCH, write_scene
+from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
 
 RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
@@ -284,7 +283,7 @@ def test_messages_hold_what_their_schema_says(reel: Any) -> None:
 def test_attachments_and_origin(reel: Any, log_path: Path) -> None:
     reader = make_reader(io.BytesIO(reel.content))
     files = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
-    assert set(files) == {*LAYOUTS, "rallies.arrow"}
+    assert set(files) == {*(path.name for path in LAYOUTS), "rallies.arrow"}
     rows = pa.ipc.open_file(files["rallies.arrow"]).read_all()
     assert rows["number"].to_pylist() == reel.numbers
     (facts,) = (found.metadata for found in reader.iter_metadata())
