@@ -19,7 +19,7 @@ from typing import Final
 
 from rich.console import Console
 
-from docs.tools import benchmark_tables, experiment_tables, figures, league_tables
+from docs.tools import benchmark_tables, experiment_tables, figures, league_tables, structure
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.commands import cli
@@ -39,9 +39,12 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
     "human_players": experiment_tables.human_players,
+    "layer_diagram": structure.diagram,
+    "layers": structure.layers,
     "league": benchmark_tables.league,
     "league_training": experiment_tables.league_training,
     "next_stroke": experiment_tables.next_strokes,
+    "paths": structure.paths,
     "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,
     "self_play": experiment_tables.self_play,
