@@ -4,7 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from upstream_layout import (
+
+from shuttle_marl.data import clean_matches
+from shuttle_marl.data.schema import OUTCOMES, REASONS, Outcome, violations
+from shuttle_marl.data.table import Cleaned
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import SHOTS
+from tests.data.upstream_layout import (
     CLEAR,
     COLUMNS,
     DROP,
@@ -21,12 +27,6 @@ from upstream_layout import (
     rally,
     write_rows,
 )
-
-from shuttle_marl.data import clean_matches
-from shuttle_marl.data.schema import OUTCOMES, REASONS, Outcome, violations
-from shuttle_marl.data.table import Cleaned
-from shuttle_marl.game import court
-from shuttle_marl.game.stroke import SHOTS
 
 NAME = "Viktor_AXELSEN _CHEN_Long_Malaysia_Masters_2020_ Finals"
 

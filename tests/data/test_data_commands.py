@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from upstream_layout import Layout, plain_game
 
 from shuttle_marl.__main__ import main as top
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import load_account, load_strokes, upstream
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.data.table import write_parquet
+from tests.data.upstream_layout import Layout, plain_game
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
 

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from upstream_layout import HEADER, SHUTTLESET, SHUTTLESET22, Layout, plain_game
 
 from shuttle_marl.data import DataError, clean_matches, upstream
 from shuttle_marl.data.shuttleset import list_matches, read_game
+from tests.data.upstream_layout import HEADER, SHUTTLESET, SHUTTLESET22, Layout, plain_game
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
 

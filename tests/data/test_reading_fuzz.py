@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from upstream_layout import COLUMNS, LIFT, SERVE, SMASH, Layout, game, plain_game, rally, write_rows
 
 from shuttle_marl.data import DataError, clean_matches, upstream
 from shuttle_marl.data.schema import violations
+from tests.data.upstream_layout import COLUMNS, LIFT, SERVE, SMASH, Layout, game, plain_game, rally, write_rows
 
 USED = [c for c in COLUMNS if c not in ("server", "hit_area", "win_reason", "player_location_area", "opponent_location_area")]
 VALUES = st.sampled_from(

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from upstream_layout import Layout, plain_game
 
 from shuttle_marl.data import DataError, clean_matches, load_account, load_strokes, schema
 from shuttle_marl.data.schema import Outcome, outcome_of
 from shuttle_marl.data.table import provenance_of, write_parquet
 from shuttle_marl.game import rules
+from tests.data.upstream_layout import Layout, plain_game
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 

@@ -1,12 +1,12 @@
 """A small game with everything that the shipped one has, solved once, and its average player."""
 
 import pytest
-from value_iteration import ValueIteration
 
 from shuttle_marl.exact import Solution, solve
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.bc import load
+from tests.exact.value_iteration import ValueIteration
 from tests.reduced import reduced_game
 
 

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from exact_games import with_probabilities
 from scipy import stats
 
 from shuttle_marl.commands import exact as commands
@@ -15,6 +14,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer
+from tests.exact.exact_games import with_probabilities
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()

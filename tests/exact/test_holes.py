@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from exact_games import games, random_policy, seeds, tiring_game
 from hypothesis import given, settings
 
 from shuttle_marl.commands.exact import main
 from shuttle_marl.exact import best_response, holes, solve, visits
 from shuttle_marl.game.tables import Game
+from tests.exact.exact_games import games, random_policy, seeds, tiring_game
 from tests.reduced import reduced_model
 
 

@@ -6,13 +6,21 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from exact_games import THREE_STROKES, games, hand_made, minimax_by_policy_iteration, random_game, seeds, with_probabilities
 from hypothesis import given, settings
-from value_iteration import ValueIteration
 
 from shuttle_marl.exact import ExactError, Solution, best_response, nash_conv, solve
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.game.tables import ROOT, Game
+from tests.exact.exact_games import (
+    THREE_STROKES,
+    games,
+    hand_made,
+    minimax_by_policy_iteration,
+    random_game,
+    seeds,
+    with_probabilities,
+)
+from tests.exact.value_iteration import ValueIteration
 
 
 def test_three_strokes_solved_by_hand() -> None:

@@ -8,7 +8,6 @@ from types import ModuleType
 import numpy as np
 import pyspiel
 import pytest
-from exact_games import hand_made, random_game, random_policy, with_probabilities
 from open_spiel.python import rl_environment
 from open_spiel.python.algorithms import best_response, expected_game_score
 
@@ -22,6 +21,7 @@ from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import base_pairs, layout
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
+from tests.exact.exact_games import hand_made, random_game, random_policy, with_probabilities
 
 LADDER = (
     "short-serve:front-centre:below:backhand",

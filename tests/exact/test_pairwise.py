@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from exact_games import games, random_game, random_policy, seeds
 from hypothesis import given, settings
 
 from shuttle_marl.exact import ExactError, crossplay, evaluate
@@ -15,6 +14,7 @@ from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
+from tests.exact.exact_games import games, random_game, random_policy, seeds
 
 NAMES = ("bc", "attacking", "defensive", "safe", "random")
 Z = 4.4172

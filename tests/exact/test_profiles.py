@@ -4,7 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from exact_games import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.exact import ExactError, PairPolicy, Solution, best_response, evaluate, nash_conv, policy_regret, solve, visits
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
+from tests.exact.exact_games import (
     THREE_STROKES,
     games,
     hand_made,
@@ -15,15 +23,7 @@ from exact_games import (
     seeds,
     with_probabilities,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from value_iteration import ValueIteration
-
-from shuttle_marl.exact import ExactError, PairPolicy, Solution, best_response, evaluate, nash_conv, policy_regret, solve, visits
-from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
+from tests.exact.value_iteration import ValueIteration
 
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
 

@@ -6,7 +6,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from exact_games import THREE_STROKES, games, hand_made, random_game, seeds, with_probabilities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
+from tests.exact.exact_games import THREE_STROKES, games, hand_made, random_game, seeds, with_probabilities
 
 Floats = np.ndarray
 

@@ -4,7 +4,6 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from exact_games import hand_made, random_policy
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
@@ -17,6 +16,7 @@ from shuttle_marl.league.entrants import ANCHORS, Entrant, default_pool, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer, sample
+from tests.exact.exact_games import hand_made, random_policy
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from exact_games import THREE_STROKES, games, hand_made, random_policy, seeds, with_probabilities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +11,7 @@ from shuttle_marl.exact import ExactError, PairPolicy, solve, solve_soft
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
+from tests.exact.exact_games import THREE_STROKES, games, hand_made, random_policy, seeds, with_probabilities
 
 Floats = np.ndarray
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exact_games import hand_made, random_policy, with_probabilities
 from safetensors.numpy import save_file
 
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
@@ -13,6 +12,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import bc, registry, solved
 from shuttle_marl.policy.registry import Family, resolve
+from tests.exact.exact_games import hand_made, random_policy, with_probabilities
 from tests.reduced import reduced_game
 
 GAME = reduced_game()

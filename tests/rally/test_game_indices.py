@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_rally_layout import Bools, games
 
 from shuttle_marl import game as game_package
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, WINNER, states_of_rallies, strike
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
+from tests.rally.test_rally_layout import Bools, games
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)

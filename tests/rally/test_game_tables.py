@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_rally_layout import random_game
 
 from shuttle_marl.errors import OptionError, ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import GameError
+from tests.rally.test_rally_layout import random_game
 
 GAME, _ = random_game(5)
 
