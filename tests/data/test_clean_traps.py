@@ -1,6 +1,7 @@
 """Every defect of the published data, made on purpose, and what cleaning makes of it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from tests.data.upstream_layout import (
 NAME = "Viktor_AXELSEN _CHEN_Long_Malaysia_Masters_2020_ Finals"
 
 
-def cleaned(root: Path, *games: list[dict[str, str]], **options: object) -> Cleaned:
+def cleaned(root: Path, *games: list[dict[str, str]], **options: Any) -> Cleaned:
     Layout(root).match(NAME, games, **options)
     result = clean_matches(root)
     assert [str(v) for v in violations(result.strokes)] == []

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote, unquote
 
 import pooch
@@ -88,7 +89,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 
 def fetch(server: Server, out: Path, **options: object) -> int:
-    settings = {"base_url": server.url, "manifest": MANIFEST, "pause": 0.01, **options}
+    settings: dict[str, Any] = {"base_url": server.url, "manifest": MANIFEST, "pause": 0.01, **options}
     return download(out, **settings)
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def plain_game(n: int = 4, *, a_below: bool = True, mirror_below: bool = False) 
     """A game of n rallies without any defect: A wins the odd ones, by a winner, B the even ones, by A's fault."""
     rows, score = [], (0, 0)
     server = "A"
-    options = {"a_below": a_below, "mirror_below": mirror_below}
+    options: dict[str, Any] = {"a_below": a_below, "mirror_below": mirror_below}
     for i in range(1, n + 1):
         if i % 2:
             score = (score[0] + 1, score[1])

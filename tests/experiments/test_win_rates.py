@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from experiments.spread import IQM, mean_and_deviation
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.training import PPOConfig
 
-SMALL = {"batch": 256, "growth": 0.0, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
+SMALL: dict[str, Any] = {"batch": 256, "growth": 0.0, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
 
 
 def test_interquartile_mean_and_its_interval() -> None:

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,7 +60,7 @@ def test_machine_code_without_any_writable_folder_lasts_for_the_process(tmp_path
     # Files in the places of folders: even the superuser cannot write below them.
     for blocked in (folder / "__pycache__", tmp_path / "home"):
         blocked.write_text("")
-    home = {name: str(tmp_path / "home" / "cache") for name in ("HOME", "XDG_CACHE_HOME")}
+    home: dict[str, Any] = {name: str(tmp_path / "home" / "cache") for name in ("HOME", "XDG_CACHE_HOME")}
     found, warned = run(folder, **home, TMPDIR=str(temporary))
     assert found == "42"
     assert warned.count("writable") == 2, "one line, with its advice"

@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.csv
@@ -183,7 +184,7 @@ def test_a_killed_run_continues_to_the_same_bytes(tmp_path: Path, small_model: s
     """One real SIGKILL; all other places at which a run can stop are below."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     pool = (*POOL, "defensive", "random@greedy", "safe@2")
-    config = {"pool": pool, "matches": 1000, "seed": 1, "game": small_model}
+    config: dict[str, Any] = {"pool": pool, "matches": 1000, "seed": 1, "game": small_model}
     flags = ("--pool", *pool, "--matches", "1000", "--seed", "1", "--game", small_model, "--batch", "40", "--out", str(killed))
     run_league(LeagueConfig(**config, out=whole))
     process = subprocess.Popen(command(*flags), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -247,7 +248,7 @@ def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, m
     # What takes time, and is not about files.
     monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
     monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
-    config = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     expected = files(tmp_path / "whole")
     for stop in range(1, 60):
@@ -283,7 +284,7 @@ def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, m
 
 
 def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> None:
-    config = {"pool": POOL, "game": reduced_model(), "matches": 20, "seed": 5, "out": tmp_path / "run"}
+    config: dict[str, Any] = {"pool": POOL, "game": reduced_model(), "matches": 20, "seed": 5, "out": tmp_path / "run"}
     run_league(LeagueConfig(**config, record="none"))
     path = tmp_path / "run" / "pairings.jsonl"
     text = path.read_bytes()
@@ -366,7 +367,7 @@ def test_a_changed_bit_in_the_unfinished_log_is_noticed_or_harmless(
 ) -> None:
     monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
     monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
-    config = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     expected = files(tmp_path / "whole")
 
@@ -436,7 +437,7 @@ def test_a_policy_that_speaks_in_brackets_forfeits(
 
 def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    config = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
     first = run_league(LeagueConfig(**config))
     second = run_league(LeagueConfig(**config))
     assert [first.folder, second.folder] == [Path("runs/league-0"), Path("runs/league-0-2")]
@@ -455,7 +456,7 @@ def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path
 
 def test_resume_finds_the_latest_unfinished_run(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    config = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
     runs = [run_league(LeagueConfig(**config)).folder for _ in range(3)]
     for folder in runs[:2]:
         (folder / "manifest.json").unlink()
@@ -465,7 +466,7 @@ def test_resume_finds_the_latest_unfinished_run(small_model: str, tmp_path: Path
 
 
 def test_what_cannot_be_resumed(small_model: str, finished: Path, tmp_path: Path) -> None:
-    config = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
     with pytest.raises(LeagueError, match="no run to resume in"):
         run_league(LeagueConfig(**config, resume=True))
     run_league(LeagueConfig(**config))
@@ -486,7 +487,7 @@ def test_what_cannot_be_resumed(small_model: str, finished: Path, tmp_path: Path
 
 
 def test_two_processes_do_not_share_a_folder(small_model: str, tmp_path: Path) -> None:
-    config = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
     run_league(LeagueConfig(**config))
     with locked(tmp_path / "run"):
         for flags in ({"resume": True}, {"overwrite": True}):
@@ -499,7 +500,7 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
     (tmp_path / "photos" / "cat.jpg").write_bytes(b"meow")
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_bytes(b"")
-    config = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
     for flags in ({}, {"overwrite": True}):
         with pytest.raises(LeagueError, match="holds something that is no run"):
             run_league(LeagueConfig(**config, out=tmp_path / "photos", **flags))
@@ -573,7 +574,7 @@ def test_the_command_prints_the_table_and_a_forfeit(
 
 
 def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:
-    settings = {"pool": ("bc", "random"), "matches": 4, "game": reduced_model()}
+    settings: dict[str, Any] = {"pool": ("bc", "random"), "matches": 4, "game": reduced_model()}
     runs = [run_league(LeagueConfig(**settings, exact=exact, out=tmp_path / str(exact))) for exact in (True, False)]
     assert runs[0].results == runs[1].results
     assert [np.isnan(run.standings[0].exploitability) for run in runs] == [False, True]

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pyarrow.csv
 import pytest
@@ -72,7 +73,7 @@ def test_additions_play_what_is_missing(first: int, more: list[int], form: str) 
 
 
 def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> None:
-    config = {"pool": POOL, "matches": 6, "game": small_model}
+    config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model}
     gauntlet = run_league(LeagueConfig(**config, format="gauntlet", out=tmp_path / "gauntlet"))
     assert [found.names for found in gauntlet.results] == [("random", name) for name in POOL[1:]]
     assert "# Gauntlet" in (tmp_path / "gauntlet" / "report.md").read_text()
@@ -100,7 +101,7 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
     from shuttle_marl.league.folder import append_results
 
     monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
-    config = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
+    config: dict[str, Any] = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     names = [*TABLES, "rallies.mcap", "rallies-2.mcap", "report.html"]
     expected = {name: (tmp_path / "whole" / name).read_bytes() for name in names}
@@ -123,7 +124,7 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
 
 def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    config = {"matches": 6, "game": small_model, "out": out}
+    config: dict[str, Any] = {"matches": 6, "game": small_model, "out": out}
     first = run_league(LeagueConfig(pool=POOL[:2], **config))
     log = (out / "rallies.mcap").read_bytes()
     grown = run_league(LeagueConfig(pool=POOL[2:3], extend=True, **config))
@@ -147,7 +148,7 @@ def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path
 
 
 def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = {"matches": 6, "game": small_model}
+    config: dict[str, Any] = {"matches": 6, "game": small_model}
     for name in ("run", "whole"):
         run_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
     run_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
@@ -184,7 +185,7 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
 
 
 def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
-    config = {"pool": POOL, "matches": 6, "game": small_model, "batch": 6}
+    config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model, "batch": 6}
     for workers in (1, 3):
         run_league(LeagueConfig(**config, workers=workers, out=tmp_path / str(workers)))
     for name in (*TABLES, "rallies.mcap", "report.html", "report.json"):

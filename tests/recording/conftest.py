@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLogWriter
 
 
-def a_header(n_strokes: int | None = None, **changes: object) -> LogHeader:
+def a_header(n_strokes: int | None = None, **changes: Any) -> LogHeader:
     names = default_game().catalogue.names
     return LogHeader(
         **{

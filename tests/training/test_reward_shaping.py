@@ -1,5 +1,7 @@
 """Reward shaping: what is added to the rewards, and that the entropic risk measure is what the module says."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -66,7 +68,7 @@ def test_shaping_that_cannot_be_meant_is_refused(changes) -> None:
 
 @pytest.mark.slow
 def test_what_is_rewarded_is_played_more(tmp_path) -> None:
-    small = {"game": reduced_model(), "batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
+    small: dict[str, Any] = {"game": reduced_model(), "batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
     opponent = tabulate(resolve("bc", GAME), GAME)
     lifts, faults = {}, {}
     for name, changes in {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}.items():
