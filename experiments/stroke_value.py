@@ -16,7 +16,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -24,13 +24,25 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.analysis import PlayerValue, add_values, pictures, rally_table, rank_players, strokes_of, summarise
+from shuttle_marl.analysis import (
+    AnalysisError,
+    PlayerValue,
+    add_values,
+    pictures,
+    rally_table,
+    rank_players,
+    strokes_of,
+    summarise,
+)
+from shuttle_marl.analysis.pictures import COLOURS, INK, SHORT_NAMES
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import run
 from shuttle_marl.exact.away import Spread, Values, moved, over
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import load_game
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
@@ -80,13 +92,13 @@ def stroke_value(
         everyone = {"all players": summarise(valued)} | {
             mine[0].player: summarise(valued, mine[0].player) for mine in groups.values()
         }
-        pictures.save(pictures.ranking(groups, "Value added by strokes"), out / "ranking.png")
+        pictures.save(draw_ranking(groups, "Value added by strokes"), out / "ranking.png")
         pictures.save(pictures.landings(everyone, everyone["all players"], "all players"), out / "landings.png")
         pictures.save(pictures.transitions(everyone["all players"], "Replies of all players"), out / "replies.png")
         pictures.save(pictures.shot_mix(everyone), out / "shots.png")
         shown = next((r for r in rally_table(valued).to_pylist() if r["length"] in _DRAWN and _known(valued, r)), None)
         if shown is not None:
-            pictures.save(pictures.rally(valued, shown["first"], shown["length"]), out / "rally.png")
+            pictures.save(draw_rally(valued, shown["first"], shown["length"]), out / "rally.png")
     if json:
         known = valued["value_added"].null_count
         result = {"data": path.name, "strokes": valued.num_rows, "valued": valued.num_rows - known}
@@ -141,6 +153,92 @@ def _print(title: str, players: Sequence[PlayerValue], away: Mapping[str, Spread
     console.print(table)
     if away:
         console.print("away: 95 % interval for the same matches, valued in one more refit of the game on resampled matches.")
+
+
+def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
+    """Value added by each player and the part due to decisions, with intervals; one panel per group."""
+    sizes = [len(players) for players in groups.values()]
+    drawn = pictures.figure(8.8, 1.4 + 0.29 * sum(sizes))
+    panels = np.atleast_1d(drawn.subplots(len(groups), 1, sharex=True, height_ratios=sizes))
+    extreme = 100 * max(max(abs(p.value), abs(p.decision)) for players in groups.values() for p in players)
+    for axes, (group, players) in zip(panels, groups.items(), strict=True):
+        y = -np.arange(len(players), dtype=np.float64)
+        for offset, colour, label, columns in (
+            (0.12, COLOURS[0], "value added", ("value", "low", "high")),
+            (-0.14, COLOURS[1], "of it, by decisions", ("decision", "decision_low", "decision_high")),
+        ):
+            mean, low, high = (100 * np.array([getattr(p, name) for p in players]) for name in columns)
+            axes.hlines(y + offset, low, high, color=colour, alpha=0.5, linewidth=2)
+            axes.plot(mean, y + offset, "o", color=colour, markersize=4, label=label)
+        axes.axvline(0, color=INK, linewidth=0.8)
+        axes.set(xlim=(-3 * extreme, 3 * extreme), ylim=(y[-1] - 0.7, 0.7))
+        axes.set_yticks(y, [f"{p.player}  ({p.matches} matches)" for p in players], fontsize=8)
+        axes.set_ylabel(group)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[0].legend(fontsize=8, frameon=False, loc="lower right")
+    panels[-1].set_xlabel("points won by 100 strokes, with 95 % intervals", fontsize=9)
+    drawn.suptitle(title, fontsize=11)
+    return drawn
+
+
+def draw_rally(valued: pa.Table, first: int, length: int) -> Any:
+    """Draw the server's probability of winning a rally, stroke by stroke.
+
+    Args:
+        valued: strokes from :func:`shuttle_marl.analysis.values.add_values`.
+        first: row of the first stroke.
+        length: number of strokes.
+
+    Raises:
+        AnalysisError: the value of a stroke is not known.
+    """
+    rows = valued.slice(first, length).to_pylist()
+    wins = [rows[0]["win_before"]]
+    wins += [row["win_after"] if row["player"] == rows[0]["player"] else _flipped(row["win_after"]) for row in rows]
+    if any(win is None for win in wins):
+        raise AnalysisError(f"the rally from row {first} on has strokes whose value is not known; choose another one")
+    drawn = pictures.figure(10.5, 4.6)
+    axes = drawn.subplots()
+    axes.axhline(50, color=INK, linewidth=0.6, linestyle=":")
+    axes.plot(range(len(wins)), 100 * np.array(wins), color=INK, linewidth=1, zorder=2)
+    for i, row in enumerate(rows, start=1):
+        seat = int(row["player"] != rows[0]["player"])
+        axes.plot(i, 100 * wins[i], "o", color=COLOURS[seat], zorder=3)
+        area = "" if row["area"] is None else f"\n{AREAS[row['area']]}"
+        gain = f"{round(100 * row['value_added']):+d}"
+        text = f"{SHORT_NAMES.get(SHOTS[row['shot']], SHOTS[row['shot']])}{area}\n{gain}"
+        offset, across, side = (0.0, 8.0), "center", "bottom"
+        if i == len(rows):  # beside its point, because the line comes from above or below
+            offset, across, side = (9.0, 0.0), "left", "center"
+        elif wins[i] < wins[i - 1]:
+            offset, side = (0.0, -8.0), "top"
+        axes.annotate(
+            text,
+            (i, 100 * wins[i]),
+            offset,
+            textcoords="offset points",
+            ha=across,
+            va=side,
+            fontsize=7,
+            color=COLOURS[seat],
+        )
+    axes.set(
+        ylim=(-12, 112),
+        xlim=(-0.5, len(rows) + 1.2),
+        xlabel="stroke",
+        ylabel=f"probability that {rows[0]['player']} wins the rally [%]",
+    )
+    axes.set_xticks(range(1, len(rows) + 1))
+    ends = "wins" if rows[-1]["value_added"] > 0 else "loses"
+    axes.set_title(
+        f"{rows[0]['player']} serves against {rows[0]['opponent']}; {rows[-1]['player']} strikes last and {ends}", fontsize=10
+    )
+    axes.spines[["top", "right"]].set_visible(False)
+    return drawn
+
+
+def _flipped(probability: float | None) -> float | None:
+    return None if probability is None else 1 - probability
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,44 +1,40 @@
-"""Pictures of an analysis, drawn with matplotlib: landings on the court, transitions, rankings, rallies."""
+"""Pictures drawn with matplotlib: landings on the court, replies, shot mix, and the best replies of the solved game."""
 
+import dataclasses
+import difflib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 
 from shuttle_marl.analysis.summary import LONGEST, AnalysisError, Summary
-from shuttle_marl.analysis.values import PlayerValue
+from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.exact.optimal import Solution
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.court import (
-    AREAS,
-    BACK_CUT,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    MIDDLE_CUT,
-    N_AREAS,
-    SHORT_SERVICE,
-    SIDE_CUT,
-    WIDTH,
-    area_centre,
-)
-from shuttle_marl.game.stroke import N_SERVES, SHOTS
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, WIDTH, area_box, area_centre
+from shuttle_marl.game.shipped import real_strokes
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES, UnknownStrokeError
+from shuttle_marl.game.tables import Game
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
 INK: Final = "#0b0f17"
 LINE: Final = "#dcebe6"
+COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
+SHORT_NAMES: Final = {"cross-court-net-shot": "cross-court\nnet shot", "short-serve": "short serve", "long-serve": "long serve"}
 _MAT: Final = "#127257"
-_COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
 _MOST_POINTS: Final = 4000
-"""About so many landing points of a player are drawn at most."""
+"""Approximate largest number of landing points drawn for a player."""
 _LEAST_SHARE: Final = 3.0
-"""Replies rarer than this have no number in a picture of transitions [%]."""
-_SHORT: Final = {"cross-court-net-shot": "cross-court\nnet shot", "short-serve": "short serve", "long-serve": "long serve"}
+"""Smallest share of a reply that is printed in a picture of transitions [%]."""
+_SPREAD: Final = 0.35
+"""Range of the colours: probabilities of winning from 0.15 to 0.85."""
 
 
 def figure(width: float, height: float) -> Any:
-    """An empty figure, in inches.
+    """An empty figure; width and height in inches.
 
     Raises:
         ModuleNotFoundError: matplotlib is not installed.
@@ -51,20 +47,20 @@ def figure(width: float, height: float) -> Any:
 
 
 def check_format(path: Path) -> None:
-    """Refuse a file whose suffix is of no known format.
+    """Check the suffix of a picture file.
 
     Raises:
-        AnalysisError: it is not.
+        AnalysisError: it is not a supported format.
     """
     if path.suffix not in _FORMATS:
-        raise AnalysisError(f"{path}: pictures are written as {', '.join(_FORMATS)}; name the file accordingly")
+        raise AnalysisError(f"{path}: pictures are written as {', '.join(_FORMATS)}; use one of these suffixes")
 
 
 def save(drawn: Any, path: Path) -> None:
     """Write a figure as PNG, SVG or PDF.
 
     Raises:
-        AnalysisError: the suffix is of no known format.
+        AnalysisError: the suffix is not a supported format.
         FileWriteError: the file cannot be written.
     """
     check_format(path)
@@ -74,14 +70,14 @@ def save(drawn: Any, path: Path) -> None:
 
 
 def colour_map(name: str) -> Any:
-    """A colour map of matplotlib, from numbers between 0 and 1 to colours."""
+    """A colour map of matplotlib: a function from [0, 1] to colours."""
     import matplotlib as mpl  # noqa: PLC0415  an extra
 
     return mpl.colormaps[name]
 
 
 def draw_court(axes: Any) -> None:
-    """Draw the lines of a whole court in metres, the striker's half below, into matplotlib's axes."""
+    """Draw the lines of a whole court [m] into axes, with the striker's half at the bottom."""
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
@@ -96,54 +92,53 @@ def draw_court(axes: Any) -> None:
     axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=INK, linewidth=3, zorder=4)
 
 
-def area_box(area: int) -> tuple[float, float, float, float]:
-    """Left, bottom, width and height of an area of the opponent's half [m]; its right is the opponent's."""
-    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
-    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
-    depth, side = divmod(area, 3)
-    return xs[side], ys[depth], xs[side + 1] - xs[side], ys[depth + 1] - ys[depth]
+def corners(area: int, *, incoming: bool = False) -> tuple[list[float], list[float]]:
+    """Corners of an area of the opponent's half [m], x and y; for an incoming stroke the area lies in the striker's half."""
+    (x0, x1), (y0, y1) = area_box(area)
+    sign = -1 if incoming else 1
+    return [sign * x0, sign * x1, sign * x1, sign * x0], [sign * y0, sign * y0, sign * y1, sign * y1]
 
 
 def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) -> Any:
-    """Areas in which the good strokes of each come down: their share, coloured by the difference from a reference.
+    """Share of good strokes that land in each area, coloured by the difference from a reference.
 
-    Points are shown where they were marked in matches; within an area a log does not know any.
+    Landing points are drawn for annotated matches; a log holds only areas.
 
     Args:
-        summaries: whose strokes, by name.
-        reference: what they are compared with.
-        name: of the reference.
+        summaries: summaries by name.
+        reference: summary that they are compared with.
+        name: name of the reference.
     """
     drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
     axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
-    differences = {of: 100 * (summary.areas - reference.areas) for of, summary in summaries.items()}
+    differences = {player: 100 * (summary.areas - reference.areas) for player, summary in summaries.items()}
     most = max(5.0, *(float(np.abs(difference).max()) for difference in differences.values()))
-    for axes, (of, summary) in zip(axes_of, summaries.items(), strict=True):
+    for axes, (player, summary) in zip(axes_of, summaries.items(), strict=True):
         draw_court(axes)
         for area in range(N_AREAS):
-            _draw_share(axes, area, 100 * summary.areas[area], differences[of][area], most)
+            _draw_share(axes, area, 100 * summary.areas[area], differences[player][area], most)
         if summary.marked:
-            shown = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
-            axes.scatter(*shown.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
-        axes.text(0, -HALF_LENGTH / 2, f"{of}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5)
-        axes.set_title(f"{of}: {summary.strokes:,} strokes", fontsize=10)
+            points = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
+            axes.scatter(*points.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
+        axes.text(
+            0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
+        )
+        axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
     scale = _colours_between(-most, most)
     drawn.colorbar(scale, ax=axes_of.tolist(), shrink=0.5, label=f"percentage points more than {name}")
     return drawn
 
 
 def _draw_share(axes: Any, area: int, share: float, more: float, most: float) -> None:
-    """An area, coloured by how many percentage points its share is above the reference."""
-    left, bottom, width, height = area_box(area)
+    """Draw an area, coloured by its difference from the reference in percentage points."""
     x, y = area_centre(np.array(area))
-    xs, ys = (left, left + width, left + width, left), (bottom, bottom, bottom + height, bottom + height)
-    axes.fill(xs, ys, facecolor=colour_map("RdBu_r")(0.5 + more / most / 2), edgecolor=INK, linewidth=0.5, zorder=3.5)
+    axes.fill(*corners(area), facecolor=colour_map("RdBu_r")(0.5 + more / most / 2), edgecolor=INK, linewidth=0.5, zorder=3.5)
     outline = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "edgecolor": "none"}
     axes.text(x, y, f"{share:.0f} %\n{more:+.0f}", ha="center", va="center", color=INK, fontsize=9, bbox=outline, zorder=5)
 
 
 def _colours_between(low: float, high: float) -> Any:
-    """The colours of differences, for a colour bar."""
+    """Colour scale of differences, for a colour bar."""
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415  an extra
     from matplotlib.colors import Normalize  # noqa: PLC0415
 
@@ -151,29 +146,29 @@ def _colours_between(low: float, high: float) -> Any:
 
 
 def transitions(summary: Summary, title: str) -> Any:
-    """With which shot types a player answers which: a row for each incoming shot, the shares of the replies in it."""
+    """Replies of a player: one row per incoming shot type, with the share of each reply."""
     drawn = figure(8.6, 7.0)
     axes = drawn.subplots()
     count = summary.transitions
     total = count.sum(axis=1)
-    come, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
-    share = 100 * count[np.ix_(come, replies)] / total[come, None]
+    rows, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
+    share = 100 * count[np.ix_(rows, replies)] / total[rows, None]
     picture = axes.imshow(share, cmap="Greens", vmin=0, vmax=max(40.0, float(share.max(initial=0.0))), aspect="auto")
     for row, column in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
         light = share[row, column] > 0.6 * picture.norm.vmax
         axes.text(column, row, f"{share[row, column]:.0f}", ha="center", va="center", fontsize=8, color="white" if light else INK)
     played = 100 * count[:, replies].sum(axis=0) / max(1, total.sum())
-    names = [_SHORT.get(shot, shot.replace("-", " ")) for shot in SHOTS]
+    names = [SHORT_NAMES.get(shot, shot.replace("-", " ")) for shot in SHOTS]
     axes.set_xticks(
         range(len(replies)),
         [f"{names[k]}\n{part:.0f} %" for k, part in zip(replies, played, strict=True)],
         rotation=40, ha="right", fontsize=8,
     )  # fmt: skip
-    met = [f"{names[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in come]
-    axes.set_yticks(range(len(come)), met, fontsize=8)
+    incoming = [f"{names[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in rows]
+    axes.set_yticks(range(len(rows)), incoming, fontsize=8)
     axes.set(xlabel="reply, and its share of all replies", ylabel="incoming shot, and its share of all that come")
     axes.set_xticks(np.arange(len(replies) + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(come) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
     axes.grid(which="minor", color="white", linewidth=1)
     axes.tick_params(which="both", length=0)
     axes.spines[:].set_visible(False)
@@ -183,20 +178,20 @@ def transitions(summary: Summary, title: str) -> Any:
 
 
 def shot_mix(summaries: Mapping[str, Summary]) -> Any:
-    """Share of every shot type, of each side by side; lengths of rallies below."""
+    """Shares of shot types side by side, and the distributions of rally lengths below."""
     drawn = figure(9.5, 6.6)
     above, below = drawn.subplots(2, 1)
     width = 0.8 / len(summaries)
     at = np.arange(len(SHOTS))
     for i, (name, summary) in enumerate(summaries.items()):
-        colour = _COLOURS[i % len(_COLOURS)]
+        colour = COLOURS[i % len(COLOURS)]
         above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
         share = 100 * summary.lengths / max(1, summary.lengths.sum())
-        # The first lines are the widest, so that they show behind those drawn over them.
+        # The first lines are the widest, so that they stay visible behind later ones.
         wide = 1.3 + 2.2 * (len(summaries) - 1 - i)
         label = f"{name}: mean {summary.length:.1f}"
         below.step(np.arange(LONGEST + 1), share, where="mid", color=colour, linewidth=wide, label=label)
-    above.set_xticks(at, [_SHORT.get(shot, shot.replace("-", " ")) for shot in SHOTS], rotation=40, ha="right", fontsize=8)
+    above.set_xticks(at, [SHORT_NAMES.get(shot, shot.replace("-", " ")) for shot in SHOTS], rotation=40, ha="right", fontsize=8)
     above.set_ylabel("share of strokes [%]")
     below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))
     for axes in (above, below):
@@ -205,87 +200,139 @@ def shot_mix(summaries: Mapping[str, Summary]) -> Any:
     return drawn
 
 
-def ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
-    """Value added of each player with its interval, and the part of it that is decisions; a panel a group."""
-    sizes = [len(players) for players in groups.values()]
-    drawn = figure(8.8, 1.4 + 0.29 * sum(sizes))
-    panels = np.atleast_1d(drawn.subplots(len(groups), 1, sharex=True, height_ratios=sizes))
-    extreme = 100 * max(max(abs(p.value), abs(p.decision)) for players in groups.values() for p in players)
-    for axes, (group, players) in zip(panels, groups.items(), strict=True):
-        y = -np.arange(len(players), dtype=np.float64)
-        for offset, colour, label, columns in (
-            (0.12, _COLOURS[0], "value added", ("value", "low", "high")),
-            (-0.14, _COLOURS[1], "of it, by decisions", ("decision", "decision_low", "decision_high")),
-        ):
-            mean, low, high = (100 * np.array([getattr(p, name) for p in players]) for name in columns)
-            axes.hlines(y + offset, low, high, color=colour, alpha=0.5, linewidth=2)
-            axes.plot(mean, y + offset, "o", color=colour, markersize=4, label=label)
-        axes.axvline(0, color=INK, linewidth=0.8)
-        axes.set(xlim=(-3 * extreme, 3 * extreme), ylim=(y[-1] - 0.7, 0.7))
-        axes.set_yticks(y, [f"{p.player}  ({p.matches} matches)" for p in players], fontsize=8)
-        axes.set_ylabel(group)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[0].legend(fontsize=8, frameon=False, loc="lower right")
-    panels[-1].set_xlabel("points won by 100 strokes, with 95 % intervals", fontsize=9)
-    drawn.suptitle(title, fontsize=11)
-    return drawn
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Aim:
+    """The best replies to an incoming stroke from one contact, by target area.
+
+    Attributes:
+        value: ``[9]`` value of the best reply aimed at each area; NaN where no reply is legal.
+        stroke: ``[9]`` catalogue index of that reply; -1 where no reply is legal.
+        support: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where no reply is
+            legal, and in games that belong to no model.
+        state_value: value of the best reply of all areas.
+    """
+
+    value: F64
+    stroke: Intp
+    support: F64
+    state_value: float
 
 
-def rally(valued: pa.Table, first: int, length: int) -> Any:
-    """The server's probability of winning the rally, stroke by stroke, with the strokes named.
+def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim, Aim]:
+    """The best replies to a stroke from below and from above the net, under perfect play from then on.
 
     Args:
-        valued: what :func:`shuttle_marl.analysis.values.add_values` made.
-        first: row of the first stroke.
-        length: number of strokes.
+        solution: the solved game.
+        incoming: catalogue index of the incoming stroke.
+        own: the striker's own last stroke; None: mean over all possible ones (a serve has none).
 
     Raises:
-        AnalysisError: the values of the rally are not all known.
+        ExactError: the incoming stroke is not legal after the striker's own.
     """
-    rows = valued.slice(first, length).to_pylist()
-    wins = [rows[0]["win_before"]]
-    wins += [row["win_after"] if row["player"] == rows[0]["player"] else _flipped(row["win_after"]) for row in rows]
-    if any(win is None for win in wins):
-        raise AnalysisError(f"the rally from row {first} on has strokes whose value is not known; choose another one")
-    drawn = figure(10.5, 4.6)
-    axes = drawn.subplots()
-    axes.axhline(50, color=INK, linewidth=0.6, linestyle=":")
-    axes.plot(range(len(wins)), 100 * np.array(wins), color=INK, linewidth=1, zorder=2)
-    for i, row in enumerate(rows, start=1):
-        seat = int(row["player"] != rows[0]["player"])
-        axes.plot(i, 100 * wins[i], "o", color=_COLOURS[seat], zorder=3)
-        area = "" if row["area"] is None else f"\n{AREAS[row['area']]}"
-        gain = f"{round(100 * row['value_added']):+d}"
-        text = f"{_SHORT.get(SHOTS[row['shot']], SHOTS[row['shot']])}{area}\n{gain}"
-        offset, across, side = (0.0, 8.0), "center", "bottom"
-        if i == len(rows):  # beside its point, because the line comes from above or below
-            offset, across, side = (9.0, 0.0), "left", "center"
-        elif wins[i] < wins[i - 1]:
-            offset, side = (0.0, -8.0), "top"
-        axes.annotate(
-            text,
-            (i, 100 * wins[i]),
-            offset,
-            textcoords="offset points",
-            ha=across,
-            va=side,
-            fontsize=7,
-            color=_COLOURS[seat],
-        )
-    axes.set(
-        ylim=(-12, 112),
-        xlim=(-0.5, len(rows) + 1.2),
-        xlabel="stroke",
-        ylabel=f"probability that {rows[0]['player']} wins the rally [%]",
-    )
-    axes.set_xticks(range(1, len(rows) + 1))
-    ends = "wins" if rows[-1]["value_added"] > 0 else "loses"
-    axes.set_title(
-        f"{rows[0]['player']} serves against {rows[0]['opponent']}; {rows[-1]['player']} strikes last and {ends}", fontsize=10
-    )
-    axes.spines[["top", "right"]].set_visible(False)
+    game = solution.games[0]
+    edges = edges_of(game, incoming, own)
+    # Rested players, and no duel: the states of the first block.
+    below, above = (_aim(game, solution.value[1], 2 * edges + contact) for contact in (0, 1))
+    return below, above
+
+
+def edges_of(game: Game, incoming: int, own: int | None = None) -> Intp:
+    """Edges of an incoming stroke: after the striker's own last stroke, or after any (None).
+
+    Raises:
+        ExactError: the incoming stroke is not legal after the striker's own.
+    """
+    edges = np.flatnonzero(game.edge_incoming == incoming)
+    if own is not None:
+        edges = edges[game.edge_own[edges] == own]
+    if not len(edges):
+        after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
+        raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
+    return edges
+
+
+def _aim(game: Game, following: F64, states: Intp) -> Aim:
+    # Legal replies and their order depend on the incoming stroke and the contact alone, so the first state has them all.
+    strokes = game.legal_strokes(int(states[0]))
+    mean = np.mean([game.stroke_values(following, game.pairs_of(s)) for s in states.tolist()], axis=0)
+    best, chosen, behind = np.full(N_AREAS, np.nan), np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
+    real = real_strokes(game)
+    support = np.full(len(strokes), np.nan) if real is None else real[game.base_pair_edge[game.pairs_of(int(states[0]))]]
+    for stroke, value, count in zip(strokes, mean, support, strict=True):
+        area = game.catalogue.area[stroke]
+        if not value <= best[area]:
+            best[area], chosen[area], behind[area] = value, stroke, count
+    return Aim(value=best, stroke=chosen, support=behind, state_value=float(mean.max()))
+
+
+def stroke_index(game: Game, name: str) -> int:
+    """Catalogue index of a stroke name.
+
+    Raises:
+        ExactError: unknown name; the message lists similar ones.
+    """
+    try:
+        return game.catalogue.index(name)
+    except UnknownStrokeError as error:
+        close = difflib.get_close_matches(name, game.catalogue.names, n=4, cutoff=0.4)
+        hint = f"; did you mean {', '.join(close)}?" if close else ""
+        raise ExactError(f"{error}{hint}") from error
+
+
+def best_replies(solution: Solution, incoming: int, own: int | None = None) -> Any:
+    """Value of the best reply to a stroke at each target area (:func:`aims`), with the striker's half at the bottom.
+
+    Raises:
+        ExactError: the incoming stroke is not legal after the striker's own.
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    drawn = figure(9.6, 8.2)
+    game = solution.games[0]
+    colours = colour_map("RdYlGn")
+    for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
+        draw_court(axes)
+        _draw_incoming(axes, int(game.catalogue.area[incoming]))
+        for area in range(N_AREAS):
+            _draw_area(axes, game, aim, area, colours)
+        axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.state_value)}", fontsize=11)
+    names = game.catalogue.names
+    if own is not None:
+        before = f" after one's own {names[own]}"
+    else:
+        before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
+    drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
     return drawn
 
 
-def _flipped(probability: float | None) -> float | None:
-    return None if probability is None else 1 - probability
+def _percent(value: float) -> str:
+    return f"{100 * (1 + value) / 2:.1f} %"
+
+
+def _draw_incoming(axes: Any, area: int) -> None:
+    xs, ys = corners(area, incoming=True)
+    x, y, text = (xs[0] + xs[1]) / 2, (ys[0] + ys[2]) / 2, AREAS[area].replace("-", "\n")
+    axes.fill(xs, ys, facecolor=LINE, alpha=0.9, zorder=3.5)
+    axes.text(x, y, f"incoming\n{text}", ha="center", va="center", fontsize=7.5, color=INK, zorder=5)
+
+
+def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:
+    box = corners(area)
+    x, y = area_centre(np.array(area))
+    if aim.stroke[area] < 0:
+        axes.fill(*box, facecolor="none", edgecolor=LINE, hatch="//", alpha=0.5, zorder=3.5)
+        return
+    value = float(aim.value[area])
+    best = value >= aim.state_value
+    axes.fill(
+        *box,
+        facecolor=colours(np.clip(0.5 + value / 2 / _SPREAD / 2, 0, 1)),
+        edgecolor=INK if best else LINE,
+        linewidth=3 if best else 0.8,
+        zorder=3.6 if best else 3.5,
+    )
+    stroke = aim.stroke[area]
+    shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
+    text = f"{_percent(value)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
+    if np.isfinite(aim.support[area]):
+        text += f"\nn = {aim.support[area]:.0f}"
+    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=INK, weight="bold" if best else None, zorder=5)

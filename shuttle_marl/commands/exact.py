@@ -393,7 +393,6 @@ def _recorded(
 def _strokes_to_plot(game: "Game", path: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
     """Check what is to be drawn before anything is computed; catalogue indices of the incoming and of one's own stroke."""
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
-    from shuttle_marl.analysis.replies import edges_of, stroke_index  # noqa: PLC0415
 
     if path is None:
         if incoming is not None or own is not None:
@@ -401,14 +400,14 @@ def _strokes_to_plot(game: "Game", path: Path | None, incoming: str | None, own:
         return None, None
     pictures.check_format(path)
     pictures.figure(1, 1)  # fails where matplotlib is not installed
-    chosen = tuple(None if name is None else stroke_index(game, name) for name in (incoming, own))
+    chosen = tuple(None if name is None else pictures.stroke_index(game, name) for name in (incoming, own))
     if chosen[0] is not None:
-        edges_of(game, chosen[0], chosen[1])
+        pictures.edges_of(game, chosen[0], chosen[1])
     return chosen[0], chosen[1]
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
-    from shuttle_marl.analysis.replies import plot  # noqa: PLC0415
+    from shuttle_marl.analysis import pictures  # noqa: PLC0415
     from shuttle_marl.exact import visits  # noqa: PLC0415  numba
 
     if incoming is None:
@@ -418,7 +417,7 @@ def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> N
         there = tables.incoming(np.arange(tables.n_states))
         seen = np.bincount(there, visits(*solution.policy).states[0], tables.n_strokes + 1)
         incoming = int(seen[: tables.n_strokes].argmax())
-    plot(solution, path, incoming, own)
+    pictures.save(pictures.best_replies(solution, incoming, own), path)
 
 
 def _check_some(policies: Sequence[str]) -> None:

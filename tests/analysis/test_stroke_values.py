@@ -142,6 +142,8 @@ def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
     assert near[smash, 8, 1, 2] == 0
     assert (near[smash, :, 0] == -1).all()
     assert (near[0] == -1).all()
+    alone = _nearest(Catalogue.from_names(["smash:front-left:above:forehand"]))
+    assert (alone[smash, :, 1] == 0).all(), "also at the largest distance: the opposite corner with another technique"
 
 
 @pytest.mark.skipif(not MATCHES, reason="SHUTTLESET names no folder with the annotated matches")

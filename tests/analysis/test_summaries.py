@@ -137,7 +137,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         "landings.png": pictures.landings(found, summarise(valued), "all together"),
         "replies.svg": pictures.transitions(found["bc"], "bc"),
         "shots.pdf": pictures.shot_mix(found),
-        "rally.png": pictures.rally(valued, 0, int(rally_table(valued)["length"][0].as_py())),
+        "rally.png": stroke_value.draw_rally(valued, 0, int(rally_table(valued)["length"][0].as_py())),
     }
     for name, figure in drawn.items():
         pictures.save(figure, tmp_path / name)
@@ -146,7 +146,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         pictures.save(drawn["landings.png"], tmp_path / "landings.bmp")
     unknown = valued.set_column(valued.column_names.index("win_after"), "win_after", pa.nulls(valued.num_rows, pa.float64()))
     with pytest.raises(AnalysisError, match="not known"):
-        pictures.rally(unknown, 0, 2)
+        stroke_value.draw_rally(unknown, 0, 2)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.replies import aims
+from shuttle_marl.analysis.pictures import aims
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
@@ -190,10 +190,10 @@ def test_aims_are_the_best_replies_by_area() -> None:
         for area in range(9):
             here = legal[GAME.catalogue.area[legal] == area]
             assert (aim.stroke[area] in here) == bool(len(here))
-            assert np.isfinite(aim.strokes[area]) == bool(len(here))
+            assert np.isfinite(aim.support[area]) == bool(len(here))
             if len(here):
                 answers = (GAME.edge_own == incoming) & (GAME.edge_incoming == aim.stroke[area])
-                assert set(real[answers]) == {aim.strokes[area]}, "n counts the real strokes behind the reply"
+                assert set(real[answers]) == {aim.support[area]}, "n counts the real strokes behind the reply"
     serve = int(GAME.legal_strokes(0)[0])
     assert len(aims(solution, serve)) == 2
 
