@@ -1,5 +1,6 @@
 """The command line of the data."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -31,8 +32,7 @@ def root(tmp_path: Path) -> Path:
 def published(root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The data set as if it were the published one, its match in the train split."""
     manifest = {
-        path.relative_to(root).as_posix(): upstream.hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(root.rglob("*.csv"))
+        path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(root.rglob("*.csv"))
     }
     monkeypatch.setattr(upstream, "manifest", lambda: manifest)
     monkeypatch.setattr("shuttle_marl.data.validate.split_of", lambda name: "train" if name == NAME else None)
@@ -146,7 +146,7 @@ def test_validate_forgives_published_files(
 ) -> None:
     path = published / "ShuttleSet/set" / NAME / "set1.csv"
     path.write_text(path.read_text(encoding="utf-8").replace("殺球", "飛球", 1), encoding="utf-8")
-    digest = upstream.hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     upstream.manifest()[path.relative_to(published).as_posix()] = digest
     monkeypatch.setattr(upstream, "_published", lambda: {digest})
     assert main(["validate", str(published)]) == 0

@@ -1,5 +1,6 @@
 """Broken files: every message names file, line and value."""
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -88,7 +89,7 @@ def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.Monke
     edit(path, 4, "type", "飛球")
     edit(path, 5, "landing_x", "99999")
     edit(path, 11, "ball_round", "?")
-    monkeypatch.setattr(upstream, "_published", lambda: {upstream.hashlib.sha256(path.read_bytes()).hexdigest()})
+    monkeypatch.setattr(upstream, "_published", lambda: {hashlib.sha256(path.read_bytes()).hexdigest()})
     account = clean_matches(path.parents[3]).account
     assert account.dropped == {"unreadable value": 3, "broken rally": 3}
     assert account.strokes == 13

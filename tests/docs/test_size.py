@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from docs.tools import size
+from docs.tools.markdown import ROOT
 
 LOW = """from typing import TYPE_CHECKING
 if TYPE_CHECKING:
@@ -156,6 +157,6 @@ def test_scripts_that_a_frame_imports(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("setup", "most", "file"), [(size.STROKE, 4, "tables.py")])
 def test_files_of_a_stroke(setup: str, most: int, file: str) -> None:
-    parts = size.files_of(size.ROOT, size.modules(size.ROOT), setup)
+    parts = size.files_of(ROOT, size.modules(ROOT), setup)
     assert file in {path.name for path in parts}
     assert len(parts) <= most, sorted(path.name for path in parts)

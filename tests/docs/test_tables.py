@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from docs.tools import league_tables, tables
+from docs.tools.league_tables import TableError
+from docs.tools.markdown import ROOT
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 
@@ -22,8 +24,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of all pages, which the tool takes for those of the repository."""
-    for path in (path for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md") for path in tables.ROOT.glob(pattern)):
-        copy = tmp_path / path.relative_to(tables.ROOT)
+    for path in (path for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md") for path in ROOT.glob(pattern)):
+        copy = tmp_path / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, copy)
     monkeypatch.setattr(tables, "ROOT", tmp_path)
@@ -38,7 +40,7 @@ def test_a_table_is_replaced_and_nothing_else() -> None:
 
 @pytest.mark.parametrize("page", ["no marks", PAGE + PAGE, "<!-- end: x -->\n<!-- begin: x -->\n"])
 def test_a_page_without_one_place_is_refused(page: str) -> None:
-    with pytest.raises(tables.TableError, match="expected one <!-- begin: x -->"):
+    with pytest.raises(TableError, match="expected one <!-- begin: x -->"):
         tables.replaced(page, "x", "new")
 
 
@@ -60,7 +62,7 @@ def test_short_ranking_of_a_run(run: Path) -> None:
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(tables.TableError, match="no finished run"):
+    with pytest.raises(TableError, match="no finished run"):
         league_tables.ranking(tmp_path)
 
 
@@ -69,7 +71,7 @@ def test_check_finds_a_number_typed_by_hand(pages: Path, run: Path) -> None:
     tables.main(run=run, check=True)
     page = pages / "docs" / "league.md"
     page.write_text(page.read_text(encoding="utf-8").replace("| 1 |", "| 7 |"), encoding="utf-8")
-    with pytest.raises(tables.TableError, match=r"(?s)docs/league\.md does not show.*\+\| 1 \|"):
+    with pytest.raises(TableError, match=r"(?s)docs/league\.md does not show.*\+\| 1 \|"):
         tables.main(run=run, check=True)
 
 
@@ -77,8 +79,8 @@ def test_a_table_that_no_page_shows_and_an_unknown_one_are_found(pages: Path, ru
     page = pages / "docs" / "league.md"
     text = page.read_text(encoding="utf-8")
     page.write_text(text.replace(": ranking -->", ": rankings -->"), encoding="utf-8")
-    with pytest.raises(tables.TableError, match="no table is called 'rankings'"):
+    with pytest.raises(TableError, match="no table is called 'rankings'"):
         tables.main(run=run, check=True)
     page.write_text("", encoding="utf-8")
-    with pytest.raises(tables.TableError, match=r"no page shows ranking$"):
+    with pytest.raises(TableError, match=r"no page shows ranking$"):
         tables.main(run=run, check=True)

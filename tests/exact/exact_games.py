@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
@@ -119,7 +120,7 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
                 constant[row] += probability[pair] * ((winner[pair] - fault[pair]) - fault[pair])
                 matrix[row, other + below_at[pair]] += probability[pair] * (below[pair] - winner[pair])
                 matrix[row, other + above_at[pair]] += probability[pair] * (1 - below[pair])
-    solution = np.linalg.solve(matrix, constant)
+    solution: F64 = np.linalg.solve(matrix, constant)
     return solution[:size], solution[size:]
 
 

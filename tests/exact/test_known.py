@@ -1,7 +1,6 @@
 """Odds in the cache: the same as solved ones, and a damaged or unwritable cache changes nothing."""
 
 import sqlite3
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from tests.exact.exact_games import random_game, random_policy
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "odds.sqlite"
     monkeypatch.setattr(known, "_path", lambda: path)
     known._say_once.cache_clear()

@@ -1,6 +1,7 @@
 """Profiles, best responses, exploitability, visits and regret, on random games and on a small sister of the shipped one."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_coarse_profiles_are_within_their_bound(game: Game, seed: int) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(games, seeds, st.sampled_from([0, 1, None]))
-def test_visits_give_the_odds_and_add_up(game: Game, seed: int, server: int | None) -> None:
+def test_visits_give_the_odds_and_add_up(game: Game, seed: int, server: Literal[0, 1] | None) -> None:
     other = with_probabilities(game, seed + 7)
     first, second = random_policy(game, seed), random_policy(other, seed + 1)
     seen = visits(first, second, server=server, tolerance=1e-10)

@@ -1,5 +1,7 @@
 """Scorecards, sampled and exact, and the league's exact figures."""
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
@@ -150,7 +152,7 @@ def test_exact_figures_of_a_game_without_clones_and_of_one_without_end() -> None
     assert np.isnan(found.match).all()
 
 
-def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: object) -> None:
+def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: Path) -> None:
     (tmp_path / "my_sulker.py").write_text("def player(states):\n    return states.mask / states.mask.sum(axis=1)[:, None]\n")
     with (tmp_path / "my_sulker.py").open("a") as file:
         file.write("player.reads_score = True\n")

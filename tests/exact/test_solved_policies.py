@@ -1,6 +1,7 @@
 """Solved policies by name, tables in files, and families of installed packages."""
 
 import importlib.metadata
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -133,7 +134,7 @@ def test_damaged_tables_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def entry_points(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+def entry_points(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
     """Entry points of packages that could be installed, by key; instead of those that are."""
     points: dict[str, str] = {}
 

@@ -3,6 +3,8 @@
 import dataclasses
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +100,7 @@ FAILURES = {
 }
 
 
-def entrant(name: str, function: object, *, reads_score: bool = False) -> Entrant:
+def entrant(name: str, function: Callable[[States], Any], *, reads_score: bool = False) -> Entrant:
     """The entrant that `enter` makes of a function, without a module to import it from."""
 
     class Own(FunctionPolicy):
@@ -116,7 +118,9 @@ def tournament(entrants: list[Entrant], matches: int = 4, batch: int = 8192) -> 
 
 
 @pytest.mark.parametrize("function", FAILURES, ids=lambda f: f.__name__)
-def test_a_failing_entrant_enters_and_forfeits_every_match(function: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_entrant_enters_and_forfeits_every_match(
+    function: Callable[[States], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("shuttle_marl.league.entrants.resolve", lambda name, game: FunctionPolicy(function))
     broken = enter("broken", GAME)
     assert FAILURES[function] in broken.failure
@@ -139,7 +143,7 @@ def test_a_failing_entrant_enters_and_forfeits_every_match(function: object, mon
 
 
 @pytest.mark.parametrize("function", [*FAILURES, tired], ids=lambda f: f.__name__)
-def test_one_that_reads_the_score_forfeits_while_it_plays(function: object) -> None:
+def test_one_that_reads_the_score_forfeits_while_it_plays(function: Callable[[States], Any]) -> None:
     pool = [entrant("a", uniform), entrant("broken", function, reads_score=True), enter("safe", GAME)]
     results = [r for group in tournament(pool).play(round_robin(["a", "broken", "safe"])) for r, _ in group]
     assert [result.forfeit for result in results] == [("broken",), (), ("broken",)]
@@ -160,7 +164,7 @@ def test_one_that_hangs_forfeits_and_changes_nothing_for_the_others(monkeypatch:
     def end(states: States) -> np.ndarray:
         sys.exit(0)
 
-    hangs_late.reads_score = True
+    vars(hangs_late)["reads_score"] = True
     own = {"hangs": hangs, "hangs_late": hangs_late, "end": end}
     monkeypatch.setattr(registry, "from_module", lambda name, game: FunctionPolicy(own[name.partition(":")[2]]))
     names = ["random", "mine:hangs", "safe", "mine:hangs_late", "mine:end"]
@@ -189,7 +193,7 @@ def test_a_policy_asked_at_every_stroke_plays_what_its_table_plays() -> None:
     other = enter("random", GAME)
     matches = matches_of(pairing, 3, 0, 6)
     played = [play(GAME, matches, Strikers(GAME, [other, it]).choose) for it in (asked, enter("safe", GAME))]
-    assert np.array_equal(*(p.games for p in played))
+    assert np.array_equal(played[0].games, played[1].games)
     for name, column in played[0].rallies.columns():
         assert np.array_equal(column, getattr(played[1].rallies, name)), name
 

@@ -5,6 +5,7 @@ import re
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_programs_play(small_model: str, tmp_path: Path) -> None:
 
 def test_a_program_plays_a_tournament_as_the_same_policy_within(small_model: str, tmp_path: Path) -> None:
     name = program(tmp_path, "even", PLAYS["even"])
-    found = {}
+    found: dict[str, Any] = {}
     for seed, player in ((0, name), (0, "random")):
         config = LeagueConfig(pool=("safe", player), matches=20, seed=seed, game=small_model, out=tmp_path / str(len(found)))
         found[player] = run_league(config).results[0]

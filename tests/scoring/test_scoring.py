@@ -1,5 +1,7 @@
 """Points, games and matches."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -102,7 +104,8 @@ class OneMatch:
     """The rules told again, one rally at a time, in the words of the Laws."""
 
     def __init__(self, server: int, rules: Rules) -> None:
-        self.rules, self.server, self.done, self.games = rules, server, [], [0, 0]
+        self.rules, self.server, self.games = rules, server, [0, 0]
+        self.done: list[Any] = []
         self.now = [0, 0]
 
     def rally(self, winner: int) -> None:
