@@ -23,7 +23,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics.evaluate import play_statistics
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.splits import rows_of
+from shuttle_marl.dynamics.make import rows_of
 from shuttle_marl.game import load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import bc

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from docs.tools.markdown import saved
-from shuttle_marl.dynamics.splits import LEAST_FOR_REFITS, LEAST_STROKES, LEAST_WITH_PRIOR
+from shuttle_marl.dynamics.make import MIN_MATCHES_FOR_REFITS, MIN_STROKES, MIN_STROKES_WITH_PRIOR
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
@@ -103,9 +103,9 @@ FIGURES: Final = (
         form=".0f",
         tolerance=0.02,
     ),
-    Figure(page="docs/own_data.md", text="At least three matches and {} strokes outside", value=lambda: LEAST_STROKES),
-    Figure(page="docs/own_data.md", text="It needs {} strokes and two matches", value=lambda: LEAST_WITH_PRIOR),
-    Figure(page="docs/own_data.md", text="leave open, need {} train matches", value=lambda: LEAST_FOR_REFITS),
+    Figure(page="docs/own_data.md", text="At least three matches and {} strokes outside", value=lambda: MIN_STROKES),
+    Figure(page="docs/own_data.md", text="It needs {} strokes and two matches", value=lambda: MIN_STROKES_WITH_PRIOR),
+    Figure(page="docs/own_data.md", text="leave open, need {} train matches", value=lambda: MIN_MATCHES_FOR_REFITS),
     Figure(page="docs/datasheet.md", text="of which {} strokes of", value=_fitted_strokes),
 )
 """All figures that are kept so."""

@@ -1,19 +1,18 @@
-"""Fitted models compiled to the tables of a game, within what the training matches support.
+"""Compilation of fitted models to the tables of a game, within the support of the training matches.
 
-**Catalogue.** A stroke is in it if at least 3 % of its shot type's good strokes go to its area, at least 2 % are played
-with its height and technique, and at least 15 good strokes are exactly it.
+**Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, at least 2 % have its
+height and technique, and at least 15 good strokes equal it.
 
-**Legality.** A stroke may answer an incoming stroke if its shot type, height and technique were played at least five times
-against that shot type in that area; if nothing was from one of the contacts, against that shot type anywhere; if still
-nothing, against anything.
+**Legality.** A stroke is a legal reply if its shot type, height and technique occur at least five times against the incoming
+shot type in its area; for contact heights without such a stroke, against the incoming shot type in any area, or else against
+any stroke.
 
-**Extremes.** How often strokes fault and win is counted in cells, each inside the one before: the shot type and area; the
-whole stroke; the same against one incoming shot type; the same against one incoming shot type and area. A cell's rate is
-shrunk to that of the cell around it with the weight of 40 strokes. The predicted probability of a fault and of a winner of a
-legal pair must lie inside the central 90 % of the Beta posterior of its innermost cell; it is moved to the nearest end
-otherwise (Beta with Jeffreys' half event on either side). A cell without strokes of its own thus still has the width of
-40 strokes. A cell holds strokes of every effort, in short duels and long ones, so it bounds the mean over these situations,
-as often as they occur after the own last shot type, and not the probability in each.
+**Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
+type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
+strokes. The predicted probabilities of a fault and of a winner of a legal pair are clipped to the central 90 % of the Beta
+posterior of the innermost cell (with Jeffreys' half event on either side). A cell without strokes has the width of 40 strokes.
+Cells contain strokes of all efforts and duels, so they bound the mean over these situations, weighted by their frequencies
+after the striker's previous shot type, and not the probability in each.
 """
 
 import dataclasses
@@ -36,14 +35,14 @@ from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
 TECHNIQUE_SHARE: Final = 0.02
-LEAST_STROKES: Final = 15
-LEAST_REPLIES: Final = 5
+MIN_STROKES: Final = 15
+MIN_REPLIES: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
 
 
 def catalogue_of(rows: Rows) -> Catalogue:
-    """The strokes with enough support among good strokes; order: shot type, area, height, technique."""
+    """Strokes with enough support among good strokes, in the order of shot type, area, height, technique."""
     good = rows.take((rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0))
     c = {name: good.codes[name].astype(np.int64) for name in ("shot", "area", "contact", "technique")}
     count = np.zeros((N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
@@ -51,12 +50,12 @@ def catalogue_of(rows: Rows) -> Catalogue:
     total = np.maximum(count.sum(axis=(1, 2, 3)), 1)
     in_area = count.sum(axis=(2, 3)) / total[:, None] >= AREA_SHARE
     in_style = count.sum(axis=1) / total[:, None, None] >= TECHNIQUE_SHARE
-    kept = np.argwhere((count >= LEAST_STROKES) & in_area[:, :, None, None] & in_style[:, None])
-    return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in kept.T))
+    supported = np.argwhere((count >= MIN_STROKES) & in_area[:, :, None, None] & in_style[:, None])
+    return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in supported.T))
 
 
 def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
-    """``[n + 1, n]`` which stroke may answer which (row n: at the start); see the rule in the module's first lines."""
+    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module."""
     n = len(catalogue)
     count = np.zeros((N_SHOTS + 2, N_AREAS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
     names = ("incoming_shot", "incoming_area", "shot", "contact", "technique")
@@ -71,7 +70,7 @@ def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
             candidates = (catalogue.height == contact) & ~catalogue.is_serve
             shot, area = catalogue.shot[y], catalogue.area[y]
             for support in (seen[shot, area], anywhere[shot], anything):
-                allowed = candidates & (support[style] >= LEAST_REPLIES)
+                allowed = candidates & (support[style] >= MIN_REPLIES)
                 if allowed.any():
                     replies[y] |= allowed
                     break
@@ -80,11 +79,11 @@ def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Support:
-    """Support in the data for every edge x -> y of a game, when y answers x.
+    """Support in the data for every edge x -> y of a game, where y is the reply to x.
 
     Attributes:
-        strokes: ``[E]`` strokes in the innermost cell (of faults with unknown target: the expected number).
-        faults, winners: ``[E]`` of these.
+        strokes: ``[E]`` strokes in the innermost cell (for faults of unknown target, the expected number).
+        faults, winners: ``[E]`` number of these.
         fault_range, winner_range: ``[E, 2]`` bounds of the predicted probabilities.
     """
 
@@ -100,7 +99,7 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
 
     Args:
         rows: strokes of known outcome.
-        targets: ``[N, 9]`` probability of each intended target; one-hot where it is known.
+        targets: ``[N, 9]`` probability of each target; one-hot where it is known.
         game: the layout.
     """
     which, area = np.nonzero(targets > 0)
@@ -113,7 +112,7 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     e_shot, e_area, e_height, e_technique = (
         np.append(getattr(catalogue, a), 0).astype(np.int64)[stroke] for a in ("shot", "area", "height", "technique")
     )
-    # An edge names the stroke that is answered (its "own" end is the incoming stroke of the one who answers).
+    # The "own" end of an edge is the incoming stroke of the player who replies.
     e_in_shot = np.append(catalogue.shot, N_SHOTS).astype(np.int64)[own]
     e_in_area = np.append(catalogue.area, N_AREAS).astype(np.int64)[own]
     stroke_key = _key((c["shot"], area, c["contact"], c["technique"]))
@@ -129,16 +128,16 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     for events in (fault, winner):
         rate = np.full(len(stroke), events.sum() / weight.sum())
         for level, (of_row, of_edge) in enumerate(levels):
-            total, hits = _looked_up(of_row, weight, of_edge), _looked_up(of_row, events, of_edge)
+            total, hits = _cell_sums(of_row, weight, of_edge), _cell_sums(of_row, events, of_edge)
             a, b = hits + PRIOR_STROKES * rate, total - hits + PRIOR_STROKES * (1 - rate)
             if level < len(levels) - 1:
                 rate = a / (a + b)
-        # Half a fault and half a good stroke more (Jeffreys): never to have seen an event does not exclude it.
+        # Jeffreys prior: an event that was never observed is still possible.
         a, b = a + 0.5, b + 0.5
         tail = (1 - CREDIBLE) / 2
         ranges.append(np.stack([beta.ppf(tail, a, b), beta.ppf(1 - tail, a, b)], axis=1))
     innermost = levels[-1]
-    strokes, faults, winners = (_looked_up(innermost[0], v, innermost[1]) for v in (weight, fault, winner))
+    strokes, faults, winners = (_cell_sums(innermost[0], v, innermost[1]) for v in (weight, fault, winner))
     ranges[0][stroke == n] = ranges[1][stroke == n] = (0.0, 1.0)
     return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])
 
@@ -149,44 +148,44 @@ def is_serve_pair(game: Game) -> Bools:
 
 
 def is_duel_pair(game: Game) -> Bools:
-    """``[base pairs]`` whether the stroke of a base pair is a net shot after two or more net shots in a row."""
+    """``[base pairs]`` whether the stroke of a base pair is a net shot after two or more consecutive net shots."""
     return np.asarray(game.catalogue.is_net_shot[game.base_pair_stroke] & (game.duel(game.base_pair_state) >= LONG_DUEL - 1))
 
 
 def is_long_duel_pair(game: Game) -> Bools:
-    """``[base pairs]`` whether the stroke of a base pair is a net shot of a long duel."""
+    """``[base pairs]`` whether the stroke of a base pair is a net shot in a long duel."""
     return np.asarray(is_duel_pair(game) & (game.duel(game.base_pair_state) >= LONG_DUEL))
 
 
 def _key(parts: tuple[I64 | Ints, ...]) -> I64:
-    """One integer for a tuple of small ones."""
+    """Combined integer key of small integers."""
     key = np.zeros(len(parts[0]), dtype=np.int64)
     for part in parts:
         key = key * 32 + part
     return key
 
 
-def _looked_up(keys: I64, weights: F64, wanted: I64) -> F64:
-    """Sum of the weights of the rows whose key is wanted."""
+def _cell_sums(keys: I64, weights: F64, wanted: I64) -> F64:
+    """Sum of the weights of the rows of each wanted key."""
     unique, inverse = np.unique(keys, return_inverse=True)
     total = np.bincount(inverse, weights=weights)
     position = np.minimum(np.searchsorted(unique, wanted), len(unique) - 1)
     return np.where(unique[position] == wanted, total[position], 0.0)
 
 
-LEAST_END: Final = 0.003
-"""At least this share of any stroke but a serve ends the rally, so that the game contracts and no stall pays."""
+MIN_END: Final = 0.003
+"""Minimum probability that a stroke other than a serve ends the rally, so that the game is a contraction."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairProbabilities:
-    """Predictions of the models for every base pair, ``[base pairs]`` each, before rounding to the tables.
+    """Predictions for every base pair, ``[base pairs]`` each, before rounding.
 
     Attributes:
-        fault: the striker faults, at effort 0.
-        returned: a good stroke is returned.
-        above: a returned stroke is met above the net.
-        clipped: the fault or the winner probability was moved into the range that the data supports.
+        fault: probability of a fault, at effort 0.
+        returned: probability that a good stroke is returned.
+        above: probability that a returned stroke is met above the net.
+        clipped: whether the probability of a fault or a winner was clipped to the supported range.
         fault_odds: ``[L]`` odds of a fault at each level of effort, relative to those at effort 0.
     """
 
@@ -198,26 +197,25 @@ class PairProbabilities:
 
 
 def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
-    """The layout of a game whose probabilities are not known yet."""
+    """Layout of a game without probabilities."""
     tables = layout(catalogue, replies, duels=True)
     return Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), dtype=np.uint16), **tables)
 
 
-def pair_probabilities(models: FittedModels, game: Game, support: Support, *, pessimism: float = 0.0) -> PairProbabilities:
-    """Evaluate the models on every base pair, in double precision, within what the data supports.
+def pair_probabilities(models: FittedModels, game: Game, support: Support) -> PairProbabilities:
+    """Evaluate the models on every base pair, in double precision, clipped to the supported range.
 
     Args:
         models: the models.
-        game: the layout; its thresholds are not read.
+        game: the layout; its thresholds are ignored.
         support: ranges of the probabilities of its edges.
-        pessimism: lower bound of the ensemble for the striker, in standard deviations of its logits.
     """
     codes = codes_of_pairs(game)
-    logit = log_odds(models.averaged(models.fault, codes, pessimism=pessimism))
-    returned = models.averaged(models.returned, codes, pessimism=pessimism)
+    logit = log_odds(models.averaged(models.fault, codes))
+    returned = models.averaged(models.returned, codes)
     above = models.averaged(models.above, codes)
     situations, edge = models.situations, game.base_pair_edge
-    # What the data supports is the mean over the situations, because that is what its cells hold.
+    # The supported ranges are those of the mean over the situations.
     weights = situations.spread(codes["own_shot"], np.full(len(logit), -1), np.where(is_duel_pair(game), -1, 0))
     fault = situations.mixed(logit, weights)
     winner = (1 - fault) * (1 - returned)
@@ -227,10 +225,10 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, *, pe
     clipped = moved | (supported_winner != winner)
     logit[moved] = situations.logit_of_mean(supported_fault[moved], weights[moved])
     logit = logit + situations.duel * is_long_duel_pair(game)
-    # The least probability of an end holds at every level of effort, so at the one with the fewest faults.
+    # The minimum probability of an end holds at every level of effort, so also at the one with the fewest faults.
     fewest = situations.effort.min()
     lowest = sigmoid(logit + fewest)
-    least = np.where(is_serve_pair(game), 0.0, LEAST_END) - supported_winner
+    least = np.where(is_serve_pair(game), 0.0, MIN_END) - supported_winner
     short = lowest < least
     fault = np.where(short, sigmoid(log_odds(least) - fewest), sigmoid(logit))
     returned = 1 - supported_winner / (1 - np.where(short, least, supported_fault))
@@ -239,20 +237,20 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, *, pe
 
 
 def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
-    """The game with its thresholds and its odds of faults."""
+    """The game with thresholds and odds of faults."""
     table = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
     odds = np.rint(probabilities.fault_odds * ONE).astype(np.int32)
     return dataclasses.replace(game, threshold=table, fault_odds=odds)
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:
-    """``[base pairs]`` log of the probability that the average player chooses a stroke, before dividing by the legal total."""
+    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = codes_of_states(game, state)
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
     pair_state, pair_stroke = game.base_pair_state, game.base_pair_stroke
     pair_style = game.catalogue.shot[pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[pair_stroke]
-    # Targets are asked for once for every state and style that occurs.
+    # Targets are predicted once for every state and style that occurs.
     styles, position = np.unique(pair_state * np.int64(N_SHOTS * N_TECHNIQUES) + pair_style, return_inverse=True)
     of_state = styles // (N_SHOTS * N_TECHNIQUES)
     rows = np.searchsorted(state, of_state)

@@ -1,9 +1,20 @@
-"""Strokes in context, as integer codes: what every model of the game reads.
+"""Features of the models: strokes in context, as integer codes.
 
-A stroke is described by its attributes (shot type, area, contact height, technique), and its context by the attributes of
-the striker's own last stroke and of the incoming stroke, the contact offered, and the discipline. Two strokes back are
-enough for these: more history improves no model on unseen matches. What the rally adds up to beside them, the attacking
-strokes that either player has struck and the length of a net duel, moves the probability of a fault alone.
+A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
+previous stroke and of the incoming stroke, the contact height, and the discipline. A longer history improves no model on unseen
+matches. Counts over the rally, attacks of each player and consecutive net shots, affect the probability of a fault only.
+
+**Target areas** have the same meaning for every outcome. The landing of a returned stroke is the receiver's contact point, that
+of a winner or an out stroke is a point on the floor, farther along the flight: unchanged, its depth would reveal the outcome. So
+these landings are moved along the line of flight to a depth at which a receiver could have met the shuttle:
+
+- **Winners** to the same quantile among the returned strokes of their shot type and contact height as the landing has among the
+  winners of these. (Expectation maximisation over three depths, with the returned strokes as prior, predicts unseen matches no
+  better: the data have no other information on where a winner would have been met.)
+- **Out strokes** to at most the 90 % quantile of the depth of returned strokes of the same shot type and height. Otherwise the
+  areas of most drives and net kills that went out would be areas where hardly any is met, which no player of the game can target.
+
+Simulated strokes record the target itself and are not moved.
 """
 
 import dataclasses
@@ -15,16 +26,15 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import I8, I16, I32, I64, Ints
+from shuttle_marl.arrays import F64, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.landings import met_points
 from shuttle_marl.game.court import N_AREAS, area_of
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import LONGEST_DUEL, Game
 
 DISCIPLINES: Final = ("MS", "WS")
 
-# Of a stroke before: the attribute, "none" (the rally has just begun), or "unknown" (the row was dropped).
+# Two more codes of a previous stroke: "none" (before the serve) and "unknown" (the row was dropped).
 _BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
 SLOTS: Final[dict[str, int]] = {
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
@@ -34,15 +44,19 @@ SLOTS: Final[dict[str, int]] = {
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-"""Attributes that a model can read, and how many values each has."""
+"""Number of values of each attribute."""
 
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
-"""The context of a stroke: what the striker knows before choosing."""
+"""Attributes of the context, which the striker knows before choosing."""
 
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
 """``[13]`` whether a shot type is an attack."""
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
 """``[13]`` whether a shot type is a net shot."""
+MIN_LANDINGS: Final = 20
+"""With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
+MAX_DEPTH_QUANTILE: Final = 0.9
+"""Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,19 +64,19 @@ class Rows:
     """N strokes in context.
 
     Attributes:
-        codes: for each of :data:`SLOTS`, ``[N]`` its code; ``area`` is the one in which a receiver met the
-            shuttle or would have met it, -1 where no landing was recorded.
+        codes: ``[N]`` code of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing was
+            recorded.
         outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
-        next_contact: ``[N]`` height from which the next stroke was struck, -1 where there is none.
+        next_contact: ``[N]`` contact height of the next stroke, -1 without one.
         match: ``[N]`` index into ``matches``.
-        matches: names.
+        matches: names of the matches.
         striker, receiver: ``[N]`` identifiers of the players.
         stroke: ``[N]`` number of the stroke in its rally, from 1.
-        attacks, opponent_attacks: ``[N]`` attacks (smashes, half-smashes) of the striker and of the receiver so far in the rally.
-        net_run: ``[N]`` net shots in a row that end with the incoming stroke.
+        attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1 where
+            a dropped row may have been one.
+        net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
 
-    The last three are -1 where a dropped row could have counted: an attack of that player, or a net shot at the head of the
-    run. The first stroke of a rally is a serve, so it counts as neither even where its row was dropped.
+    The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
     """
 
     codes: dict[str, I16]
@@ -82,13 +96,13 @@ class Rows:
         return len(self.outcome)
 
     def take(self, which: npt.NDArray[np.integer | np.bool_]) -> "Rows":
-        """The rows chosen by an index or a mask."""
+        """Rows by index or mask."""
         arrays = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")}
         return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
 
     @classmethod
     def joined(cls, parts: Sequence["Rows"]) -> "Rows":
-        """The rows of several tables, one after the other; each has matches of its own, whatever their names."""
+        """Concatenation of several tables, whose matches are different even if their names are equal."""
         starts = np.cumsum([0, *(len(part.matches) for part in parts)])
         names = [f.name for f in dataclasses.fields(cls) if f.name not in ("codes", "match", "matches")]
         return cls(
@@ -99,12 +113,12 @@ class Rows:
         )
 
     def in_matches(self, names: Sequence[str]) -> "Rows":
-        """The rows of some matches."""
+        """Rows of the named matches."""
         wanted = np.isin(np.array(self.matches), np.array(list(names)))
         return self.take(wanted[self.match])
 
     def with_area(self, area: int | Ints) -> dict[str, I16]:
-        """The codes, with another intended target."""
+        """The codes with another target area."""
         return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
 
     @functools.cached_property
@@ -116,10 +130,9 @@ class Rows:
 
 
 def rows_from_strokes(strokes: pa.Table) -> Rows:
-    """Strokes of a cleaned table in context, in its order (schema: :mod:`shuttle_marl.data.schema`).
+    """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
-    The areas are those in which a receiver met the shuttle or would have met it (:mod:`shuttle_marl.dynamics.landings`), so
-    those of annotated winners and out strokes depend on the other strokes of the table.
+    The target areas of annotated winners and out strokes depend on the other strokes of the table.
     """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
@@ -165,7 +178,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
 
 
 def _target_areas(strokes: pa.Table) -> I16:
-    """``[N]`` area of each stroke that means the same for every outcome; -1 where no landing was recorded."""
+    """``[N]`` target area of each stroke; -1 where no landing was recorded."""
     recorded = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
     outcome, reason, shot, height = (strokes[name].to_numpy() for name in ("outcome", "reason", "shot", "height"))
     x = {name: strokes[f"{name}_x"].to_numpy().astype(np.float64) for name in ("landing", "contact", "striker")}
@@ -173,32 +186,68 @@ def _target_areas(strokes: pa.Table) -> I16:
     winner = outcome == Outcome.WINNER
     out = (outcome == Outcome.FAULT) & (reason == REASONS.index("out"))
     annotated = strokes["source"].to_numpy(zero_copy_only=False) != "simulated"
-    # The other faults fell short, wherever they were aimed.
-    told = annotated & (winner | out | (outcome == Outcome.RETURNED))
-    landing = np.where(told[:, None], np.stack([x["landing"], y["landing"]], axis=1), np.nan)
-    begun = ~np.isnan(x["contact"])
-    start = np.stack([np.where(begun, at["contact"], at["striker"]) for at in (x, y)], axis=1)
-    fell = ~np.isnan(landing).any(axis=1)
-    met = met_points(landing, start, shot, height, winner & fell, out & fell)
-    moved = (winner | out) & ~np.isnan(met[:, 1])
-    return np.where(moved, area_of(*met.T), recorded).astype(np.int16)
+    # The other faults fell short of any target.
+    usable = annotated & (winner | out | (outcome == Outcome.RETURNED))
+    landing = np.where(usable[:, None], np.stack([x["landing"], y["landing"]], axis=1), np.nan)
+    has_contact = ~np.isnan(x["contact"])
+    start = np.stack([np.where(has_contact, at["contact"], at["striker"]) for at in (x, y)], axis=1)
+    has_landing = ~np.isnan(landing).any(axis=1)
+    target = target_points(landing, start, shot, height, winner & has_landing, out & has_landing)
+    moved = (winner | out) & ~np.isnan(target[:, 1])
+    return np.where(moved, area_of(*target.T), recorded).astype(np.int16)
+
+
+def target_points(landing: F64, start: F64, shot: Ints, height: Ints, winner: Bools, out: Bools) -> F64:
+    """Points ``[N, 2]`` [m] at which a receiver met the shuttle, or would have met that of winners and out strokes.
+
+    Args:
+        landing: ``[N, 2]`` recorded landing points [m] in the striker's frame; NaN where there is none, or where it is
+            unrelated to the target.
+        start: ``[N, 2]`` start of the flight [m]; landings of flights with NaN move straight ahead.
+        shot, height: ``[N]`` shot type and contact height.
+        winner: ``[N]`` strokes that fell to the floor in court.
+        out: ``[N]`` strokes that fell to the floor out of court. All others with a landing were returned.
+    """
+    depth = landing[:, 1]
+    moved = depth.copy()
+    returned = ~winner & ~out & ~np.isnan(depth)
+    for shot_type in range(N_SHOTS):
+        for level in (0, 1):
+            here = (shot == shot_type) & (height == level)
+            for group in (here, shot == shot_type):
+                winners, returns = np.sort(depth[group & winner]), np.sort(depth[group & returned])
+                if min(len(winners), len(returns)) >= MIN_LANDINGS:
+                    moved[here & winner] = np.quantile(returns, _ranks(winners, depth[here & winner]))
+                    break
+            returns = depth[here & returned]
+            if len(returns) >= MIN_LANDINGS:
+                moved[here & out] = np.minimum(depth[here & out], np.quantile(returns, MAX_DEPTH_QUANTILE))
+    along = (moved - start[:, 1]) / (depth - start[:, 1])
+    sideways = np.where(np.isnan(along), landing[:, 0], start[:, 0] + along * (landing[:, 0] - start[:, 0]))
+    return np.stack([np.where(moved == depth, landing[:, 0], sideways), moved], axis=1)
+
+
+def _ranks(ordered: F64, values: F64) -> F64:
+    """Relative mid-ranks of values in a sorted sample, never 0 or 1."""
+    rank = 0.5 * (np.searchsorted(ordered, values) + np.searchsorted(ordered, values, side="right")) / len(ordered)
+    return np.clip(rank, 0.5 / len(ordered), 1 - 0.5 / len(ordered))
 
 
 def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
-    """``[N]`` each: attacks of the striker, attacks of the receiver, and net shots in a row, before each stroke.
+    """``[N]`` each: previous attacks of the striker, of the receiver, and consecutive net shots before each stroke.
 
     Args:
-        key: ``[K, N]`` names the rally of each stroke; the strokes of a rally lie next to each other, in playing order.
+        key: ``[K, N]`` match, game and rally of each stroke; the strokes of a rally are consecutive, in playing order.
         number: ``[N]`` number of the stroke in its rally, from 1.
         shot: ``[N]`` shot type.
     """
     own, other, run = (np.zeros(len(number), dtype=np.int16) for _ in range(3))
-    begins = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
+    is_first = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
     attack, net = ATTACK[shot], NET_SHOT[shot]
-    # Attacks of the two players by the parity of their strokes' numbers; -1 from the first dropped stroke on.
+    # Attacks of each player by the parity of the stroke number; -1 after a dropped stroke.
     attacks, in_a_row, last = [0, 0], 0, 0
     for row in range(len(number)):
-        if begins[row]:
+        if is_first[row]:
             attacks, in_a_row, last = [0, 0], 0, 0
         for missing in range(max(last + 1, 2), number[row]):
             attacks[missing % 2], in_a_row = -1, -1
@@ -206,13 +255,13 @@ def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
         own[row], other[row], run[row] = attacks[side], attacks[1 - side], in_a_row
         if attacks[side] >= 0:
             attacks[side] += int(attack[row])
-        # A stroke that is no net shot ends the run, whatever was dropped before it.
+        # Any other stroke resets the count, even after a dropped one.
         in_a_row = in_a_row + 1 if net[row] and in_a_row >= 0 else (in_a_row if net[row] else 0)
     return own, other, run
 
 
 def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
-    """``[N]`` catalogue index of the stroke before each: n for none yet, -1 where it is not known or not in the catalogue.
+    """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue.
 
     Args:
         rows: N strokes in context.
@@ -224,18 +273,18 @@ def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
         rows.codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
     )
     known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
-    found = np.where(shot == N_SHOTS, n_strokes, -1)
-    found[known] = strokes[shot[known], area[known], height[known], technique[known]]
-    return found
+    index = np.where(shot == N_SHOTS, n_strokes, -1)
+    index[known] = strokes[shot[known], area[known], height[known], technique[known]]
+    return index
 
 
 def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
-    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known.
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
 
     Args:
         game: the tables.
         rows: N strokes in context.
-        own, incoming: ``[N]`` catalogue indices of the strokes before each (:func:`strokes_before`).
+        own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
     """
     duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
     efforts = [np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)]
@@ -243,7 +292,7 @@ def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
 
 
 def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
-    """I16 of the context of states, ``[N]`` each; without discipline."""
+    """``[N]`` codes of the context of states, without discipline."""
     catalogue = game.catalogue
     codes: dict[str, I16] = {}
     for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
@@ -255,7 +304,7 @@ def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
 
 
 def codes_of_pairs(game: Game) -> dict[str, I16]:
-    """I16 of every base pair of a game, ``[base pairs]`` each; without discipline."""
+    """``[base pairs]`` codes of every base pair of a game, without discipline."""
     codes = codes_of_states(game, game.base_pair_state)
     for attribute in ("shot", "technique", "area"):
         codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)
@@ -263,6 +312,6 @@ def codes_of_pairs(game: Game) -> dict[str, I16]:
 
 
 def _shift(index: I64, lag: int) -> I64:
-    """Row ``lag`` rows before each row, -1 where that is outside the table."""
+    """Row ``lag`` rows before each row, -1 outside the table."""
     moved = index - lag
     return np.where((moved >= 0) & (moved < len(index)), moved, -1)

@@ -1,8 +1,9 @@
-"""Everything that was fitted, in one folder: networks, ridge, calibration, players, support. Safetensors, never pickle."""
+"""The fitted models: predictions, and their file (safetensors, never pickle)."""
 
 import dataclasses
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,20 @@ import numpy.typing as npt
 import torch
 from safetensors.torch import save
 
-from shuttle_marl.arrays import F64, I16
+from shuttle_marl.arrays import F64, I16, I64, Ints
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
-from shuttle_marl.dynamics.models import GOOD, RIDGE_COLUMNS, SPECS, blended_logits, log_odds, ridge_logits, sigmoid, softmax
-from shuttle_marl.dynamics.network import Ensemble, Spec, encode, predict
-from shuttle_marl.dynamics.players import PlayerChoices
+from shuttle_marl.dynamics.models import (
+    GOOD,
+    RIDGE_COLUMNS,
+    SPECS,
+    blended_logits,
+    log_odds,
+    mean_probabilities,
+    ridge_logits,
+    sigmoid,
+    softmax,
+)
+from shuttle_marl.dynamics.network import Ensemble, NetworkSpec
 from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.errors import ShuttleError
@@ -31,19 +41,59 @@ class ModelError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PlayerChoices:
+    """Choices of M players, as shifts of the average player's logits.
+
+    Attributes:
+        players: identifiers.
+        style: ``[M, 15, 2, 39]`` shifts for shot type and technique, by incoming shot type and contact height.
+        area: ``[M, 13, 3, 9]`` shifts for the target, by shot type and technique.
+    """
+
+    players: tuple[str, ...]
+    style: F64
+    area: F64
+
+    def shifted_choice(self, choice: F64, codes: dict[str, I16], player: Ints) -> F64:
+        """``[N, 39]`` probabilities of each row's player, from those of the average player (player -1)."""
+        if not self.players:
+            return choice
+        shift = self.style[player, codes["incoming_shot"], codes["contact"]]
+        return tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
+
+    def shifted_targets(self, targets: F64, codes: dict[str, I16], player: Ints) -> F64:
+        """``[N, 9]`` probabilities of the targets, likewise."""
+        if not self.players:
+            return targets
+        shift = self.area[player, codes["shot"], codes["technique"]]
+        return tilted(targets, np.where((player < 0)[:, None], 0.0, shift))
+
+    def index(self, players: npt.NDArray[np.str_]) -> I64:
+        """``[N]`` index of each player, -1 for players without a model."""
+        position = {player: i for i, player in enumerate(self.players)}
+        return np.array([position.get(player, -1) for player in players.tolist()], dtype=np.int64)
+
+
+def tilted(probabilities: F64, shift: F64) -> F64:
+    """Probabilities ``[..., C]`` whose logits are shifted."""
+    z = probabilities * np.exp(shift)
+    return np.asarray(z / z.sum(axis=-1, keepdims=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class FittedModels:
     """The fitted models.
 
     Attributes:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
         ridge: coefficients of the ridge part of the return model.
-        trees: by model, what trees add: to the calibrated logit of a fault, and as parts of the blends of return and contact. A
-            model may have none.
-        calibration: for success (probability of a fault), return and contact, ``[3, 2]`` slope and shift of the logit.
-        situations: what effort and long duels add to the log-odds of a fault.
-        share: ``[2]`` share of each discipline in the training strokes: the weights of the average profile.
-        striker, receiver: logit shifts of single players for success and return, by identifier.
-        choices: how single players choose.
+        trees: by model, the correction of the calibrated logit of a fault (success) and parts of the blends of return and
+            contact; each is optional.
+        calibration: ``[3, 2]`` slope and intercept of the calibrated logit of fault, return and contact.
+        situations: effect of effort and long duels on the log-odds of a fault.
+        share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
+        striker, receiver: logit shifts of single players for fault and return, by identifier.
+        choices: choices of single players.
     """
 
     networks: dict[str, Ensemble]
@@ -58,65 +108,60 @@ class FittedModels:
 
     def targets(self, codes: dict[str, I16]) -> F64:
         """``[N, 9]`` probability of each intended target given state, shot type and technique."""
-        target = self.networks["target"]
-        return np.asarray(softmax(predict(target, encode(target.spec, codes))).mean(axis=0))
+        return mean_probabilities(self.networks["target"], codes)
 
     def choice(self, codes: dict[str, I16]) -> F64:
         """``[N, 13 * 3]`` probability of each shot type and technique given the state."""
-        choice = self.networks["choice"]
-        return np.asarray(softmax(predict(choice, encode(choice.spec, codes))).mean(axis=0))
+        return mean_probabilities(self.networks["choice"], codes)
 
-    def fault(self, codes: dict[str, I16], *, pessimism: float = 0.0, shift: F64 | float = 0.0) -> F64:
+    def fault(self, codes: dict[str, I16], shift: F64 | float = 0.0) -> F64:
         """``[N]`` probability that the striker faults, for a known target, at effort 0 and outside of long duels.
 
         Args:
-            codes: with ``area``.
-            pessimism: standard deviations of the ensemble's logit added to the probability of a fault.
-            shift: of the logit, for a striker's profile (``[N]`` or a number).
+            codes: attribute codes with ``area``.
+            shift: of the logit, for single strikers (``[N]`` or a number).
         """
-        success = self.networks["success"]
-        probability = 1 - softmax(predict(success, encode(success.spec, codes)))[..., GOOD]
+        probability = 1 - softmax(self.networks["success"].logits(codes))[..., GOOD]
         if "success" in self.trees:
             shift = shift + self.trees["success"].logits(codes)
-        return _calibrated(probability, self.calibration[0], pessimism, shift)
+        return _calibrated(probability, self.calibration[0], shift)
 
-    def returned(self, codes: dict[str, I16], *, pessimism: float = 0.0, shift: F64 | float = 0.0) -> F64:
-        """``[N]`` probability that the opponent returns a good stroke; arguments as for :meth:`fault`."""
-        return _calibrated(self._blended("return", codes), self.calibration[1], pessimism, shift)
+    def returned(self, codes: dict[str, I16], shift: F64 | float = 0.0) -> F64:
+        """``[N]`` probability that the opponent returns a good stroke; ``shift`` for single receivers."""
+        return _calibrated(self._blended("return", codes), self.calibration[1], shift)
 
     def above(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that a returned stroke is met above the net."""
-        return _calibrated(self._blended("contact", codes), self.calibration[2], 0.0, 0.0)
+        return _calibrated(self._blended("contact", codes), self.calibration[2])
 
     def _blended(self, name: str, codes: dict[str, I16]) -> F64:
         """``[K, N]`` probabilities of the members of a network, each blended with the other parts of the model."""
-        network = self.networks[name]
         others = [ridge_logits(self.ridge, codes)] if name == "return" else []
         if name in self.trees:
             others.append(self.trees[name].logits(codes))
-        return sigmoid(blended_logits(predict(network, encode(network.spec, codes))[..., 0], others))
+        return sigmoid(blended_logits(self.networks[name].logits(codes)[..., 0], others))
 
     def fault_without_target(self, rows: Rows, shift: F64 | float = 0.0) -> F64:
-        """``[N]`` probability of a fault given everything but the target: the mean over the targets."""
+        """``[N]`` probability of a fault, marginalised over the target."""
         shares = self.targets(rows.codes)
         faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
         return np.asarray((shares * self.situations.mixed(log_odds(faults), self.situations.weights(rows))).sum(axis=1))
 
     def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> F64:
-        """``[N]`` logit shift of each player, 0 for players without one."""
+        """``[N]`` logit shift of each player, 0 by default."""
         return np.array([shifts.get(player, 0.0) for player in players.tolist()])
 
-    def averaged(self, probability: Any, codes: dict[str, I16], **options: Any) -> F64:
-        """The average profile: a probability (one of the methods above) weighted over the disciplines."""
+    def averaged(self, probability: Callable[[dict[str, I16]], F64], codes: dict[str, I16]) -> F64:
+        """``[N]`` mean over the disciplines of a probability, one of the methods above."""
         n = len(codes["contact"])
         total = np.zeros(n)
         for discipline in np.flatnonzero(self.share):
             of_all = {**codes, "discipline": np.full(n, discipline, dtype=np.int16)}
-            total += self.share[discipline] * probability(of_all, **options)
+            total += self.share[discipline] * probability(of_all)
         return total
 
     def of_discipline(self, discipline: int) -> "FittedModels":
-        """The models of one discipline alone (index into :data:`shuttle_marl.dynamics.features.DISCIPLINES`)."""
+        """The models of one discipline (index into :data:`shuttle_marl.dynamics.features.DISCIPLINES`)."""
         return dataclasses.replace(self, share=np.eye(len(DISCIPLINES))[discipline])
 
     def save(self, folder: Path) -> str:
@@ -146,7 +191,7 @@ class FittedModels:
             "players": self.choices.players,
             "disciplines": DISCIPLINES,
         }
-        # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
+        # A single metadata key: safetensors orders several at random, and equal fits must give equal files.
         content = save(tensors, metadata={"model": json.dumps(described, sort_keys=True)})
         replace_file(folder / NETWORKS, content)
         return hashlib.sha256(content).hexdigest()
@@ -156,7 +201,7 @@ class FittedModels:
         """Read a folder written by :meth:`save`.
 
         Raises:
-            ModelError: the file is missing or not the one of the model card, or holds something else than finite weights.
+            ModelError: the file is missing, differs from the model card, or is invalid.
             GameError: the model card cannot be read.
         """
         path = folder / NETWORKS
@@ -189,7 +234,7 @@ class FittedModels:
 
 
 def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of a part of the models, by their names in it."""
+    """Arrays of a part of the models, without the prefix of their names."""
     return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 
@@ -197,11 +242,11 @@ def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> En
     """A network from its description and its weights.
 
     Raises:
-        ValueError, TypeError, KeyError, RuntimeError: the two do not fit together, or a weight is no finite number.
+        ValueError, TypeError, KeyError, RuntimeError: they are inconsistent, or a weight is not finite.
     """
     crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
-    spec = Spec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
-    # Without memory of its own: what a file describes may be of any size, its weights are as large as the file.
+    spec = NetworkSpec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
+    # Without memory: the description in a file may have any size, its weights are no larger than the file.
     with torch.device("meta"):
         network = Ensemble(spec)
     state = {name: torch.from_numpy(checked(weight, np.float32, weight.shape)) for name, weight in weights.items()}
@@ -213,7 +258,7 @@ def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) 
     """Offsets of situations from the description of a model and its arrays.
 
     Raises:
-        ValueError, TypeError, KeyError: a part is missing or no finite number.
+        ValueError, TypeError, KeyError: a value is missing or not finite.
     """
     duel = checked(np.array([float(described["duel"]), float(described["duel_share"])]), np.float64, (2,))
     effort = checked(arrays["effort"], np.float64, arrays["effort"].shape[:1])
@@ -229,7 +274,7 @@ def _shifts(values: Any) -> dict[str, float]:
     """Shifts of logits by player.
 
     Raises:
-        ValueError: one is no finite number.
+        ValueError: a shift is not finite.
     """
     shifts = {str(player): float(shift) for player, shift in values.items()}
     if not np.isfinite(list(shifts.values())).all():
@@ -237,9 +282,6 @@ def _shifts(values: Any) -> dict[str, float]:
     return shifts
 
 
-def _calibrated(members: F64, line: F64, pessimism: float, shift: F64 | float) -> F64:
-    """Mean of the members' probabilities ``[K, N]``, its logit moved along the calibration line."""
-    z = log_odds(members.mean(axis=0))
-    if pessimism:
-        z = z + pessimism * log_odds(members).std(axis=0)
-    return sigmoid(line[0] * z + line[1] + shift)
+def _calibrated(members: F64, line: F64, shift: F64 | float = 0.0) -> F64:
+    """Calibrated mean ``[N]`` of the members' probabilities ``[K, N]``; ``line`` is slope and intercept of the logit."""
+    return sigmoid(line[0] * log_odds(members.mean(axis=0)) + line[1] + shift)

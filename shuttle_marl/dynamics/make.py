@@ -1,6 +1,8 @@
-"""From a stroke table to a model folder, and back to its scores."""
+"""Model folders: splits of the matches, fit, refits, files, and scores."""
 
+import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -13,28 +15,25 @@ from safetensors.numpy import save
 from shuttle_marl import __version__
 from shuttle_marl.arrays import F32
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.upstream import Split
+from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.compiled import (
     CREDIBLE,
-    LEAST_END,
+    MIN_END,
     PRIOR_STROKES,
     Support,
-    compile_game,
     pair_log_choices,
-    pair_probabilities,
 )
 from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, fit
-from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.network import QUICK, TrainingConfig
-from shuttle_marl.dynamics.players import PlayerChoices
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
+from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from
-from shuttle_marl.dynamics.splits import LEAST_FOR_REFITS, require_enough, rows_of, train_and_validation
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import (
     BC,
     GAME,
@@ -52,12 +51,20 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import packed
 from shuttle_marl.tensor_files import checked
 
+MIN_STROKES: Final = 1000
+"""Training strokes of a fit without prior: some nine for each shot type and area."""
+MIN_STROKES_WITH_PRIOR: Final = 300
+"""Training strokes of a fit with prior: some twenty faults."""
+MIN_MATCHES: Final = 2
+"""Training matches: members of an ensemble leave one out."""
+MIN_MATCHES_FOR_REFITS: Final = 6
+"""Training matches of refits: most resamples of fewer contain only half of them."""
 _RULE: Final = (
     f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
     f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "
     f"{PRIOR_STROKES:g} strokes. The predicted probabilities of a legal pair lie inside the central {100 * CREDIBLE:g} % of the "
-    f"Beta posterior of its innermost cell. Of every stroke but the serve at least {100 * LEAST_END:g} % end the rally. Strokes "
-    f"and events are those of the innermost cell; faults whose target is not known count in parts."
+    f"Beta posterior of its innermost cell. At least {100 * MIN_END:g} % of every stroke but the serve end the rally. "
+    f"Strokes and events are those of the innermost cell; faults of unknown target are distributed over the cells."
 )
 
 
@@ -72,19 +79,19 @@ def make_model(
     refits: int | None = None,
     validation_share: float | None = None,
     prior: str | None = None,
-    config: TrainingConfig | None = None,
+    config: EnsembleConfig | None = None,
     report: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Fit, compile, check and write a model folder.
+    """Fit and compile models, and write them with their card.
 
     Args:
         data: folder of the download, or a Parquet file.
         out: folder to write.
-        seed: of all random numbers.
-        refits: number of fits on resampled matches, whose games become variants; None: the usual number, none for few matches.
-        validation_share: of the matches of no published data set that are for validation; None: there are none of those.
-        prior: model that is corrected instead of a fit from nothing: a shipped one or a folder.
-        config: of the networks; None: the default, and quick refits.
+        seed: random seed.
+        refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches.
+        validation_share: fraction of the unpublished matches for validation; None: all matches are published ones.
+        prior: name or folder of a model to correct; None: fit without prior.
+        config: settings of the networks; None: the default, and quick refits.
         report: called with a line before each stage.
 
     Returns:
@@ -109,7 +116,7 @@ def make_model(
     game, probabilities = fitted.compiled()
     log_choice = pair_log_choices(fitted.models, game)
     report("compiling the games of men's and women's singles")
-    # Of one discipline alone, the game is that of this discipline already.
+    # With a single discipline, the game is that of this discipline.
     played = np.flatnonzero(fitted.models.share).tolist()
     profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
     variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
@@ -156,55 +163,125 @@ def make_model(
     }
     save_variants(out, game, variants, card)
     for number in range(1, refits + 1):
-        told = _behind(f"refit {number} of {refits}: ", report)
-        drawn = resampled(train, [seed, number])
+        report_refit = _with_prefix(f"refit {number} of {refits}: ", report)
+        resample = resampled(train, [seed, number])
         refit = (
-            fit(drawn, None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=told)
+            fit(resample, None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=report_refit)
             if start is None
-            else fit_from(start, drawn, None, report=told)
+            else fit_from(start, resample, None, report=report_refit)
         )
-        told("compiling")
+        report_refit("compiling")
         variants[str(number)] = refit.compiled()[0]
-        # After each one, so that what is there is whole if the command is interrupted.
+        # After each refit, so that an interrupted command leaves a complete folder.
         save_variants(out, game, variants, card)
     return read_model_card(out)
 
 
-def _checked_refits(refits: int | None, matches: int) -> int:
-    """The number of refits for a number of train matches.
+def rows_of(rows: Rows, split: Split) -> Rows:
+    """Strokes of a split of the published matches.
 
     Raises:
-        ShuttleError: refits were asked for, and the matches are too few.
+        ShuttleError: the data contain none of its matches.
+    """
+    chosen = rows.in_matches(matches_of(split))
+    if not len(chosen):
+        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return chosen
+
+
+def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
+    """Split rows by match into training and validation.
+
+    Args:
+        rows: all strokes.
+        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
+            names. None: all matches are published ones, whose split is fixed.
+
+    Raises:
+        ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
+    """
+    names = [rows.matches[i] for i in np.unique(rows.match)]
+    own = sorted((name for name in names if split_of(name) is None), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+    if share is None:
+        if own:
+            raise ShuttleError(
+                f"{len(own)} unpublished matches, such as {own[0]!r}, have no fixed split; --validation-share 0.2 "
+                "takes a fifth of them for validation"
+            )
+        return rows_of(rows, "train"), rows_of(rows, "validation")
+    if not 0 < share < 1:
+        raise ShuttleError(f"--validation-share {share:g}: expected a number between 0 and 1, such as 0.2")
+    if not own:
+        raise ShuttleError("--validation-share: all matches are published ones, whose split is fixed; omit it")
+    aside = min(max(1, math.ceil(round(share * len(own), 9))), len(own) - 1)
+    validation = rows.in_matches([*own[:aside], *matches_of("validation")])
+    train = rows.in_matches([*own[aside:], *matches_of("train")])
+    return train, validation
+
+
+def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
+    """Refuse too little data.
+
+    Args:
+        train, validation: rows of each split.
+        prior: whether the fit corrects a model.
+
+    Raises:
+        ShuttleError: too few matches or strokes; with the required number and the reason.
+    """
+    matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
+    if matches < needed or not len(validation):
+        raise ShuttleError(
+            f"{matches + len(np.unique(validation.match))} matches: at least {needed + 1} needed, one of them "
+            "for validation" + ("" if prior else " and one that parts of the models leave out")
+        )
+    least = MIN_STROKES_WITH_PRIOR if prior else MIN_STROKES
+    if len(train) < least:
+        kinds = N_SHOTS * N_AREAS
+        reason = (
+            "fewer contain less than twenty faults to correct the model by"
+            if prior
+            else f"fewer are less than nine for each of the {kinds} kinds of stroke (shot type and area), too few to "
+            f"estimate rates; --prior default needs {MIN_STROKES_WITH_PRIOR}, because it corrects the shipped models instead"
+        )
+        raise ShuttleError(f"{len(train)} strokes in {matches} train matches, at least {least} needed: {reason}")
+
+
+def _checked_refits(refits: int | None, matches: int) -> int:
+    """Number of refits for a number of training matches.
+
+    Raises:
+        ShuttleError: too few matches for the requested refits.
     """
     if refits is None:
-        return REFITS if matches >= LEAST_FOR_REFITS else 0
-    if refits and matches < LEAST_FOR_REFITS:
+        return REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
+    if refits and matches < MIN_MATCHES_FOR_REFITS:
         raise ShuttleError(
-            f"--refits {refits}: {matches} train matches, at least {LEAST_FOR_REFITS} needed: a resample of fewer holds hardly "
-            "more than a half of them; give --refits 0"
+            f"--refits {refits}: {matches} train matches, at least {MIN_MATCHES_FOR_REFITS} needed: a resample of fewer "
+            "contains hardly more than half of them; use --refits 0"
         )
     return refits
 
 
 def _prior(name: str) -> Prior:
     folder = model_folder(name)
-    return Prior(folder=folder, models=FittedModels.load(folder), game=load_game(str(folder)), support=load_support(folder))
+    return Prior(models=FittedModels.load(folder), game=load_game(str(folder)), support=load_support(folder))
 
 
-def _behind(words: str, report: Callable[[str], None]) -> Callable[[str], None]:
-    return lambda line: report(words + line)
+def _with_prefix(prefix: str, report: Callable[[str], None]) -> Callable[[str], None]:
+    return lambda line: report(prefix + line)
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
-    """As many matches of each discipline as there are, drawn with replacement: a resample of the bootstrap.
+    """Bootstrap resample of the matches, by discipline.
 
-    A match that was drawn twice keeps its one number, so networks that leave it out leave out both copies.
+    Copies of a match have the same number, so networks that leave it out leave out all copies.
     """
     rng = np.random.default_rng(seed)
     matches, first = np.unique(rows.match, return_index=True)
     discipline = rows.codes["discipline"][first]
-    drawn = [rng.choice(matches[discipline == kind], (discipline == kind).sum()) for kind in np.unique(discipline)]
-    return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(drawn))]))
+    names = [rng.choice(matches[discipline == kind], (discipline == kind).sum()) for kind in np.unique(discipline)]
+    return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
 def save_clones(
@@ -218,8 +295,8 @@ def save_clones(
     Args:
         folder: of the model.
         choices: shifts of single players.
-        log_choice: ``[base pairs]`` of the average player.
-        profiles: the same of the average player of each discipline.
+        log_choice: ``[base pairs]`` log-probabilities of the average player.
+        profiles: log-probabilities of the average player of each discipline.
     """
     clones: dict[str, npt.NDArray[Any]] = {
         "log_choice": log_choice,
@@ -231,21 +308,21 @@ def save_clones(
 
 
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
-    """Write the variants of a model, and its card with them."""
+    """Write the variants of a model and its card."""
     if variants:
         replace_file(folder / VARIANTS, packed(game, variants))
     else:
-        (folder / VARIANTS).unlink(missing_ok=True)  # of a model that is replaced
+        (folder / VARIANTS).unlink(missing_ok=True)  # of a replaced model
     write_card(folder, {**card, "variants": list(variants)})
 
 
 def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:
     """Scores of a model folder on a split; see :func:`shuttle_marl.dynamics.evaluate.evaluate`.
 
-    Matches of no published data set are split as they were for the fit.
+    Unpublished matches are split as for the fit.
 
     Raises:
-        ShuttleError: the data hold no match of the split.
+        ShuttleError: the data contain no match of the split.
     """
     torch.set_num_threads(THREADS)
     report("reading strokes")
@@ -271,7 +348,7 @@ def load_support(folder: Path) -> Support:
     """Read the support of a model.
 
     Raises:
-        ModelError: the file is missing or not the one of the model card, or is no support.
+        ModelError: the file is missing, differs from the model card, or is invalid.
         GameError: the model card cannot be read.
     """
     try:
@@ -281,9 +358,3 @@ def load_support(folder: Path) -> Support:
         return Support(**{name: checked(arrays[name], np.float64, shape) for name, shape in shapes.items()})
     except (OSError, KeyError, ValueError) as error:
         raise ModelError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
-
-
-def reference_game(folder: Path, game: Game, *, pessimism: float = 0.0) -> Game:
-    """Compile the tables again from the torch models: the reference for the tables in the folder."""
-    models = FittedModels.load(folder)
-    return compile_game(game, pair_probabilities(models, game, load_support(folder), pessimism=pessimism))

@@ -1,32 +1,29 @@
-"""The five networks of the game and the ridge regression: what each reads, and what it is fitted to.
+"""The five networks of the game and the ridge regression: inputs, labels and fits.
 
 ========  =======================================  ==================================================
-network   reads                                    says
+network   inputs                                   prediction
 ========  =======================================  ==================================================
-choice    the state                                shot type and technique that players choose
-target    the state, shot type, technique          the intended target area
+choice    the state                                shot type and technique
+target    the state, shot type, technique          target area
 success   the state and the whole stroke           good, out, or short (net, short of the net, foul)
-return    the same                                 whether the opponent returns a good stroke
-contact   the same                                 whether the opponent reaches it above the net
+return    the state and the whole stroke           the opponent returns a good stroke
+contact   the state and the whole stroke           the opponent meets it above the net
 ========  =======================================  ==================================================
 
-**Targets of faults are latent.** The file says where a fault came down, not where it was meant to go. Of a stroke that did
-not cross the net nothing is known, so its likelihood is the sum over the nine areas of (probability of this target) x
-(probability of falling short at this target), and target and success networks are fitted in turn (expectation maximisation).
+**Targets of faults are latent.** The data record where a fault landed, not where it was aimed. The target of a stroke that did
+not cross the net is unknown, so its likelihood is the sum over the nine areas of (probability of the target) x (probability of
+falling short at this target), and target and success networks are fitted by expectation maximisation.
 
-**Targets of winners and out strokes** are moved along the flight to where a receiver would have met the shuttle
-(:mod:`shuttle_marl.dynamics.landings`), so that the area does not tell the outcome.
+**Return and contact are blends**, means of logits: of the network, of small boosted trees, and, for the return, of a ridge
+logistic regression on products of attributes. Adaptive optimisers overfit rare products, because they move them as fast as common
+ones; the ridge shrinks products the more, the rarer they are (products of two and three attributes are scaled down, which
+strengthens their ridge), and trees group codes of an attribute with similar effects. In cross-validation over the training
+matches, the log-loss of the return relative to that of the evaluation's trees is 1.002 with the network alone, .999 with the
+ridge, .997 with both; that of the contact is 1.003 alone and .998 with trees.
 
-**Return and contact are blends**, means of logits: of the network, of small boosted trees, and for the return of a logistic
-regression on products of attributes with a ridge too. Adaptive optimisers move rare products as fast as common ones and so
-overfit them; a ridge shrinks them in proportion to how little data they have (products of two and three attributes are scaled
-down, which makes their ridge stronger), and trees group the codes of an attribute that act alike. On blind folds of the
-training matches the log-loss of the return is 1.002 of that of the trees of the evaluation with the network alone, .999 with
-the ridge, .997 with both; that of the contact 1.003 alone and .998 with trees.
-
-**Success is corrected by trees** that do not read the target: they add the same to the logit of a fault at every target, where
-the members that did not see a match err. On blind folds the log-loss is 1.001 of that of the trees of the evaluation without
-them, .9999 with them (ensembles of five).
+**Trees correct the success model.** They do not read the target, so they add the same to the logit of a fault at every target.
+They are fitted to out-of-fold predictions. The relative out-of-fold log-loss is 1.001 without and .9999 with them (ensembles of
+five).
 """
 
 import itertools
@@ -44,7 +41,7 @@ from torch.nn import functional
 from shuttle_marl.arrays import F64, I16, I32, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
-from shuttle_marl.dynamics.network import Ensemble, Spec, TrainingConfig, encode, fit_ensemble, predict
+from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, encode, fit_ensemble
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
@@ -65,7 +62,7 @@ _FLIGHT_CROSSES: Final = (
     ("own_area", "area"),
 )
 SPECS: Final = {
-    "choice": Spec(
+    "choice": NetworkSpec(
         inputs=STATE,
         crosses=(
             ("incoming_shot", "incoming_area", "contact"),
@@ -74,7 +71,7 @@ SPECS: Final = {
         ),
         outputs=N_SHOTS * N_TECHNIQUES,
     ),
-    "target": Spec(
+    "target": NetworkSpec(
         inputs=(*STATE, "shot", "technique"),
         crosses=(
             ("shot", "technique", "contact"),
@@ -85,9 +82,9 @@ SPECS: Final = {
         ),
         outputs=N_AREAS,
     ),
-    "success": Spec(inputs=_STROKE, crosses=_CONTEXT_CROSSES, outputs=3),
-    "return": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
-    "contact": Spec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
+    "success": NetworkSpec(inputs=_STROKE, crosses=_CONTEXT_CROSSES, outputs=3),
+    "return": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
+    "contact": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
 }
 _PAIRS: Final = tuple(itertools.combinations(SLOTS, 2))
 _TRIPLES: Final = (
@@ -105,10 +102,10 @@ _CROSSES: Final = (*((name,) for name in SLOTS), *_PAIRS, *_TRIPLES)
 _SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
 _PENALTY: Final = 2.0
 _GRADIENT: Final = 0.5
-"""Length of the gradient at which the ridge regression has converged: its logits are then within some thousandths."""
+"""Norm of the gradient at convergence of the ridge regression; its logits are then accurate to some thousandths."""
 _SIZES: Final = tuple(math.prod(SLOTS[name] for name in cross) for cross in _CROSSES)
 RIDGE_COLUMNS: Final = sum(_SIZES)
-"""Number of attributes and products of attributes that the ridge regression reads."""
+"""Inputs of the ridge regression: attributes and products of attributes."""
 
 
 def fault_class(rows: Rows) -> I64:
@@ -118,7 +115,7 @@ def fault_class(rows: Rows) -> I64:
 
 
 def latent_target(rows: Rows) -> Bools:
-    """``[N]`` whether the intended target is not known: the shuttle fell short, or no landing was recorded."""
+    """``[N]`` whether the target is unknown: the shuttle fell short, or no landing was recorded."""
     return (fault_class(rows) == SHORT) | (rows.codes["area"] < 0)
 
 
@@ -129,7 +126,7 @@ def softmax(logits: F64) -> F64:
 
 
 def log_odds(p: F64) -> F64:
-    """Logit of probabilities, those of 0 and 1 moved by 1e-9 towards the middle."""
+    """Logit of probabilities, clipped to [1e-9, 1 - 1e-9]."""
     p = np.clip(p, 1e-9, 1 - 1e-9)
     return np.asarray(np.log(p) - np.log1p(-p))
 
@@ -139,8 +136,19 @@ def sigmoid(logits: F64) -> F64:
     return np.asarray(0.5 * (1 + np.tanh(0.5 * logits)))
 
 
-def fit_choice(rows: Rows, config: TrainingConfig, seed: int) -> Ensemble:
-    """Fit the shot types and techniques that players choose, on all strokes."""
+def log_loss(label: Bools, p: F64) -> float:
+    """Mean log-loss of probabilities ``[N]``, in nats."""
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
+
+
+def mean_probabilities(network: Ensemble, codes: dict[str, I16]) -> F64:
+    """``[N, outputs]`` probabilities of the classes, averaged over the ensemble."""
+    return np.asarray(softmax(network.logits(codes)).mean(axis=0))
+
+
+def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
+    """Fit the choice of shot types and techniques, on all strokes."""
     label = rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
     prior = np.log(np.bincount(label, minlength=SPECS["choice"].outputs) + 1.0)
     labels = torch.from_numpy(label)
@@ -154,14 +162,14 @@ def fit_choice(rows: Rows, config: TrainingConfig, seed: int) -> Ensemble:
     return fit_ensemble(SPECS["choice"], columns, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_target(rows: Rows, weights: F64, config: TrainingConfig, seed: int) -> Ensemble:
-    """Fit the intended targets to soft labels.
+def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> Ensemble:
+    """Fit the target areas to soft labels.
 
     Args:
         rows: strokes.
-        weights: ``[N, 9]`` probability of each target; a row of zeros does not count.
-        config: how.
-        seed: of the fit.
+        weights: ``[N, 9]`` probability of each target; rows of zeros are left out.
+        config: settings.
+        seed: random seed.
     """
     used = weights.sum(axis=1) > 0
     rows = rows.take(used)
@@ -175,14 +183,14 @@ def fit_target(rows: Rows, weights: F64, config: TrainingConfig, seed: int) -> E
     return fit_ensemble(SPECS["target"], columns, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_success(rows: Rows, target: F64, config: TrainingConfig, seed: int) -> Ensemble:
-    """Fit the outcome of strokes of known outcome, summing over the targets that are not known.
+def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> Ensemble:
+    """Fit the outcome of strokes, summing over unknown targets.
 
     Args:
         rows: strokes of known outcome.
         target: ``[N, 9]`` probability of each target given the state, shot type and technique.
-        config: how.
-        seed: of the fit.
+        config: settings.
+        seed: random seed.
     """
     label = fault_class(rows)
     latent = latent_target(rows)
@@ -213,8 +221,8 @@ def fit_success(rows: Rows, target: F64, config: TrainingConfig, seed: int) -> E
     return fit_ensemble(SPECS["success"], columns, loss, rows.match, prior, config, seed, expand=expand)
 
 
-def fit_binary(name: str, rows: Rows, label: Bools, config: TrainingConfig, seed: int) -> Ensemble:
-    """Fit one of the networks with a single logit."""
+def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed: int) -> Ensemble:
+    """Fit one of the networks with a single logit (return, contact)."""
     y = torch.from_numpy(label.astype(np.float32))
     rate = float(label.mean())
 
@@ -241,14 +249,9 @@ def was_met(rows: Rows) -> Bools:
     return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
 
 
-def outcome_probabilities(success: Ensemble, codes: dict[str, I16]) -> F64:
-    """``[K, N, 3]`` probabilities of good, out, short for given targets."""
-    return softmax(predict(success, encode(success.spec, codes)))
-
-
 def all_targets(success: Ensemble, rows: Rows) -> F64:
     """``[K, N, 9, 3]`` probabilities of good, out, short for each of the nine targets."""
-    return np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
+    return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
 
 
 def _ridge_columns(codes: dict[str, I16]) -> I32:
@@ -266,12 +269,15 @@ def _ridge_columns(codes: dict[str, I16]) -> I32:
 
 
 def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> F64:
-    """Coefficients ``[1 + columns]``, the intercept first, scales folded in.
+    """Fit the ridge logistic regression.
 
     Args:
-        codes: of N strokes.
-        label: ``[N]`` what is predicted.
-        start: coefficients of a fit on similar strokes; the solution is the same, but found sooner.
+        codes: attribute codes of N strokes.
+        label: ``[N]`` label.
+        start: initial coefficients, such as those of a similar fit.
+
+    Returns:
+        Coefficients ``[1 + columns]``, the intercept first, in units of the unscaled inputs.
     """
     active = _ridge_columns(codes)
     n, width = len(active), RIDGE_COLUMNS
@@ -292,7 +298,7 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
         value = float(np.logaddexp(0, z).sum() - y @ z + 0.5 * penalty @ (w * w))
         return value, gradient_of(sigmoid(z) - y) + penalty * w
 
-    # The products of the Hessian at one place follow each other.
+    # Consecutive Hessian products are at the same point.
     variance_at: dict[bytes, F64] = {}
 
     def hessian_product(w: F64, direction: F64) -> F64:
@@ -313,12 +319,12 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
 
 
 def blended_logits(network: F64, others: Sequence[F64]) -> F64:
-    """Mean ``[..., N]`` of the logits of a network (``[..., N]``) and of the other parts of a model (``[N]`` each)."""
+    """Mean ``[..., N]`` of the logits of a network (``[..., N]``) and of the other parts of a blend (``[N]`` each)."""
     return np.asarray((network + sum(others)) / (1 + len(others)))
 
 
 def ridge_logits(weights: F64, codes: dict[str, I16], chunk: int = 65536) -> F64:
-    """``[N]`` logits."""
+    """``[N]`` logits of the ridge regression."""
     n = len(codes["shot"])
     out = np.empty(n)
     for start in range(0, n, chunk):

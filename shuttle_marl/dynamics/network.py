@@ -1,8 +1,8 @@
-"""Ensembles of small networks over attribute codes, and how they are fitted; all members run as one batched product.
+"""Ensembles of small networks over attribute codes; all members are fitted and evaluated in batched matrix products.
 
-A member is a linear model on one-hot attributes and chosen products of attributes, plus a two-layer perceptron on the
-one-hot attributes. The linear part learns the large, sparse effects, the perceptron what they share. Every member leaves out
-one fold of the matches, so that unseen predictions exist for every row.
+A member is the sum of a linear model on one-hot attributes and selected products of attributes, and of a perceptron with two
+hidden layers on the one-hot attributes. Every member leaves out one fold of the matches, so every row has out-of-fold
+predictions.
 """
 
 import dataclasses
@@ -23,12 +23,12 @@ Loss = Callable[[Tensor, Tensor], Tensor]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Spec:
-    """Inputs, outputs and size of a network.
+class NetworkSpec:
+    """Inputs, outputs and size of an ensemble.
 
     Attributes:
-        inputs: names of slots (:data:`shuttle_marl.dynamics.features.SLOTS`).
-        crosses: tuples of inputs whose products enter linearly.
+        inputs: names of attributes (:data:`shuttle_marl.dynamics.features.SLOTS`).
+        crosses: tuples of inputs whose products enter the linear part.
         outputs: number of logits.
         hidden: width of both hidden layers.
         members: size of the ensemble.
@@ -41,8 +41,8 @@ class Spec:
     members: int = 10
 
 
-def encode(spec: Spec, codes: dict[str, I16]) -> I32:
-    """``[N, inputs + crosses]`` columns of the multi-hot input that are 1."""
+def encode(spec: NetworkSpec, codes: dict[str, I16]) -> I32:
+    """``[N, inputs + crosses]`` active columns of the multi-hot input."""
     columns, offset = [], 0
     for name in spec.inputs:
         columns.append(codes[name].astype(np.int32) + offset)
@@ -57,12 +57,12 @@ def encode(spec: Spec, codes: dict[str, I16]) -> I32:
 
 
 class Ensemble(nn.Module):
-    """K members: ``[N, C]`` active columns to ``[K, N, outputs]`` logits.
+    """K networks from ``[N, C]`` active columns to ``[K, N, outputs]`` logits.
 
-    Active columns are looked up and summed for all members at once, so the wide one-hot input never exists.
+    Rows of the weights are looked up and summed for all members at once; the multi-hot input is never materialised.
     """
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: NetworkSpec) -> None:
         super().__init__()
         self.spec = spec
         simple = sum(SLOTS[name] for name in spec.inputs)
@@ -77,7 +77,7 @@ class Ensemble(nn.Module):
         self.linear = nn.Parameter(torch.zeros(width, k, spec.outputs))
 
     def initialise(self, generator: torch.Generator, prior: Tensor) -> None:
-        """Random weights, and ``prior`` (``[outputs]`` logits) as what an untrained network says."""
+        """Random weights; ``prior`` is the ``[outputs]`` logits of an untrained network."""
         with torch.no_grad():
             hidden = self.spec.hidden
             scales = (
@@ -95,32 +95,42 @@ class Ensemble(nn.Module):
         def drop(hidden: Tensor) -> Tensor:
             if dropout == 0:
                 return hidden
-            # One mask for all members: drawing ten would cost as much as the products.
-            kept = (torch.rand(hidden.shape[1:], generator=generator) >= dropout).to(hidden.dtype)
-            return hidden * (kept / (1 - dropout))
+            # One mask for all members: sampling ten would cost as much as the products.
+            mask = (torch.rand(hidden.shape[1:], generator=generator) >= dropout).to(hidden.dtype)
+            return hidden * (mask / (1 - dropout))
 
-        def looked_up(table: Tensor, which: Tensor) -> Tensor:
-            summed = functional.embedding_bag(which, table.flatten(1), mode="sum")
-            return summed.view(len(which), *table.shape[1:]).transpose(0, 1)
+        def embedded(table: Tensor, indices: Tensor) -> Tensor:
+            summed = functional.embedding_bag(indices, table.flatten(1), mode="sum")
+            return summed.view(len(indices), *table.shape[1:]).transpose(0, 1)
 
-        hidden = drop(torch.relu(looked_up(self.first, columns[:, : len(self.spec.inputs)]) + self.first_bias))
+        hidden = drop(torch.relu(embedded(self.first, columns[:, : len(self.spec.inputs)]) + self.first_bias))
         hidden = drop(torch.relu(torch.baddbmm(self.second_bias, hidden, self.second)))
-        return torch.baddbmm(self.last_bias, hidden, self.last) + looked_up(self.linear, columns)
+        return torch.baddbmm(self.last_bias, hidden, self.last) + embedded(self.linear, columns)
+
+    def logits(self, codes: dict[str, I16], chunk: int = 1024) -> F64:
+        """``[K, N, outputs]`` logits of N strokes, in double precision."""
+        double = Ensemble(self.spec).double().requires_grad_(False)
+        double.load_state_dict(self.state_dict())
+        inputs = torch.from_numpy(encode(self.spec, codes))
+        out = np.empty((self.spec.members, len(inputs), self.spec.outputs))
+        for start in range(0, len(inputs), chunk):
+            out[:, start : start + chunk] = double(inputs[start : start + chunk]).numpy()
+        return out
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
-    """Settings of the fit of an ensemble; chosen on the validation matches.
+class EnsembleConfig:
+    """Settings of the fit of an ensemble, chosen on the validation matches.
 
     Attributes:
         epochs: passes over the rows.
-        batch: rows a step.
+        batch: rows per step.
         learning_rate: peak of the one-cycle schedule of AdamW.
         decay: weight decay of the perceptron.
         decay_linear: weight decay of the linear part.
-        dropout: share of hidden units left out.
+        dropout: dropout probability of hidden units.
         folds: number of folds of matches; member k leaves out fold k modulo this number.
-        members: size of the ensemble; None: that of its :class:`Spec`.
+        members: size of the ensemble; None: that of its :class:`NetworkSpec`.
     """
 
     epochs: int = 12
@@ -133,40 +143,38 @@ class TrainingConfig:
     members: int | None = None
 
 
-QUICK: Final = TrainingConfig(folds=5, members=5)
-"""Half the work: for refits and cross-validation, on blind folds at most .2 % worse in log-loss."""
+QUICK: Final = EnsembleConfig(folds=5, members=5)
+"""Half the cost, for refits and cross-validation; the out-of-fold log-loss is at most .2 % higher."""
 
 
 def fold_of_match(matches: Ints, folds: int) -> I64:
-    """``[N]`` fold of each row: matches are dealt to the folds in the order of their first row."""
+    """``[N]`` fold of each row; matches are assigned to folds in turn, in the order of their first rows."""
     _, first, inverse = np.unique(matches, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return rank[inverse] % folds
 
 
 def fit_ensemble(
-    spec: Spec,
+    spec: NetworkSpec,
     columns: I32,
     loss: Loss,
     matches: Ints,
     prior: Floats,
-    config: TrainingConfig,
+    config: EnsembleConfig,
     seed: int,
     expand: Callable[[Tensor], Tensor] | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> Ensemble:
     """Fit all members at once.
 
     Args:
         spec: the network.
-        columns: ``[M, C]`` active columns of the inputs (see :func:`shuttle_marl.dynamics.network.encode`).
+        columns: ``[M, C]`` active columns of the inputs (:func:`encode`).
         loss: loss of a batch.
-        matches: ``[N]`` match of each row; rows of a member's fold get weight zero.
+        matches: ``[N]`` match of each row; the rows of a member's fold have weight zero.
         prior: ``[outputs]`` logits of an untrained network.
-        config: how.
-        seed: of initial weights, order of rows and dropout.
-        expand: from row numbers to the rows of ``columns`` that the loss needs; default the same rows.
-        progress: called with the share of steps done.
+        config: settings.
+        seed: random seed of initial weights, batches and dropout.
+        expand: maps row numbers to the rows of ``columns`` that the loss needs; None: the same rows.
     """
     generator = torch.Generator().manual_seed(seed)
     spec = dataclasses.replace(spec, members=config.members or spec.members)
@@ -184,13 +192,13 @@ def fit_ensemble(
         {"params": [model.first_bias, model.second_bias, model.last_bias], "weight_decay": 0.0},
     ]
     optimiser = torch.optim.AdamW(groups, lr=config.learning_rate, fused=True)
-    steps_an_epoch = max(1, n // config.batch)
-    steps = config.epochs * steps_an_epoch
+    steps_per_epoch = max(1, n // config.batch)
+    steps = config.epochs * steps_per_epoch
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=config.learning_rate, total_steps=steps + 1, pct_start=0.15)
     for step in range(steps):
-        if step % steps_an_epoch == 0:
+        if step % steps_per_epoch == 0:
             order = torch.randperm(n, generator=generator)
-        start = step % steps_an_epoch * config.batch
+        start = step % steps_per_epoch * config.batch
         rows = order[start : start + config.batch]
         logits = model(inputs[rows if expand is None else expand(rows)], config.dropout, generator)
         total = (loss(logits, rows) * weight[:, rows]).mean(dim=1).sum()
@@ -198,25 +206,12 @@ def fit_ensemble(
         torch.autograd.backward(total)
         optimiser.step()
         schedule.step()
-        if progress is not None:
-            progress((step + 1) / steps)
     return model.requires_grad_(False).eval()
 
 
-def predict(model: Ensemble, columns: I32, chunk: int = 1024) -> F64:
-    """Logits ``[K, N, outputs]`` in double precision."""
-    double = Ensemble(model.spec).double().requires_grad_(False)
-    double.load_state_dict(model.state_dict())
-    inputs = torch.from_numpy(columns)
-    out = np.empty((model.spec.members, len(columns), model.spec.outputs))
-    for start in range(0, len(columns), chunk):
-        out[:, start : start + chunk] = double(inputs[start : start + chunk]).numpy()
-    return out
-
-
-def unseen(logits: F64, matches: Ints, folds: int) -> F64:
-    """Mean of the members that did not see a row's match: ``[K, N, ...]`` values to ``[N, ...]``."""
+def unseen(values: F64, matches: Ints, folds: int) -> F64:
+    """Out-of-fold mean ``[N, ...]`` of ``[K, N, ...]`` values: over the members that were not fitted to a row's match."""
     fold = fold_of_match(matches, folds)
-    blind = (np.arange(len(logits)) % folds)[:, None] == fold[None, :]
-    extra = (1,) * (logits.ndim - 2)
-    return (logits * blind.reshape(*blind.shape, *extra)).sum(axis=0) / blind.sum(axis=0).reshape(-1, *extra)
+    left_out = (np.arange(len(values)) % folds)[:, None] == fold[None, :]
+    extra = (1,) * (values.ndim - 2)
+    return (values * left_out.reshape(*left_out.shape, *extra)).sum(axis=0) / left_out.sum(axis=0).reshape(-1, *extra)

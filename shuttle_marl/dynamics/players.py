@@ -1,101 +1,69 @@
-"""Profiles of single players by partial pooling: shifts towards the strokes of each, shrunk towards those of all.
+"""Single players by partial pooling: shifts of the average player's logits, shrunk towards zero.
 
-The strength of the shrinkage is chosen on matches that the fit did not see, so a player is only as particular as the data
-supports.
+The precision of the prior, which sets the strength of the shrinkage, is chosen on the validation matches.
 """
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.arrays import F64, I16, I64, Bools, Ints
+from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.features import SLOTS, Rows
+from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices, tilted
+from shuttle_marl.dynamics.models import known_outcome, latent_target, log_loss, log_odds, sigmoid, softmax, was_good
+from shuttle_marl.dynamics.network import Ensemble, unseen
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import N_TECHNIQUES
 
-LEAST_STROKES: Final = 1000
-"""A player with at least so many training strokes gets a model of their own."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class PlayerChoices:
-    """Choices of M players, as shifts of those of the average.
-
-    Attributes:
-        players: identifiers.
-        style: ``[M, 15, 2, 39]`` shifts of the logits of shot type and technique, by incoming shot type and contact.
-        area: ``[M, 13, 3, 9]`` shifts of the logits of the target, by shot type and technique.
-    """
-
-    players: tuple[str, ...]
-    style: F64
-    area: F64
-
-    def shifted_choice(self, choice: F64, codes: dict[str, I16], player: Ints) -> F64:
-        """``[N, 39]`` probabilities of the average moved to those of each row's player (-1: the average)."""
-        if not self.players:
-            return choice
-        shift = self.style[player, codes["incoming_shot"], codes["contact"]]
-        return _tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
-
-    def shifted_targets(self, targets: F64, codes: dict[str, I16], player: Ints) -> F64:
-        """``[N, 9]`` likewise for the targets."""
-        if not self.players:
-            return targets
-        shift = self.area[player, codes["shot"], codes["technique"]]
-        return _tilted(targets, np.where((player < 0)[:, None], 0.0, shift))
-
-    def index(self, players: npt.NDArray[np.str_]) -> I64:
-        """``[N]`` position of each player, -1 for players without own model."""
-        position = {player: i for i, player in enumerate(self.players)}
-        return np.array([position.get(player, -1) for player in players.tolist()], dtype=np.int64)
-
-
-def _tilted(probabilities: F64, shift: F64) -> F64:
-    z = probabilities * np.exp(shift)
-    return np.asarray(z / z.sum(axis=-1, keepdims=True))
+MIN_STROKES: Final = 1000
+"""Training strokes from which a player gets a model."""
+CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
+_SHIFT_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 def fit_choice_shifts(
-    base: F64, cell: Ints, cells: int, player: Ints, players: int,
-    label: Ints, precision: float,
+    base: F64, cell: Ints, cells: int, player: Ints, players: int, label: Ints, precision: float
 ) -> F64:  # fmt: skip
-    """Most probable shifts ``[players, cells, C]`` under a normal prior.
+    """Maximum a posteriori shifts ``[players, cells, C]`` under a normal prior.
 
-    The shift of a player in a cell is the sum of one that holds in every cell and one of the cell, both with prior mean
-    zero and the given precision (four times that for the cell's own).
+    The shift of a player in a cell is the sum of a shift shared by all cells and one of the cell, both with prior mean zero and
+    the given precision (four times that for the cell).
 
     Args:
-        base: ``[N, C]`` probabilities of the average player on each row, from networks that did not see its match.
-        cell: ``[N]`` context in which a shift holds.
+        base: ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match.
+        cell: ``[N]`` context in which a shift applies.
         cells: number of contexts.
         player: ``[N]`` player of each row.
         players: number of players.
-        label: ``[N]`` what was chosen.
+        label: ``[N]`` observed choice.
         precision: of the prior.
     """
     z = torch.from_numpy(np.log(np.maximum(base, 1e-9)))
-    who, where, y = (torch.from_numpy(np.asarray(x, dtype=np.int64)) for x in (player, cell, label))
-    everywhere = torch.zeros(players, z.shape[1], dtype=torch.float64, requires_grad=True)
+    player_index, cell_index, y = (torch.from_numpy(np.asarray(x, dtype=np.int64)) for x in (player, cell, label))
+    shared = torch.zeros(players, z.shape[1], dtype=torch.float64, requires_grad=True)
     within = torch.zeros(players * cells, z.shape[1], dtype=torch.float64, requires_grad=True)
-    optimiser = torch.optim.LBFGS([everywhere, within], max_iter=80, history_size=10, line_search_fn="strong_wolfe")
+    optimiser = torch.optim.LBFGS([shared, within], max_iter=80, history_size=10, line_search_fn="strong_wolfe")
 
     def closure() -> torch.Tensor:
         optimiser.zero_grad()
-        logits = z + everywhere[who] + within[who * cells + where]
+        logits = z + shared[player_index] + within[player_index * cells + cell_index]
         loss = torch.nn.functional.cross_entropy(logits, y, reduction="sum")
-        loss = loss + 0.5 * precision * (everywhere.square().sum() + 4 * within.square().sum())
+        loss = loss + 0.5 * precision * (shared.square().sum() + 4 * within.square().sum())
         torch.autograd.backward(loss)
         return loss
 
     optimiser.step(closure)  # type: ignore[no-untyped-call]
-    total = everywhere.detach()[:, None] + within.detach().view(players, cells, -1)
+    total = shared.detach()[:, None] + within.detach().view(players, cells, -1)
     return np.asarray(total.numpy())
 
 
 def fit_logit_shifts(logit: F64, label: Bools, player: Ints, precision: float) -> F64:
-    """Most probable shift of a logit for each player (``[max + 1]``) under a normal prior, by Newton's method."""
+    """Maximum a posteriori shift ``[max + 1]`` of each player's logit under a normal prior, by Newton's method."""
     n = int(player.max()) + 1
     shift = np.zeros(n)
     for _ in range(30):
@@ -105,8 +73,120 @@ def fit_logit_shifts(logit: F64, label: Bools, player: Ints, precision: float) -
     return shift
 
 
-def with_enough_strokes(players: npt.NDArray[np.str_]) -> Sequence[str]:
-    """Players with at least :data:`LEAST_STROKES` rows, most first."""
+def player_shifts(
+    models: FittedModels, training: dict[str, tuple[Rows, F64, Bools]], validation: Rows
+) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
+    """Shifts of the logits of single strikers (fault) and receivers (return).
+
+    Args:
+        models: of the average player.
+        training: by role, rows, ``[N]`` logits from models that were not fitted to the match, and ``[N]`` labels.
+        validation: rows on which the precision of the prior is chosen.
+
+    Returns:
+        By role, shifts by player; and the chosen precision with the log-loss of each candidate.
+    """
+    rows_of_role = {"striker": validation.take(known_outcome(validation)), "receiver": validation.take(was_good(validation))}
+    base = {
+        "striker": log_odds(models.fault_without_target(rows_of_role["striker"])),
+        "receiver": log_odds(models.returned(rows_of_role["receiver"].codes)),
+    }
+    label = {
+        "striker": rows_of_role["striker"].outcome == Outcome.FAULT,
+        "receiver": rows_of_role["receiver"].outcome == Outcome.RETURNED,
+    }
+    shifts: dict[str, dict[str, float]] = {}
+    chosen: dict[str, Any] = {}
+    for role, (rows, logit, observed) in training.items():
+        names, index = np.unique(getattr(rows, role), return_inverse=True)
+        candidates: list[tuple[float, float, dict[str, float]]] = []
+        for precision in (*_SHIFT_PRECISIONS, np.inf):
+            values = np.zeros(len(names))
+            if np.isfinite(precision):
+                values = fit_logit_shifts(logit, observed, index, precision)
+            shift = dict(zip(names.tolist(), values.tolist(), strict=True))
+            shifted = sigmoid(base[role] + models.shift_of(getattr(rows_of_role[role], role), shift))
+            candidates.append((log_loss(label[role], shifted), precision, shift))
+        best = min(candidates, key=lambda candidate: candidate[0])
+        shifts[role] = best[2] if np.isfinite(best[1]) else {}
+        chosen[role] = {
+            "log_loss_by_precision": {str(precision): loss for loss, precision, _ in candidates},
+            "precision": str(best[1]),
+        }
+    return shifts, chosen
+
+
+def player_choices(
+    networks: dict[str, Ensemble], train: Rows, validation: Rows, folds: int | None
+) -> tuple[PlayerChoices, dict[str, Any]]:
+    """Shifts of single players' choices.
+
+    Args:
+        networks: the ensembles by name.
+        train, validation: strokes in context.
+        folds: folds of the training matches left out by members of the networks; None: the networks were fitted to other matches.
+
+    Returns:
+        The shifts of players with enough strokes; and the precision of the prior, chosen on validation (the strongest one where
+        these players have no validation strokes).
+    """
+    names = tuple(_with_enough_strokes(train.striker))
+    empty = PlayerChoices(
+        players=names,
+        style=np.zeros((len(names), SLOTS["incoming_shot"], SLOTS["contact"], networks["choice"].spec.outputs)),
+        area=np.zeros((len(names), SLOTS["shot"], SLOTS["technique"], N_AREAS)),
+    )
+    if not names:
+        return empty, {}
+    chosen: dict[str, Any] = {}
+    shifts: dict[str, F64] = {}
+    for kind, name, slots in (("style", "choice", ("incoming_shot", "contact")), ("area", "target", ("shot", "technique"))):
+        network = networks[name]
+        ours, theirs = (rows.take(labelled(name, rows) & (empty.index(rows.striker) >= 0)) for rows in (train, validation))
+        own_label, label = (labels_of(name, rows) for rows in (ours, theirs))
+        own_cell, cell = (
+            rows.codes[slots[0]].astype(np.int64) * SLOTS[slots[1]] + rows.codes[slots[1]] for rows in (ours, theirs)
+        )
+        members = softmax(network.logits(ours.codes))
+        base = members.mean(axis=0) if folds is None else unseen(members, ours.match, folds)
+        average = softmax(network.logits(theirs.codes)).mean(axis=0)
+        player = empty.index(ours.striker)
+        candidates: list[tuple[float, float, F64]] = []
+        for precision in CHOICE_PRECISIONS:
+            shift = fit_choice_shifts(
+                base, own_cell, SLOTS[slots[0]] * SLOTS[slots[1]], player, len(names), own_label, precision
+            )  # fmt: skip
+            shifted = tilted(average, shift[empty.index(theirs.striker), cell])
+            candidates.append((cross_entropy(shifted, label) if len(shifted) else -precision, precision, shift))
+        loss, precision, shifts[kind] = min(candidates, key=lambda candidate: candidate[0])
+        chosen[kind] = {
+            "precision": precision,
+            "cross_entropy": loss if len(average) else None,
+            "cross_entropy_of_average": cross_entropy(average, label) if len(average) else None,
+        }
+    style, area = shifts["style"].reshape(empty.style.shape), shifts["area"].reshape(empty.area.shape)
+    return dataclasses.replace(empty, style=style, area=area), chosen
+
+
+def labelled(name: str, rows: Rows) -> Bools:
+    """``[N]`` rows with a known label of the network ``choice`` or ``target``."""
+    return np.ones(len(rows), dtype=bool) if name == "choice" else ~latent_target(rows)
+
+
+def labels_of(name: str, rows: Rows) -> I64:
+    """``[N]`` label of the network: shot type and technique (``choice``), or area (``target``)."""
+    if name == "target":
+        return rows.codes["area"].astype(np.int64)
+    return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+
+
+def cross_entropy(p: F64, label: I64) -> float:
+    """Mean cross-entropy of probabilities ``[N, C]``, in nats."""
+    return float(-np.log(p[np.arange(len(p)), label]).mean())
+
+
+def _with_enough_strokes(players: npt.NDArray[np.str_]) -> Sequence[str]:
+    """Players with at least :data:`MIN_STROKES` rows, most first."""
     names, counts = np.unique(players, return_counts=True)
     order = np.lexsort((names, -counts))
-    return [str(names[i]) for i in order if counts[i] >= LEAST_STROKES]
+    return [str(names[i]) for i in order if counts[i] >= MIN_STROKES]

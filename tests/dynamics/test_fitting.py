@@ -14,7 +14,7 @@ from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, 
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
-from shuttle_marl.dynamics.network import TrainingConfig, fold_of_match, unseen
+from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts, fit_logit_shifts
 from shuttle_marl.errors import ShuttleError
 
@@ -29,7 +29,7 @@ def sample() -> Rows:
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     rows = sample()
     part = rows.match % 4 == 0
-    config = TrainingConfig(epochs=1, batch=256, folds=5)
+    config = EnsembleConfig(epochs=1, batch=256, folds=5)
     hashes = []
     for seed in (7, 7, 8):
         fitted = fit(rows.take(~part), rows.take(part), seed=seed, config=config, report=lambda line: None)

@@ -6,8 +6,8 @@ import pytest
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.fit import intended_targets
-from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, outcome_probabilities, softmax
-from shuttle_marl.dynamics.network import Spec, TrainingConfig, encode, predict
+from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, softmax
+from shuttle_marl.dynamics.network import EnsembleConfig, NetworkSpec
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import SHOTS
 
@@ -54,12 +54,12 @@ def test_fault_rates_per_intended_target_are_recovered(monkeypatch: pytest.Monke
     # The networks of the game, small and without shrinkage: what is tested is the treatment of the targets.
     context = ("incoming_shot", "incoming_area")
     small = {
-        "target": Spec(inputs=context, crosses=(context,), outputs=N_AREAS, hidden=24, members=2),
-        "success": Spec(inputs=("area",), crosses=(), outputs=3, hidden=16, members=2),
+        "target": NetworkSpec(inputs=context, crosses=(context,), outputs=N_AREAS, hidden=24, members=2),
+        "success": NetworkSpec(inputs=("area",), crosses=(), outputs=3, hidden=16, members=2),
     }
     for name, spec in small.items():
         monkeypatch.setitem(SPECS, name, spec)
-    config = TrainingConfig(epochs=12, batch=512, learning_rate=1e-2, decay=0.0, decay_linear=0.0, dropout=0.0)
+    config = EnsembleConfig(epochs=12, batch=512, learning_rate=1e-2, decay=0.0, decay_linear=0.0, dropout=0.0)
     rows, target = simulated()
     fault = rows.outcome == Outcome.FAULT
     truth = OUT + SHORT
@@ -72,14 +72,14 @@ def test_fault_rates_per_intended_target_are_recovered(monkeypatch: pytest.Monke
     aims = fit_target(rows, known, config, seed=1)
 
     def shares() -> np.ndarray:
-        return softmax(predict(aims, encode(aims.spec, rows.codes))).mean(axis=0)
+        return softmax(aims.logits(rows.codes)).mean(axis=0)
 
     success = fit_success(rows, shares(), config, seed=2)
     for _ in range(3):
         soft = intended_targets(aims, success, rows)
         aims = fit_target(rows, soft, config, seed=3)
         success = fit_success(rows, shares(), config, seed=4)
-    found = np.stack([outcome_probabilities(success, rows.with_area(a)) for a in range(N_AREAS)], axis=2)
+    found = np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
     missed = 1 - found[..., GOOD].mean(axis=0)
     recovered = np.array([missed[target == a, a].mean() for a in range(N_AREAS)])
 

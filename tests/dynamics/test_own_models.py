@@ -11,10 +11,9 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.compiled import Support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import _checked_refits
+from shuttle_marl.dynamics.make import MIN_STROKES, MIN_STROKES_WITH_PRIOR, _checked_refits, require_enough, train_and_validation
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.prior import _moved, _shift
-from shuttle_marl.dynamics.splits import LEAST_STROKES, LEAST_WITH_PRIOR, require_enough, train_and_validation
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import load_game, read_model_card, variants
 from shuttle_marl.policy import registry
@@ -55,7 +54,7 @@ def test_published_matches_keep_their_split(club: Rows) -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "says"), [(None, "--validation-share 0.2 sets a fifth"), (0.0, "between 0 and 1"), (1.0, "between")]
+    ("share", "says"), [(None, "--validation-share 0.2 takes a fifth"), (0.0, "between 0 and 1"), (1.0, "between")]
 )
 def test_a_share_is_needed_for_own_matches(club: Rows, share: float | None, says: str) -> None:
     with pytest.raises(ShuttleError, match=says):
@@ -74,19 +73,19 @@ def test_too_few_strokes_are_refused_with_the_reason(club: Rows) -> None:
     train, validation = train_and_validation(club, 0.2)
     few = train.take(np.arange(len(train)) % (len(train) // 200) == 0)
     with pytest.raises(
-        ShuttleError, match=rf"{len(few)} strokes in 4 train matches, at least {LEAST_STROKES} needed: .* 117 kinds"
+        ShuttleError, match=rf"{len(few)} strokes in 4 train matches, at least {MIN_STROKES} needed: .* 117 kinds"
     ):
         require_enough(few, validation, prior=False)
-    with pytest.raises(ShuttleError, match=rf"at least {LEAST_WITH_PRIOR} needed: with fewer there are not twenty faults"):
+    with pytest.raises(ShuttleError, match=rf"at least {MIN_STROKES_WITH_PRIOR} needed: fewer contain less than twenty faults"):
         require_enough(few, validation, prior=True)
     require_enough(train, validation, prior=False)
-    require_enough(train.take(np.arange(LEAST_WITH_PRIOR)), validation, prior=True)
+    require_enough(train.take(np.arange(MIN_STROKES_WITH_PRIOR)), validation, prior=True)
 
 
 def test_too_few_matches_are_refused_with_the_reason(club: Rows) -> None:
     one = club.in_matches(club.matches[:1])
     for prior, needed in ((False, 3), (True, 2)):
-        with pytest.raises(ShuttleError, match=f"1 matches: at least {needed} needed, of which one is set aside"):
+        with pytest.raises(ShuttleError, match=f"1 matches: at least {needed} needed, one of them for validation"):
             require_enough(*train_and_validation(one, 0.2), prior=prior)
 
 

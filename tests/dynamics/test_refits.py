@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from shuttle_marl.data import load_strokes
-from shuttle_marl.dynamics import splits
+from shuttle_marl.dynamics import make
 from shuttle_marl.dynamics.card import add_truth, as_markdown
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.make import make_model, resampled
-from shuttle_marl.dynamics.network import TrainingConfig, fold_of_match
+from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import VARIANTS, load_game, read_model_card, refits_of, variants
@@ -50,15 +50,15 @@ def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fo
 def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = rows_from_strokes(load_strokes(SAMPLE)).matches
     parts = {"train": names[: len(names) // 4 * 3], "validation": names[len(names) // 4 * 3 :]}
-    monkeypatch.setattr(splits, "matches_of", parts.get)
-    monkeypatch.setattr(splits, "split_of", lambda name: "train")
+    monkeypatch.setattr(make, "matches_of", parts.get)
+    monkeypatch.setattr(make, "split_of", lambda name: "train")
     # Trees take minutes, and others test them.
     monkeypatch.setattr(
         "shuttle_marl.dynamics.evaluate.tree_predictions",
         lambda names, train, label, match, test: np.full(len(test["shot"]), label.mean()),
     )
     lines: list[str] = []
-    config = TrainingConfig(epochs=1, batch=256, folds=5)
+    config = EnsembleConfig(epochs=1, batch=256, folds=5)
     card = make_model(SAMPLE, tmp_path / "model", seed=1, refits=2, config=config, report=lines.append)
     name = str(tmp_path / "model")
     assert card["variants"] == variants(name) == ["men", "women", "1", "2"]

@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from shuttle_marl.dynamics.card import as_markdown, write_card
-from shuttle_marl.dynamics.compiled import LEAST_END, is_duel_pair, is_long_duel_pair, is_serve_pair
+from shuttle_marl.dynamics.compiled import (
+    MIN_END,
+    compile_game,
+    is_duel_pair,
+    is_long_duel_pair,
+    is_serve_pair,
+    pair_probabilities,
+)
 from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.dynamics.features import codes_of_pairs
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.make import load_support, reference_game
+from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import log_odds
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.shipped import NETWORKS, read_model_card
@@ -43,7 +50,7 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
     for probability, (low, high) in ((fault, support.fault_range.T), (winner, support.winner_range.T)):
         inside = (probability >= low[edge] - 2 * ULP) & (probability <= high[edge] + 2 * ULP)
         # A fault may exceed its range only where the least share of ended rallies demands it.
-        excused = np.isclose(fault + winner, LEAST_END, atol=3 * ULP)
+        excused = np.isclose(fault + winner, MIN_END, atol=3 * ULP)
         assert (inside | excused)[rally].all()
 
 
@@ -98,23 +105,11 @@ def test_tables_are_the_torch_models_with_one_thread_and_with_two() -> None:
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
-            reference = reference_game(model_folder(), game)
+            models, support = FittedModels.load(model_folder()), load_support(model_folder())
+            reference = compile_game(game, pair_probabilities(models, game, support))
             assert reference.hash == game.hash == read_model_card(model_folder())["game_hash"]
     finally:
         torch.set_num_threads(before)
-
-
-def test_pessimism_makes_every_stroke_riskier() -> None:
-    import torch
-
-    models, game = FittedModels.load(model_folder()), default_game()
-    some = np.random.default_rng(0).choice(game.n_base_pairs, 500, replace=False)
-    codes = {name: code[some] for name, code in codes_of_pairs(game).items()}
-    with torch.no_grad():
-        plain, careful = (models.averaged(models.fault, codes, pessimism=z) for z in (0.0, 1.0))
-        kept, feared = (models.averaged(models.returned, codes, pessimism=z) for z in (0.0, 1.0))
-    assert (careful > plain).all()
-    assert (feared > kept).all()
 
 
 @pytest.mark.parametrize("damage", ["missing", "truncated", "nan"])

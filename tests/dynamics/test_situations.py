@@ -10,7 +10,7 @@ from scipy.special import expit
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.compiled import (
-    LEAST_END,
+    MIN_END,
     Support,
     compile_game,
     is_duel_pair,
@@ -210,6 +210,6 @@ def test_every_stroke_but_a_serve_ends_some_rallies_at_every_level(effort: list[
     game, _ = compiled(effort, fault=0.0001, returned=0.9999, fault_range=(0.0, 1.0))
     ending = 1 - np.diff(game.limits.astype(float), axis=2, append=ONE)[..., 1:].sum(axis=2) / ONE
     rally = ~is_serve_pair(game)
-    assert ending[:, rally].min() >= LEAST_END - 1 / ONE
-    assert ending[:, rally].min() <= LEAST_END + 1e-4
-    assert (ending[:, ~rally] < LEAST_END).all()
+    assert ending[:, rally].min() >= MIN_END - 1 / ONE
+    assert ending[:, rally].min() <= MIN_END + 1e-4
+    assert (ending[:, ~rally] < MIN_END).all()

@@ -14,7 +14,6 @@ from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.models import ridge_logits
-from shuttle_marl.dynamics.network import encode, predict
 from shuttle_marl.dynamics.trees import INPUTS, PARAMETERS, Trees, fit_trees
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.shipped import read_model_card
@@ -57,9 +56,7 @@ def test_blends_are_means_of_logits() -> None:
     models = FittedModels.load(model_folder())
     models = dataclasses.replace(models, trees={"return": trees, "contact": trees}, calibration=np.tile([1.0, 0.0], (3, 1)))
     of_trees, ridge = trees.logits(codes), ridge_logits(models.ridge, codes)
-    of_return, of_contact = (
-        predict(models.networks[name], encode(models.networks[name].spec, codes))[..., 0] for name in ("return", "contact")
-    )
+    of_return, of_contact = (models.networks[name].logits(codes)[..., 0] for name in ("return", "contact"))
     assert models.returned(codes) == pytest.approx(expit((of_return + ridge + of_trees) / 3).mean(axis=0))
     assert models.above(codes) == pytest.approx(expit((of_contact + of_trees) / 2).mean(axis=0))
 

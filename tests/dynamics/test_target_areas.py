@@ -8,8 +8,7 @@ import pytest
 
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.dynamics.landings import met_points
+from shuttle_marl.dynamics.features import rows_from_strokes, target_points
 from shuttle_marl.game.court import HALF_LENGTH, area_of
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -36,7 +35,7 @@ def test_winners_stand_where_they_would_have_been_met() -> None:
     s = simulated()
     truth, wins = area_of(*s["target"].T), s["wins"]
     recorded = area_of(*s["landing"].T)
-    met = met_points(s["landing"], s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
+    met = target_points(s["landing"], s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
     found = area_of(*met.T)
 
     def errors(area: np.ndarray) -> float:
@@ -61,7 +60,7 @@ def test_out_strokes_stand_where_strokes_are_met() -> None:
     landing, shot, height, wins = s["landing"].copy(), s["shot"].copy(), s["height"].copy(), s["wins"].copy()
     landing[:3] = [[0, HALF_LENGTH + 0.5], [0, HALF_LENGTH + 1.5], [-3, 1.5]]
     s["start"][:3], shot[:3], height[:3], wins[:3] = [1, -3], 6, 0, False
-    met = met_points(landing, s["start"], shot, height, wins, out)
+    met = target_points(landing, s["start"], shot, height, wins, out)
     returned = ~wins & ~out & (shot == 6) & (height == 0)
     deepest = np.quantile(landing[returned, 1], 0.9)
     assert met[:2, 1] == pytest.approx(deepest)
@@ -75,14 +74,14 @@ def test_with_few_landings_nothing_moves(winners: int) -> None:
     wins = np.arange(N) < winners
     landing = s["target"].copy()
     landing[0] = np.nan
-    met = met_points(landing, s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
+    met = target_points(landing, s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
     assert np.array_equal(met, landing, equal_nan=True)
 
 
 def test_a_landing_without_a_start_moves_straight() -> None:
     s = simulated()
     start = np.full((N, 2), np.nan)
-    met = met_points(s["landing"], start, s["shot"], s["height"], s["wins"], np.zeros(N, dtype=bool))
+    met = target_points(s["landing"], start, s["shot"], s["height"], s["wins"], np.zeros(N, dtype=bool))
     assert np.array_equal(met[:, 0], s["landing"][:, 0])
     assert (met[:, 1] != s["landing"][:, 1])[s["wins"]].mean() > 0.9
 
