@@ -30,7 +30,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.training import PPOConfig
 
 OPPONENT: Final = "bc"
-TEMPERATURE: Final = PPOConfig().play_temperature
+TEMPERATURE: Final = PPOConfig().eval_temperature
 _FOREVER: Final = 1_000_000_000
 Scores = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """Probabilities of all strokes from a batch of observations and masks."""

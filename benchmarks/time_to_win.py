@@ -45,7 +45,7 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     "shuttle_marl PPO": {
         "98 % of matches": PPOConfig(
             strokes=1_000_000,
-            lmbda=0.7,
+            gae_lambda=0.7,
             learning_rate=2e-2,
             entropy=0.015,
             minibatches=2,
@@ -58,7 +58,7 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
         ".95 of the optimum": PPOConfig(
             strokes=3_200_000,
             batch=12_288,
-            lmbda=0.5,
+            gae_lambda=0.5,
             learning_rate=1.4e-2,
             entropy=0.02,
             evaluate_every=40,

@@ -27,9 +27,9 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
-from shuttle_marl.training.collecting import RallyCollector
 from shuttle_marl.training.config import Sampler
-from shuttle_marl.training.ppo import make_ppo
+from shuttle_marl.training.learner import RallyCollector
+from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import check_device
 from shuttle_marl.training.run_log import RunLog, open_log
 
@@ -44,9 +44,9 @@ class _Run:
         torch.manual_seed(0)
         self.config = config
         self.game, self.opponents = game, opponents
-        self.learner = make_ppo(self.config, game)
-        self.collector = RallyCollector(self.config, game, opponents, self.learner.assess, distinct=True)
-        self.collector.begin(1)
+        self.learner = PPO(self.config, game)
+        self.collector = RallyCollector(self.config, game, opponents, self.learner.predict, distinct=True)
+        self.collector.set_seed(1)
         for _ in range(self.config.iterations - 1):
             self.iterate()
         self.collector.iteration -= 1
@@ -54,11 +54,11 @@ class _Run:
     def iterate(self, log: RunLog | None = None, update: int = 0) -> int:
         """One iteration, recorded as a run records it; returns its strokes."""
         remaining = max(0.02, 1 - self.collector.iteration / self.config.iterations)
-        self.learner.begin(remaining)
+        self.learner.prepare(remaining)
         data = self.collector.collect()
         if log is not None:
             log.add(self.collector.sampler, 0, update)
-        self.learner.learn(data, remaining)
+        self.learner.update(data, remaining)
         if log is not None:
             log.settle()
         return self.collector.strokes

@@ -87,7 +87,7 @@ class LeagueStudy:
         size: dict[str, Any] = {"budget": self.budget}
         if self.quick:
             size = {"rounds": 2} if oracle == "exact" else {"rounds": 2, "strokes": 3000, "batch": 512}
-        settings: dict[str, Any] = {"way": kind, "seed": seed, "game": self.game, "workers": self.workers, **size}
+        settings: dict[str, Any] = {"variant": kind, "seed": seed, "game": self.game, "workers": self.workers, **size}
         if oracle:
             settings["oracle"] = oracle
         return LeagueTrainingConfig(**settings, out=folder / "training" / f"{way}-{seed}")

@@ -29,7 +29,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.ppo import Way
+from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.study import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
@@ -44,7 +44,7 @@ _WIDTH: Final = 110
 class SelfPlayStudy:
     """Settings of the experiment."""
 
-    ways: tuple[Way, ...] = get_args(Way)
+    ways: tuple[SelfPlayVariant, ...] = get_args(SelfPlayVariant)
     """Ways of self-play."""
     strokes: tuple[int, ...] = STROKES
     """Strokes of each training run, one budget after another."""
@@ -79,13 +79,13 @@ class SelfPlayStudy:
             "seeds": self.seeds,
         }
 
-    def training(self, folder: Path) -> dict[tuple[Way, int], list[PPOConfig]]:
+    def training(self, folder: Path) -> dict[tuple[SelfPlayVariant, int], list[PPOConfig]]:
         """The training runs, by way and budget."""
         return {
             (way, strokes): [
                 PPOConfig(
                     opponent=("self",),
-                    way=way,
+                    variant=way,
                     strokes=strokes,
                     seed=seed,
                     evaluate_every=_EVALUATE_EVERY,
@@ -99,7 +99,7 @@ class SelfPlayStudy:
         }
 
 
-def measure(training: dict[tuple[Way, int], list[PPOConfig]]) -> list[dict[str, Any]]:
+def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> list[dict[str, Any]]:
     """A row for each way and budget, from the cards of its agents."""
     rows = []
     for (way, strokes), configs in training.items():
@@ -146,7 +146,7 @@ def self_play(
         training = config.training(folder)
         train_all([run for group in training.values() for run in group], config.jobs, console)
         settings = {
-            name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "way")
+            name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "variant")
         }
         result = {"game": load_game("default").hash, **config.compared(), "config": settings, "rows": measure(training)}
         result = save_results(folder, result, None)

@@ -9,10 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, console, run
-from shuttle_marl.training.a2c import A2CConfig
-from shuttle_marl.training.config import TrainingConfig
-from shuttle_marl.training.ppo import PPOConfig
-from shuttle_marl.training.sac import SACConfig
+from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
 
 
 def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
@@ -37,8 +34,8 @@ def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
     table = Table("exact figure", "interquartile mean", "95 %", "lowest seed", "highest seed")
-    for name, found in done.figures.items():
-        numbers = [f"{found[key]:.4f}" for key in ("value", "low", "high", "lowest", "highest")]
+    for name, figure in done.figures.items():
+        numbers = [f"{figure[key]:.4f}" for key in ("value", "low", "high", "lowest", "highest")]
         table.add_row(name.replace("_", " "), numbers[0], f"{numbers[1]} to {numbers[2]}", *numbers[3:])
     out = console()
     out.print(table)
@@ -46,8 +43,8 @@ def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
     out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{first}")
 
 
-Seeds = Annotated[int, tyro.conf.arg(help="train with so many seeds, from --seed on, and print the spread of what they reach.")]
-Jobs = Annotated[int, tyro.conf.arg(help="seeds that are trained side by side; changes no result.")]
+Seeds = Annotated[int, tyro.conf.arg(help="number of seeds to train, starting at --seed; prints the spread of their results.")]
+Jobs = Annotated[int, tyro.conf.arg(help="number of parallel training runs; does not change the result.")]
 _JOBS: Final = os.cpu_count() or 1
 
 

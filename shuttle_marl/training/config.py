@@ -1,6 +1,6 @@
-"""Settings that all training algorithms share, and the bounds of their numbers. No torch here.
+"""Settings of PPO, A2C and SAC, and the bounds of their numbers. This module does not import torch.
 
-The defaults of the algorithms are those of the win rates in ``docs/training.md``.
+The defaults are those of the win rates in ``docs/training.md``.
 """
 
 import dataclasses
@@ -16,23 +16,29 @@ from shuttle_marl.game.stroke import SHOTS
 
 Sampler = Literal["auto", "kernel", "torch"]
 
+SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "nash"]
+
 SELF: Final = "self"
-"""The opponent that is the learner itself."""
-_NOT_DECISIVE: Final = ("out", "resume", "overwrite")
+"""Name of the learner itself as opponent."""
+_NO_EFFECT: Final = ("out", "resume", "overwrite")
 
 
 class TrainingError(ShuttleError):
     """A run that cannot be started, continued, or finished."""
 
 
+class DivergedError(TrainingError):
+    """Learning diverged: a loss, a weight or a probability is not finite."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Within:
-    """Bounds of a number, as an annotation of a field; NaN is within none.
+    """Bounds of a number, as annotation of a field. NaN is out of all bounds.
 
     Attributes:
         low: smallest value.
         high: largest value.
-        above: values lie above this.
+        above: exclusive lower bound.
         text: the bounds in words, for errors.
     """
 
@@ -52,17 +58,22 @@ Positive = Annotated[float, Within(above=0, text="a number above 0")]
 Fraction = Annotated[float, Within(above=0, high=1, text="a number above 0, at most 1")]
 FractionOrZero = Annotated[float, Within(low=0, high=1, text="a number from 0 to 1")]
 Weight = Annotated[float, Within(low=0, high=10, text="a number from 0 to 10")]
+Growth = Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")]
+Seed = Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")]
 
 
-def bounds_of(config: type) -> dict[str, tuple[bool, Within]]:
-    """By field, whether it is a whole number, and its bounds."""
-    hints = get_type_hints(config, include_extras=True)
-    return {
-        name: (get_args(hint)[0] is int, bounds)
-        for name, hint in hints.items()
-        for bounds in get_args(hint)
-        if isinstance(bounds, Within)
-    }
+def check_bounds(config: Any, error: type[ShuttleError]) -> None:
+    """Check the fields of a dataclass that are annotated with :class:`Within`; None is always allowed.
+
+    Raises:
+        error: a field is out of its bounds, or not a whole number.
+    """
+    for name, hint in get_type_hints(type(config), include_extras=True).items():
+        whole, value = get_args(hint)[:1] == (int,), getattr(config, name, None)
+        for bounds in get_args(hint):
+            wrong = isinstance(bounds, Within) and value is not None
+            if wrong and (value not in bounds or (whole and not isinstance(value, int))):
+                raise error(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,97 +83,92 @@ class TrainingConfig:
     algorithm: ClassVar[str]
 
     opponent: tuple[str, ...] = ("bc",)
-    """Opponents: one policy or several at once by name (see `docs/league.md`), or `self` for self-play."""
+    """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count = 2_000_000
-    """Strokes of the learner to train on."""
-    seed: Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")] = 0
-    """Names every random draw: the same seed gives the same weights."""
+    """Strokes of the learner in the whole run."""
+    seed: Seed = 0
+    """Random seed."""
     out: Path | None = None
-    """Run folder; default runs/ALGORITHM-SEED, with a number behind it if that exists."""
+    """Run folder; default runs/ALGORITHM-SEED, with a number appended if that exists."""
     resume: bool = False
     """Continue the run in --out (or the default folder) from its last checkpoint."""
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "sample:100"
-    """Rallies for the run's rally log: all, none, or sample:N for one rally in N; never changes the weights. All of them can
-    fill gigabytes in a minute."""
+    """Rallies in the rally log: all (gigabytes in a minute), none, or sample:N for one in N; does not change the weights."""
     game: str = "default"
-    """Model whose game is played: a shipped one or a folder."""
+    """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
-    """The game of one discipline alone; default: the average of both."""
+    """Discipline of the game; default: the average of both."""
     warm_start: str | None = None
-    """Policy that the network imitates before it learns, for example bc."""
+    """Policy that the network imitates before training, for example bc."""
     bonus: tuple[str, ...] = ()
-    """Reward for playing a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
+    """Reward for a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
     fault_cost: Weight = 0.0
-    """Cost of losing by an own fault, beyond that of losing (not in self-play)."""
+    """Additional cost of losing a rally by an own fault (not in self-play)."""
     risk_aversion: Weight = 0.0
-    """Weight b of the entropic risk measure of the return of a rally; changes nothing without --fault-cost."""
+    """Parameter b of the entropic risk measure of the return; has no effect without --fault-cost."""
     target: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
-    """Stop once the exact probability of winning a match against the opponent reaches this."""
+    """Stop when the exact probability of winning a match against the opponent reaches this."""
     target_score: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
-    """Stop once the normalised score reaches this: 0 for bc, 1 for the best response to the opponent."""
+    """Stop when the normalised score reaches this: 0 for bc, 1 for the best response to the opponent."""
     batch: Count = 32_768
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
-    growth: Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")] = 0.0
-    """Strokes by which each iteration is longer than the one before, as a share of the first."""
-    age: Count = 1
-    """Iterations for which what the network says of a state that is met now and then is played without asking again."""
-    lmbda: FractionOrZero = 0.7
-    """Lambda of the generalised advantages."""
+    growth: Growth = 0.0
+    """Growth of the batch per iteration, as a fraction of `batch`."""
+    cache_iterations: Count = 1
+    """Iterations for which cached network outputs of rarely visited states are reused."""
+    gae_lambda: FractionOrZero = 0.7
+    """Lambda of generalised advantage estimation."""
     width: Count = 64
-    """Numbers in a layer of the networks."""
+    """Units of each layer of the networks."""
     hidden: CountOrZero = 1
-    """Layers behind the embedding."""
+    """Hidden layers after the embedding."""
     evaluate_every: Count = 10
-    """Iterations between two exact evaluations."""
+    """Iterations between exact evaluations."""
     exploitability: bool = True
-    """Compute the exploitability at each of them, which takes half of their time; in self-play always."""
+    """Compute the exploitability in evaluations, which takes half of their time; always computed in self-play."""
     checkpoint_every: Count = 20
-    """Iterations between two checkpoints; all draws are named again at each, so it is part of what decides a run."""
-    play_temperature: Fraction = 0.1
-    """Temperature of the softmax at which the trained agent plays, in evaluations and from its folder. It learns at 1, where the
-    bonus for entropy lets it play all that is nearly as good as the best."""
+    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
+    eval_temperature: Fraction = 0.1
+    """Softmax temperature of the trained agent, in evaluations and when it is saved; it learns at temperature 1."""
     device: str = "cpu"
-    """Device of PyTorch, such as cuda, on which the networks learn."""
+    """PyTorch device of the networks, such as cuda."""
     sampler: Sampler = "auto"
-    """Player of the rallies: the compiled kernel on the CPU, or torch on --device; auto: torch where that is a CUDA device."""
+    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device; auto: torch on CUDA devices."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
-    """Threads of PyTorch in this process; part of what decides a run, because sums are split by it."""
+    """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 
     def __post_init__(self) -> None:
         from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
         Sampling.parse(self.record)
-        for name, (whole, bounds) in bounds_of(type(self)).items():
-            value = getattr(self, name)
-            if value is not None and (value not in bounds or (whole and not isinstance(value, int))):
-                raise TrainingError(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")
+        check_bounds(self, TrainingError)
         if not self.opponent:
-            raise TrainingError("--opponent: expected a policy or more, or self")
+            raise TrainingError("--opponent: expected one or more policies, or self")
         if SELF in self.opponent and len(self.opponent) > 1:
-            raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} stands alone, for self-play")
+            raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} cannot be combined with other opponents")
         self.bonuses()
         if self.self_play and (self.bonus or self.fault_cost):
-            raise TrainingError("--bonus and --fault-cost: not in self-play, where what one player wins the other loses")
+            raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
         if self.resume and self.overwrite:
             raise TrainingError("--resume continues a run and --overwrite replaces it; give one of them")
 
     @property
     def self_play(self) -> bool:
-        """Whether both players are the learner."""
+        """Whether the learner plays both sides."""
         return self.opponent == (SELF,)
 
     @property
     def discount(self) -> float:
-        """Gamma of the returns: 1 because a rally ends for certain, -1 in self-play, where the next state is the opponent's."""
+        """Discount factor gamma: 1 because rallies end, -1 in self-play, where the next state is the opponent's."""
         return -1.0 if self.self_play else 1.0
 
     def bonuses(self) -> dict[str, float]:
-        """Points by shot type.
+        """Bonus of each shot type in ``bonus``.
 
         Raises:
-            TrainingError: ``bonus`` holds something else.
+            TrainingError: an entry is not SHOT=POINTS.
         """
         points = {}
         for entry in self.bonus:
@@ -177,7 +183,7 @@ class TrainingConfig:
 
     @property
     def shapes_rewards(self) -> bool:
-        """Whether the learner's rewards differ from those of the rules: by a bonus, or by a cost of faults."""
+        """Whether the learner's rewards include a bonus or a cost of faults."""
         return any(self.bonuses().values()) or self.fault_cost > 0
 
     @functools.cached_property
@@ -190,21 +196,21 @@ class TrainingConfig:
         )
 
     def batch_of(self, iteration: int) -> int:
-        """Least number of strokes of an iteration, counted from 0."""
+        """Minimum number of strokes in an iteration, counted from 0."""
         return round(self.batch * (1 + self.growth * iteration))
 
     @property
     def segments(self) -> int:
-        """Parts of the run that end with a checkpoint."""
+        """Number of segments; each ends with a checkpoint."""
         return -(-self.iterations // self.checkpoint_every)
 
     def memory(self, n_strokes: int) -> dict[str, int]:
-        """Bytes that a run needs at least, by the flags that decide how many.
+        """Minimum memory of a run in bytes, by the flags that determine it.
 
         Args:
-            n_strokes: size n of the catalogue.
+            n_strokes: number of strokes in the catalogue.
         """
-        # A state has a mask and logits with their gradients; a weight, its gradient and two moments.
+        # Each state has a mask, logits and their gradients; each weight has a gradient and two moments.
         return {
             "--batch and --growth": 60 * self.batch_of(self.iterations - 1),
             "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
@@ -212,7 +218,147 @@ class TrainingConfig:
         }
 
     def fixed(self) -> dict[str, Any]:
-        """Settings that decide the result, as JSON."""
-        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NOT_DECISIVE}
+        """Settings that determine the result, as JSON."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NO_EFFECT}
         decisive: dict[str, Any] = json.loads(json.dumps({"algorithm": self.algorithm, **fields}))
         return decisive
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SelfPlayConfig(TrainingConfig):
+    """Settings of the variants of self-play, see :mod:`shuttle_marl.training.self_play`."""
+
+    variant: SelfPlayVariant = "plain"
+    """Variant of self-play: plain; rallies against best responses (best-response) or earlier policies (pool), rallies from states
+    of a best response (restarts), or regularisation towards a slow (magnet) or periodically updated (nash) reference policy."""
+    fraction: FractionOrZero = 0.2
+    """Fraction of rallies that are not plain self-play, for the variants best-response, restarts and pool."""
+    update_interval: Count = 40
+    """Iterations between updates of the best response, the pool or the reference policy."""
+    pool_size: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
+    """Maximum number of earlier policies in the pool."""
+    magnet_coef: Weight = 0.05
+    """Weight of the KL divergence from the reference policy, for the variants magnet and nash."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.variant != "plain" and not self.self_play:
+            raise TrainingError(f"--variant {self.variant}: requires self-play, with --opponent self")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PPOConfig(SelfPlayConfig):
+    """Proximal policy optimisation (Schulman et al. 2017) with generalised advantages (Schulman et al. 2016)."""
+
+    algorithm: ClassVar[str] = "ppo"
+
+    strokes: Count = 60_000_000
+    """Strokes of the learner in the whole run."""
+    batch: Count = 8192
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    growth: Growth = 0.1
+    """Growth of the batch per iteration, as a fraction of `batch`."""
+    gae_lambda: FractionOrZero = 0.6
+    """Lambda of generalised advantage estimation."""
+    cache_iterations: Count = 8
+    """Iterations for which cached network outputs of rarely visited states are reused."""
+    evaluate_every: Count = 25
+    """Iterations between exact evaluations."""
+    checkpoint_every: Count = 50
+    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
+    learning_rate: Positive = 8e-3
+    """Learning rate of Adam; decays linearly to 1/50."""
+    clip: Fraction = 0.4
+    """Clipping parameter epsilon of the probability ratio."""
+    entropy: Weight = 0.05
+    """Weight of the entropy bonus; decays linearly to 0."""
+    anneal_after: Annotated[float | None, Within(low=0, high=1, text="a number from 0 to 1")] = None
+    """Fraction of the run after which the softmax temperature of rollouts decreases from 1; 1: never. Default: 0.2 in self-play,
+    else 1."""
+    final_temperature: Fraction = 0.25
+    """Softmax temperature of rollouts at the end of the run."""
+    critic: Positive = 1.0
+    """Weight of the value loss."""
+    epochs: Count = 1
+    """Passes over the strokes of an iteration."""
+    minibatches: Count = 3
+    """Minibatches per epoch; each holds all strokes of a subset of the states."""
+    gradient_norm: Positive = 0.5
+    """Maximum norm of the gradient."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.anneal_after is None:
+            object.__setattr__(self, "anneal_after", 0.2 if self.self_play else 1.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class A2CConfig(TrainingConfig):
+    """Advantage actor-critic (Mnih et al. 2016), synchronous, with generalised advantages."""
+
+    algorithm: ClassVar[str] = "a2c"
+
+    strokes: Count = 40_000_000
+    """Strokes of the learner in the whole run."""
+    batch: Count = 8192
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    growth: Growth = 0.03
+    """Growth of the batch per iteration, as a fraction of `batch`."""
+    cache_iterations: Count = 8
+    """Iterations for which cached network outputs of rarely visited states are reused."""
+    evaluate_every: Count = 50
+    """Iterations between exact evaluations."""
+    checkpoint_every: Count = 100
+    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
+    learning_rate: Positive = 8e-3
+    """Learning rate of Adam; decays linearly to 1/50."""
+    entropy: Weight = 0.05
+    """Weight of the entropy bonus; decays linearly to 0."""
+    critic: Positive = 1.0
+    """Weight of the value loss."""
+    gradient_norm: Positive = 0.5
+    """Maximum norm of the gradient."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SACConfig(TrainingConfig):
+    """Soft actor-critic (Haarnoja et al. 2018) for discrete actions (Christodoulou 2019)."""
+
+    algorithm: ClassVar[str] = "sac"
+
+    strokes: Count = 8_000_000
+    """Strokes of the learner in the whole run."""
+    batch: Count = 16_384
+    """Strokes of the learner in the first iteration; its rallies are played to their end."""
+    cache_iterations: Count = 8
+    """Iterations for which cached network outputs of rarely visited states are reused."""
+    evaluate_every: Count = 40
+    """Iterations between exact evaluations."""
+    checkpoint_every: Count = 80
+    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
+    learning_rate: Positive = 6e-3
+    """Learning rate of Adam for actor and critics; decays linearly to 1/50."""
+    alpha_learning_rate: Positive = 1e-2
+    """Learning rate of Adam for the temperature alpha."""
+    alpha: Fraction = 0.02
+    """Initial temperature alpha, the weight of the entropy."""
+    target_entropy: Fraction = 0.3
+    """Initial target entropy, as a fraction of the mean entropy of uniform play; decays linearly to 0.02."""
+    buffer: Count = 4_000_000
+    """Capacity of the replay buffer in strokes."""
+    minibatch: Count = 16_384
+    """Strokes in a gradient step; identical transitions are computed once."""
+    updates: Count = 4
+    """Gradient steps per iteration."""
+    warm_up: CountOrZero = 20_000
+    """Strokes that are collected before the first gradient step."""
+    critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 1
+    """Number of critics; the minimum of their values is used."""
+    polyak: FractionOrZero = 0.95
+    """Decay of the moving average of the target critics per gradient step."""
+    averaging: FractionOrZero = 0.98
+    """Decay of the moving average of the weights that are evaluated and saved; 0: the current weights."""
+
+    def memory(self, n_strokes: int) -> dict[str, int]:
+        """Minimum memory of a run in bytes, see :meth:`TrainingConfig.memory`."""
+        return {**super().memory(n_strokes), "--buffer": 16 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}

@@ -1,79 +1,99 @@
-"""An algorithm as its run sees it: what it plays, how it learns, and its state in checkpoints.
+"""The training loop: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
 
-A checkpoint is a folder ``checkpoints/ITERATION`` of the run folder that is whole or not there. It holds all that the next
-iteration depends on: ``state.safetensors``, and ``about.json`` with the hashes of both.
+The network is evaluated once for each visited state, not for each stroke; rallies are then played from the table of its outputs,
+by the kernel (:mod:`shuttle_marl.kernel.sampling`) or on a GPU (:mod:`shuttle_marl.training.torch_sampler`). The sampler also
+computes the generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last stroke:
+
+    delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1}.
+
+In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1 gives the recursion of a zero-sum game.
+A learner gets its strokes in one of two forms:
+
+- **distinct**: U distinct states with the number of strokes played in each, and R rows of a stroke in one of these states with
+  the sum of its advantages, one row for the positive and one for the negative ones. A weighted loss over them has the gradient
+  of the loss over all strokes (:func:`weighted_sums`), at a fraction of its cost;
+- **transitions** for a replay buffer.
 """
 
-import dataclasses
-import hashlib
+import abc
+import itertools
 import math
-import os
-import shutil
-from collections.abc import Callable, Iterable
-from pathlib import Path
-from typing import Any, Final
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Final
 
+import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load, save
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import nn
 from torch.optim import Optimizer
+from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
-from shuttle_marl.training.config import TrainingError
+from shuttle_marl.arrays import F32, I32
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel import RallySampler
+from shuttle_marl.training.config import DivergedError, TrainingConfig
+from shuttle_marl.training.shaping import added_rewards
+from shuttle_marl.training.torch_sampler import TorchSampler
 
 Tensors = dict[str, torch.Tensor]
+Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+"""``[U, 6]`` observations to ``[U, n]`` logits and ``[U]`` values."""
 
-CHECKPOINTS: Final = "checkpoints"
-"""Folder of the checkpoints in the folder of a run."""
-_STATE: Final = "state.safetensors"
-_ABOUT: Final = "about.json"
-_KEPT: Final = 2
-
-
-class DivergedError(TrainingError):
-    """Learning diverged: a loss, a weight or a probability is no finite number."""
+SEEDS: Final = 1 << 31
+"""Seeds of torch and numpy are below this."""
 
 
-@dataclasses.dataclass(kw_only=True)
-class Learner:
-    """An algorithm with its networks.
+class Learner(abc.ABC):
+    """A learning algorithm with its networks.
 
     Attributes:
-        actor: the policy that collects.
-        assess: ``[U, 6]`` observations to its ``[U, n]`` logits and the ``[U]`` values of the critic.
-        distinct: whether it learns from distinct states or from strokes one by one (:mod:`shuttle_marl.training.collecting`).
-        learn: learns from the strokes of one iteration, as the collector gives them; its second argument is
-            the share of the run that remains, from 1 to 0. Returns what to log; raises :class:`DivergedError`.
-        begin: called before the strokes of an iteration are collected, with the share of the run that remains.
+        distinct: whether it learns from distinct states or from transitions, see :mod:`shuttle_marl.training.learner`.
+        actor: the policy that plays the rollouts.
         modules: networks and losses with weights, by name.
         optimizers: by name.
-        shown: the policy that is evaluated and saved; None: the one that collects.
-        remembered: gives everything else that a resumed run needs, as tensors by name.
-        remember: takes over what ``remembered`` gave.
     """
 
+    distinct: ClassVar[bool] = True
     actor: ProbabilisticActor
-    assess: Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
-    distinct: bool
-    learn: Callable[[TensorDictBase, float], dict[str, float]]
-    modules: dict[str, nn.Module]
-    optimizers: dict[str, Optimizer]
-    shown: ProbabilisticActor | None = None
-    begin: Callable[[float], None] = lambda _: None
-    remembered: Callable[[], Tensors] = dict
-    remember: Callable[[Tensors], None] = lambda _: None
+    modules: Mapping[str, nn.Module]
+    optimizers: Mapping[str, Optimizer]
 
     @property
-    def played(self) -> ProbabilisticActor:
+    def eval_actor(self) -> ProbabilisticActor:
         """The policy that is evaluated and saved."""
-        return self.shown or self.actor
+        return self.actor
 
-    def state(self) -> Tensors:
-        """Everything that a resumed run needs, as tensors by name; without randomness of its own."""
+    @abc.abstractmethod
+    def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """``[U, n]`` logits of the actor and ``[U]`` values of the critic for ``[U, 6]`` observations."""
+
+    def prepare(self, remaining: float) -> None:  # noqa: B027
+        """Prepare the actor for a rollout.
+
+        Args:
+            remaining: fraction of the run that remains, from 1 to 0.
+        """
+
+    @abc.abstractmethod
+    def update(self, data: TensorDictBase, remaining: float) -> dict[str, float]:
+        """Learn from the strokes of one iteration.
+
+        Args:
+            data: output of :meth:`RallyCollector.collect`.
+            remaining: fraction of the run that remains, from 1 to 0.
+
+        Returns:
+            Figures to log.
+
+        Raises:
+            DivergedError: a term of the loss is not finite.
+        """
+
+    def state_dict(self) -> Tensors:
+        """State for a checkpoint, as tensors by name; random generators are not included."""
         tensors: Tensors = {}
         for name, module in self.modules.items():
             tensors |= {f"{name}.{part}": tensor.detach().cpu().contiguous() for part, tensor in module.state_dict().items()}
@@ -82,66 +102,98 @@ class Learner:
             for number, entries in moments.items():
                 for entry, value in entries.items():
                     tensors[f"{name}.{number}.{entry}"] = torch.as_tensor(value).detach().cpu().clone()
-        return {**tensors, **self.remembered()}
+        return tensors
 
-    def restore(self, tensors: Tensors) -> None:
-        """Take over what :meth:`state` gave."""
+    def load_state_dict(self, tensors: Tensors) -> None:
+        """Restore the output of :meth:`state_dict`."""
         for name, module in self.modules.items():
-            module.load_state_dict(_under(name, tensors))
+            module.load_state_dict(with_prefix(name, tensors))
         for name, optimizer in self.optimizers.items():
             moments: dict[int, dict[str, torch.Tensor]] = {}
-            for part, tensor in _under(name, tensors).items():
+            for part, tensor in with_prefix(name, tensors).items():
                 number, _, entry = part.partition(".")
                 moments.setdefault(int(number), {})[entry] = tensor
             optimizer.load_state_dict({"state": moments, "param_groups": optimizer.state_dict()["param_groups"]})
-        self.remember(tensors)
-
-    def check_weights(self) -> None:
-        """Look for weights of the actor that are no finite numbers; checkpoints look at the rest.
-
-        Raises:
-            DivergedError: there is one.
-        """
-        check_finite(self.actor.parameters())
 
 
-def check_finite(tensors: Iterable[torch.Tensor]) -> None:
-    """Look for numbers that are not finite.
-
-    Raises:
-        DivergedError: there is one.
-    """
-    if not all(bool(torch.isfinite(tensor).all()) for tensor in tensors if tensor.is_floating_point()):
-        raise DivergedError("a weight is no finite number")
-
-
-def _under(prefix: str, tensors: Tensors) -> Tensors:
+def with_prefix(prefix: str, tensors: Tensors) -> Tensors:
+    """The tensors whose names start with ``prefix.``, by the rest of their names."""
     return {name.removeprefix(f"{prefix}."): tensor for name, tensor in tensors.items() if name.startswith(f"{prefix}.")}
 
 
-def set_rate(optimizer: Optimizer, rate: float, remaining: float) -> None:
-    """Let the learning rate fall linearly to a fiftieth."""
+def check_finite(tensors: Iterable[torch.Tensor]) -> None:
+    """Check that all numbers are finite.
+
+    Raises:
+        DivergedError: a number is not finite.
+    """
+    if not all(bool(torch.isfinite(tensor).all()) for tensor in tensors if tensor.is_floating_point()):
+        raise DivergedError("a weight is not finite")
+
+
+def set_learning_rate(optimizer: Optimizer, initial: float, remaining: float) -> None:
+    """Decay the learning rate linearly to 1/50 of its initial value."""
     for group in optimizer.param_groups:
-        group["lr"] = rate * max(remaining, 0.02)
+        group["lr"] = initial * max(remaining, 0.02)
+
+
+def normalised(data: TensorDictBase) -> TensorDictBase:
+    """Distinct states with weights, and with advantages that are divided by their standard deviation.
+
+    Args:
+        data: distinct states of N strokes, from :meth:`RallyCollector.collect`.
+
+    Returns:
+        The same with ``weight`` w(s) = N(s) / N, and ``advantage`` divided by N and by the standard deviation, so that weighted
+        sums over states and sums over rows are means over the N strokes.
+    """
+    strokes, deviation = int(data["strokes"]), float(data["deviation"])
+    scale = 1 / (strokes * max(deviation, 1e-6))
+    return data.copy().update({"weight": data["visits"] / strokes, "advantage": data["advantage"] * scale})
+
+
+def minibatches(data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:
+    """Minibatches of about as many states each, in the order of the states, which is random.
+
+    Args:
+        data: output of :func:`normalised`.
+        count: number of minibatches; fewer if there are fewer states.
+
+    Yields:
+        Each with weights and advantages multiplied by the number of minibatches, so that means over minibatches are unbiased.
+    """
+    states = len(data["weight"])
+    count = max(1, min(count, states))
+    cuts = [states * part // count for part in range(count + 1)]
+    starts = data["start"].tolist() if count > 1 else [0] * states + [len(data["row"])]
+    for a, b in itertools.pairwise(cuts):
+        rows = slice(starts[a], starts[b])
+        entries = {name: data[name][a:b] for name in ("observation", "action_mask", "value_target")}
+        entries |= {name: data[name][rows] for name in ("action", "action_log_prob")}
+        entries |= {
+            "row": data["row"][rows] - a,
+            "weight": data["weight"][a:b] * count,
+            "advantage": data["advantage"][rows] * count,
+        }
+        yield TensorDict(entries, batch_size=[])
 
 
 def weighted_sums(terms: TensorDictBase, weight: torch.Tensor) -> TensorDictBase:
-    """The terms of a loss over distinct states, as they are over all strokes.
+    """Reduce the terms of a loss over distinct states to their means over all strokes.
 
     Args:
-        terms: of a loss of TorchRL without reduction: the objective of every row, whose advantages are divided by the number of
-            strokes, and what else there is of every state.
-        weight: ``[U]`` share of the strokes that were played in each state.
+        terms: output of a TorchRL loss with ``reduction="none"``: the objective of each row, other terms of each state.
+        weight: ``[U]`` weight w(s) of each state.
     """
     summed = {name: (terms[name].reshape(-1) * weight).sum() for name in ("loss_critic", "loss_entropy")}
     return terms.copy().update({**summed, "loss_objective": terms["loss_objective"].sum()})
 
 
 class Mean:
-    """Means of some terms of a loss over gradient steps.
+    """Means of the terms of a loss over gradient steps.
 
     Args:
-        names: of the terms.
+        names: names of the terms.
     """
 
     def __init__(self, *names: str) -> None:
@@ -151,7 +203,7 @@ class Mean:
         """Add the terms of a gradient step.
 
         Raises:
-            DivergedError: one is no finite number.
+            DivergedError: a term is not finite.
         """
         self._count += 1
         for name in self._totals:
@@ -165,59 +217,201 @@ class Mean:
         return {name: total / self._count for name, total in self._totals.items()}
 
 
-def save_checkpoint(run: Path, iteration: int, state: Tensors, about: dict[str, Any]) -> Path:
-    """Write a checkpoint and remove all but the latest ones.
+class Observer:
+    """Network inputs of states, as tensors on a device.
 
     Args:
-        run: folder of the run.
-        iteration: how many there were.
-        state: of the learner.
-        about: what else is to be restored, as JSON.
-
-    Raises:
-        TrainingError: it cannot be written; the ones before are whole.
+        game: the tables.
+        device: device of the tensors.
     """
-    target = run / CHECKPOINTS / f"{iteration:08d}"
-    beside = target.with_name(f".{target.name}.part")
-    # Each tensor by itself: some share their memory, which safetensors refuses.
-    content = save({name: tensor.clone() for name, tensor in state.items()})
-    hashes = {_STATE: hashlib.sha256(content).hexdigest()}
-    try:
-        shutil.rmtree(beside, ignore_errors=True)
-        replace_file(beside / _STATE, content)
-        replace_file(beside / _ABOUT, seal({"iteration": iteration, "sha256": hashes, **about}))
-        shutil.rmtree(target, ignore_errors=True)
-        os.replace(beside, target)
-    except (OSError, ShuttleError) as error:
-        raise TrainingError(f"{target}: cannot be written ({error}); make room and continue with --resume") from error
-    for old in _whole(run)[:-_KEPT]:
-        shutil.rmtree(old, ignore_errors=True)
-    return target
+
+    def __init__(self, game: Game, device: str) -> None:
+        self.device = torch.device(device)
+        states = np.arange(game.n_states)
+        self._observation = torch.from_numpy(game.observation(states)).to(self.device)
+        self._masks = torch.from_numpy(game.reply_mask.reshape(-1, game.n_strokes).copy()).to(self.device)
+        self._mask_row = torch.from_numpy((2 * game.incoming(states) + game.contact(states)).astype(np.int64)).to(self.device)
+        self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
+
+    def observations(self, states: torch.Tensor) -> torch.Tensor:
+        """``[U, 6]`` observations of ``[U]`` states."""
+        return self._observation[states.long().to(self.device)]
+
+    def inputs(self, states: torch.Tensor) -> Tensors:
+        """``[U, 6]`` observations and ``[U, n]`` action masks of ``[U]`` states."""
+        states = states.long().to(self.device)
+        return {"observation": self._observation[states], "action_mask": self._masks[self._mask_row[states]]}
+
+    def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
+        """``[R]`` catalogue indices of ``[R]`` legal pairs."""
+        return self._stroke[pairs.long().to(self.device) % len(self._stroke)]
 
 
-def last_checkpoint(run: Path) -> tuple[dict[str, Any], Tensors] | None:
-    """The last checkpoint of a run: what :func:`save_checkpoint` was given; None without one.
+class RallyCollector(BaseCollector):
+    """TorchRL collector of the strokes of one iteration after another.
 
-    Raises:
-        TrainingError: the last checkpoint is damaged.
+    Args:
+        config: sizes, device, reward shaping, and lambda of the advantages.
+        game: the tables.
+        opponents: opponents of the learner; empty in plain self-play.
+        predict: network; called in every iteration, so its weights are current.
+        distinct: whether to collect distinct states or transitions.
     """
-    found = _whole(run)
-    if not found:
-        return None
-    folder = found[-1]
-    try:
-        about = read_sealed(folder / _ABOUT)
-        with open_file(folder / _STATE) as file:
-            content = file.read()
-        if about.get("sha256") != {_STATE: hashlib.sha256(content).hexdigest()}:
-            raise FileReadError(f"{_STATE} does not fit its hash in {_ABOUT}")
-        return about, load(content)
-    except OSError as error:
-        reason = problem(error)
-    except (SafetensorError, ShuttleError) as error:
-        reason = str(error)
-    raise TrainingError(f"{folder}: cannot be read ({reason}); delete it to continue from the one before")
+
+    def __init__(
+        self, config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy], predict: Predict, *, distinct: bool
+    ) -> None:
+        super().__init__()
+        self._config, self._predict, self._distinct = config, predict, distinct
+        options: dict[str, Any] = {
+            "decay": config.gae_lambda,
+            "age": config.cache_iterations,
+            "shaping": added_rewards(config, game) if config.shapes_rewards else None,
+        }
+        device = torch.device(config.device)
+        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda")
+        self.sampler = (
+            TorchSampler(game, opponents, device=device, **options) if on_device else RallySampler(game, opponents, **options)
+        )
+        self._observer = Observer(game, config.device)
+        self.iteration = 0
+        """Number of collected iterations."""
+        self.strokes = 0
+        """Strokes of the learner in the last iteration."""
+
+    def __len__(self) -> int:
+        """Remaining iterations."""
+        return max(0, self._config.iterations - self.iteration)
+
+    def iterator(self) -> Iterator[TensorDictBase]:
+        """The strokes of all remaining iterations."""
+        while self.iteration < self._config.iterations:
+            yield self.collect()
+
+    def collect(self) -> TensorDictBase:
+        """Play the rallies of the next iteration.
+
+        Returns:
+            Distinct states:
+
+            - ``observation`` ``[U, 6]``, ``action_mask`` ``[U, n]``: the states, in random order;
+            - ``visits`` ``[U]``: number N(s) of strokes in each state;
+            - ``value_target`` ``[U, 1]``: mean of A + V(s) over the strokes in each state;
+            - ``start`` ``[U + 1]``: first row of each state;
+            - ``row`` ``[R]``: state of each row; ``action`` ``[R]``: stroke, a catalogue index;
+            - ``action_log_prob`` ``[R]``: log-probability of the stroke when it was played;
+            - ``advantage`` ``[R, 1]``: sum of the positive or of the negative advantages of the stroke in the state;
+            - ``strokes``, ``deviation``: number N of strokes, and standard deviation of their advantages.
+
+            Or transitions, each ``[N]``: ``state``, ``pair`` (legal pair), ``following`` (next state, -1: none), ``reward``.
+
+        Raises:
+            DivergedError: an output of the network is not finite.
+        """
+        self.sampler.collect(self._config.batch_of(self.iteration), self._outputs, keep=not self._distinct)
+        self.iteration += 1
+        self.strokes = self.sampler.count
+        if not self._distinct:
+            strokes = self.sampler.strokes
+            self.sampler.take()
+            columns = {name: getattr(strokes, name) for name in ("state", "pair", "following", "reward")}
+            return TensorDict({name: torch.from_numpy(part) for name, part in columns.items()}, batch_size=[len(strokes.pair)])
+        taken = self.sampler.take(torch.randperm(len(self.sampler.known)).numpy())
+        columns = {
+            "visits": taken.visits,
+            "value_target": taken.returns[:, None],
+            "start": taken.start,
+            "row": taken.row,
+            "action": taken.stroke,
+            "action_log_prob": taken.log_probability,
+            "advantage": taken.advantage[:, None],
+        }
+        tensors = {name: torch.from_numpy(column).to(self._observer.device) for name, column in columns.items()}
+        totals = {"strokes": torch.tensor(taken.strokes), "deviation": torch.tensor(taken.deviation, dtype=torch.float64)}
+        return TensorDict({**self._observer.inputs(torch.from_numpy(taken.state)), **tensors, **totals}, batch_size=[])
+
+    def _outputs(self, states: I32) -> tuple[F32, F32]:
+        with torch.inference_mode():
+            logits, value = self._predict(self._observer.observations(torch.from_numpy(states)))
+        if not math.isfinite(logits.sum() + value.sum()):  # one pass: NaN and infinity propagate to the sum
+            raise DivergedError("an output of the network is not finite")
+        return logits.cpu().numpy(), value.cpu().numpy()
+
+    def set_seed(self, seed: int, static_seed: bool = False) -> int:  # noqa: ARG002  TorchRL's
+        """Reseed the sampler and torch, and return the seed; later strokes depend on seed, weights and state alone."""
+        torch.manual_seed(seed % SEEDS)
+        self.sampler.reset(seed % SEEDS)
+        return seed % SEEDS
+
+    def state_dict(self) -> OrderedDict[str, Any]:
+        """State for a checkpoint: number of iterations, and states whose network outputs are computed first."""
+        return OrderedDict(known=torch.from_numpy(self.sampler.known.copy()), iteration=torch.tensor(self.iteration))
+
+    def load_state_dict(self, state_dict: OrderedDict[str, Any]) -> None:
+        """Restore the output of :meth:`state_dict`."""
+        self.iteration = int(state_dict["iteration"])
+        self.sampler.reset(0, state_dict["known"].numpy())
+
+    def shutdown(self, timeout: float | None = None, close_env: bool = True, raise_on_error: bool = True) -> None:
+        """Do nothing: rallies are played in this process."""
 
 
-def _whole(run: Path) -> list[Path]:
-    return sorted(path for path in (run / CHECKPOINTS).glob("[0-9]*") if (path / _ABOUT).is_file())
+class Trainer:
+    """Alternates rollouts and updates, for training runs and for leagues.
+
+    Args:
+        learner: the algorithm.
+        collector: plays the rollouts of the learner.
+        update_opponents: called before each iteration with its number; may change the opponents of the sampler.
+    """
+
+    def __init__(
+        self, learner: Learner, collector: RallyCollector, update_opponents: Callable[[int], None] | None = None
+    ) -> None:
+        self.learner, self.collector, self._update_opponents = learner, collector, update_opponents
+        self.iteration, self.strokes = 0, 0
+        """Iterations, and strokes of the learner."""
+
+    def iterate(self, remaining: float, collected: Callable[[], None] | None = None) -> dict[str, float]:
+        """Collect strokes and learn from them.
+
+        Args:
+            remaining: fraction of the run that remains, from 1 to 0.
+            collected: called between rollout and update.
+
+        Returns:
+            Figures to log.
+
+        Raises:
+            DivergedError: a weight, a term of the loss or an output of the network is not finite.
+        """
+        self.learner.prepare(remaining)
+        if self._update_opponents is not None:
+            self._update_opponents(self.iteration)
+        data = self.collector.collect()
+        self.iteration += 1
+        self.strokes += self.collector.strokes
+        if collected is not None:
+            collected()
+        losses = self.learner.update(data, remaining)
+        check_finite(self.learner.actor.parameters())  # checkpoints check the rest
+        return losses
+
+    def state_dict(self) -> Tensors:
+        """State for a checkpoint, as tensors by name.
+
+        Raises:
+            DivergedError: a number is not finite.
+        """
+        state = self.learner.state_dict() | {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
+        check_finite(state.values())
+        return state
+
+    def load_state_dict(self, state: Tensors) -> None:
+        """Restore the output of :meth:`state_dict`.
+
+        Raises:
+            KeyError, RuntimeError: the state of another kind of learner.
+        """
+        self.learner.load_state_dict(state)
+        self.collector.load_state_dict(OrderedDict((name, state[f"collector.{name}"]) for name in ("known", "iteration")))

@@ -22,9 +22,9 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import LONGEST_DUEL, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
-from shuttle_marl.training.learner import DivergedError
+from shuttle_marl.training.config import DivergedError
 
-IMPOSSIBLE: Final = -1e9
+ILLEGAL: Final = -1e9
 """Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
 LEAST: Final = -87.0
 """Logarithm of the least normal number, about: exponentials of what is below take ten times as long."""
@@ -45,7 +45,7 @@ class LegalStrokes(Categorical):
     """
 
     def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor) -> None:
-        masked = torch.where(mask, logits, IMPOSSIBLE)
+        masked = torch.where(mask, logits, ILLEGAL)
         self.logits = functional.log_softmax(masked, dim=-1)
         if not self.logits.requires_grad:
             self.logits.clamp_min_(LEAST)  # targets of SAC take the exponential of all of them
@@ -232,21 +232,6 @@ def set_temperature(network: nn.Module, temperature: float) -> None:
             module.temperature = temperature
 
 
-def divergence(network: nn.Module, reference: nn.Module, data: TensorDictBase) -> torch.Tensor:
-    """``[U]`` Kullback-Leibler divergence of a policy from a reference in each of some states, in nats.
-
-    Args:
-        network: observations to logits.
-        reference: the same, which is not changed.
-        data: ``observation`` and ``action_mask`` of the states.
-    """
-    seen, mask = data["observation"], data["action_mask"]
-    policy = functional.log_softmax(torch.where(mask, network(seen), IMPOSSIBLE), dim=-1)
-    with torch.no_grad():
-        other = functional.log_softmax(torch.where(mask, reference(seen), IMPOSSIBLE), dim=-1)
-    return (policy.exp() * (policy - other)).sum(-1)
-
-
 def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str, F32]:
     """The weights of an actor by name, as an agent's folder holds them.
 
@@ -306,7 +291,7 @@ def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, *, 
         target = torch.from_numpy(policy.probabilities(States(game=game, state=states.astype(np.int32)))).float().to(device)
         mask = torch.from_numpy(game.mask(states)).to(device)
         observation = torch.from_numpy(game.observation(states)).to(device)
-        logits = functional.log_softmax(torch.where(mask, network(observation), IMPOSSIBLE), dim=-1)
+        logits = functional.log_softmax(torch.where(mask, network(observation), ILLEGAL), dim=-1)
         gap = (torch.special.xlogy(target, target) - target * logits).sum(-1).mean()
         optimizer.zero_grad()
         gap.backward()

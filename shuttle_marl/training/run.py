@@ -1,11 +1,10 @@
-"""A training run from its configuration to its folder: collect, learn, evaluate, save, and continue after a kill."""
+"""Training runs: iterations, exact evaluations, checkpoints, the run folder, and resuming."""
 
 import contextlib
 import dataclasses
 import math
 import os
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -25,33 +24,27 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training.a2c import make_a2c
-from shuttle_marl.training.collecting import SEEDS, RallyCollector
-from shuttle_marl.training.config import TrainingConfig, TrainingError
+from shuttle_marl.training.a2c import A2C
+from shuttle_marl.training.checkpoints import CHECKPOINTS, Metrics, last_checkpoint, save_checkpoint
+from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
-from shuttle_marl.training.learner import (
-    CHECKPOINTS,
-    DivergedError,
-    Learner,
-    check_finite,
-    last_checkpoint,
-    save_checkpoint,
-)
-from shuttle_marl.training.metrics import Metrics
+from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
-from shuttle_marl.training.ppo import PPOConfig, make_ppo
+from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run_log import RALLIES, RunLog, open_log
-from shuttle_marl.training.sac import make_sac
-from shuttle_marl.training.self_play import SelfPlay, slots
+from shuttle_marl.training.sac import SAC
+from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 
 AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
 BEST: Final = "best"
-"""Folder of the agent at the evaluation that was best: least exploitable in self-play, else the one that won most rallies."""
+"""Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
 METRICS: Final = "metrics.jsonl"
 _PACKAGES: Final = ("numpy", "torch", "torchrl", "tensordict", "numba", "scipy")
-_LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": make_ppo, "a2c": make_a2c, "sac": make_sac}
-_FIRST, _SEGMENT = 0, 1
+LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
+"""Learners by name of the algorithm."""
+_WEIGHTS, _SEGMENT = 0, 1
+"""Streams of random numbers: initial weights, and segments between checkpoints."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,11 +52,11 @@ class TrainingRun:
     """A finished run.
 
     Attributes:
-        folder: the run folder; the agent lies in ``agent`` there.
-        iterations: how many were run.
-        strokes: of the learner.
-        evaluation: of the final weights.
-        policy: the agent on every state.
+        folder: the run folder, with the agent in its folder ``agent``.
+        iterations: number of iterations.
+        strokes: number of strokes of the learner.
+        evaluation: evaluation of the final weights.
+        policy: the agent, tabulated.
     """
 
     folder: Path
@@ -74,19 +67,19 @@ class TrainingRun:
 
 
 def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun:
-    """Train an agent, or continue to train it, and write its run folder.
+    """Train an agent, or resume its training, and write its run folder.
 
     Args:
-        config: what to train, and its opponents.
-        console: shows progress; None shows nothing.
+        config: settings.
+        console: shows progress; None: silent.
 
     Raises:
-        PolicyError: an opponent cannot be found or is no distribution over the legal strokes; nothing was written.
-        GameError: the model cannot be found; nothing was written.
+        PolicyError: an opponent does not exist or is not a distribution over the legal strokes; nothing was written.
+        GameError: the model does not exist; nothing was written.
         RunError: the run folder cannot be used.
-        TrainingError: the device is not there or the memory too small, and nothing was written; or learning diverged, the memory
-            of the device ran out, or a file of the run is damaged or cannot be written, and the last checkpoint is whole.
-        RecordingError: the rally log cannot be written any further; the last checkpoint is whole.
+        TrainingError: the device is not available or the memory is too small; nothing was written. Or learning diverged, the
+            device ran out of memory, or a file of the run is damaged or cannot be written; the last checkpoint is intact.
+        RecordingError: the rally log cannot be written; the last checkpoint is intact.
     """
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
@@ -100,21 +93,21 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         except torch.OutOfMemoryError as error:
             raise TrainingError(
                 f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
-                "whole; train with smaller --batch, --growth or --width, or with --device cpu"
+                "intact; train with smaller --batch, --growth or --width, or with --device cpu"
             ) from error
 
 
 def check_device(device: str) -> None:
-    """Refuse a device on which PyTorch cannot compute.
+    """Check that PyTorch can compute on a device.
 
     Raises:
-        TrainingError: it cannot.
+        TrainingError: the device is not available.
     """
     try:
         torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError, NotImplementedError) as error:
-        needed = "; cuda needs an NVIDIA GPU with its driver, and a build of PyTorch for CUDA" if "cuda" in device else ""
-        raise TrainingError(f"--device {device}: cannot be used here ({_first_line(error)}); --device cpu can{needed}") from error
+        hint = "; cuda needs an NVIDIA GPU with its driver, and a build of PyTorch for CUDA" if "cuda" in device else ""
+        raise TrainingError(f"--device {device}: cannot be used here ({_first_line(error)}); --device cpu can{hint}") from error
 
 
 def _first_line(error: Exception) -> str:
@@ -122,14 +115,14 @@ def _first_line(error: Exception) -> str:
 
 
 def _check_machine(config: TrainingConfig, game: Game) -> None:
-    """Refuse a device or sizes that this machine does not have, before anything is allocated or written."""
+    """Check the device and the memory of this machine, before anything is allocated or written."""
     check_device(config.device)
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    for flags, needed in config.memory(game.n_strokes).items():
-        if needed > there:
+    available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    for flags, required in config.memory(game.n_strokes).items():
+        if required > available:
             raise TrainingError(
-                f"{flags}: such a run needs {needed / 1e9:,.0f} GB of memory or more, and this machine has {there / 1e9:,.0f}; "
-                "choose smaller numbers"
+                f"{flags}: such a run needs {required / 1e9:,.0f} GB of memory or more, and this machine has "
+                f"{available / 1e9:,.0f}; choose smaller numbers"
             )
 
 
@@ -139,29 +132,35 @@ class _Run:
     ) -> None:
         torch.set_num_threads(config.threads)
         self.config, self.game, self.folder, self.console = config, game, folder, console
-        # Self-play is measured against the benchmark's opponent.
-        measured = opponents or [tabulate(resolve("bc", game), game, "bc")]
-        self.evaluator = Evaluator(game, measured)
-        torch.manual_seed(self._seed(_FIRST))
-        self.learner = _LEARNERS[config.algorithm](config, game)
-        met = opponents
-        if isinstance(config, PPOConfig) and config.way != "plain":
-            met = measured * slots(config)
-        self.collector = RallyCollector(config, game, met, self.learner.assess, distinct=self.learner.distinct)
-        self.partners: SelfPlay | None = None
-        if isinstance(config, PPOConfig) and config.self_play:
-            self.partners = SelfPlay(config, game, self.learner, self.collector.sampler)
+        # Self-play is evaluated against the benchmark's opponent.
+        evaluated = opponents or [tabulate(resolve("bc", game), game, "bc")]
+        self.evaluator = Evaluator(game, evaluated)
+        torch.manual_seed(self._seed(_WEIGHTS))
+        self.learner = LEARNERS[config.algorithm](config, game)
+        variant = config if isinstance(config, SelfPlayConfig) and config.variant != "plain" else None
+        initial = opponents if variant is None else evaluated * n_opponents(variant)
+        collector = RallyCollector(config, game, initial, self.learner.predict, distinct=self.learner.distinct)
+        self.self_play = None if variant is None else SelfPlayOpponents(variant, game, self.learner, collector.sampler)
+        self.trainer = Trainer(self.learner, collector, None if self.self_play is None else self.self_play.update)
         self.metrics = Metrics(folder / METRICS)
         self.made_with: dict[str, str] = {}
         self.opponents = opponents
-        self.iteration, self.strokes, self.saved, self.seconds = 0, 0, 0, 0.0
+        self.saved, self.seconds = 0, 0.0
         self.stopped = False
         self.best = -math.inf
-        """Figure of the best evaluation."""
+        """Figure of merit of the best evaluation."""
         self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
-        """The latest one, and what was evaluated; a run ends with one."""
+        """The latest evaluation, and its policy; a run ends with an evaluation."""
         self.rallies = 0
         """Rallies in the log at the last checkpoint."""
+
+    @property
+    def iteration(self) -> int:
+        return self.trainer.iteration
+
+    @property
+    def strokes(self) -> int:
+        return self.trainer.strokes
 
     def go(self) -> TrainingRun:
         config = self.config
@@ -181,14 +180,14 @@ class _Run:
             SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.iteration) as board,
             _progress(self.console) as bar,
         ):
-            task = bar.add_task(config.algorithm, total=config.iterations, completed=self.iteration, now="")
+            task = bar.add_task(config.algorithm, total=config.iterations, completed=self.iteration, status="")
 
             def after(losses: dict[str, float]) -> None:
                 self.seconds = time.monotonic() - begun
                 bar.update(task, completed=self.iteration)
                 if self.iteration % config.evaluate_every == 0 or self.iteration == config.iterations:
                     evaluation = self._evaluate(losses, board)
-                    bar.update(task, now=self._now(evaluation))
+                    bar.update(task, status=self._status(evaluation))
 
             log = self._open_log()
             try:
@@ -210,38 +209,28 @@ class _Run:
         return open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.rallies)
 
     def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
-        """Iterations up to the next checkpoint. Their draws depend on its number alone, so a resumed run repeats them."""
-        config = self.config
+        """Iterations up to the next checkpoint. Random numbers depend on the segment alone, so a resumed run repeats them."""
+        config, trainer = self.config, self.trainer
         segment = self.iteration // config.checkpoint_every
-        seed = self._segment_seed(segment)
-        self.collector.begin(seed)
-        begins = True
-        for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
-            remaining = 1 - self.iteration / config.iterations
-            self.learner.begin(remaining)
-            with self._diverging(self.iteration):
-                if self.partners is not None:
-                    self.partners.prepare(self.iteration, first=begins, seed=seed)
-                    begins = False
-                data = self.collector.collect()
+        seed = trainer.collector.set_seed(self._segment_seed(segment))
+        if self.self_play is not None:
+            self.self_play.set_seed(seed)
+
+        def collected() -> None:
             if log is not None:
-                log.add(self.collector.sampler, segment, self.iteration)
-            with self._diverging(self.iteration + 1):
-                losses = self.learner.learn(data, remaining)
-                self.learner.check_weights()
+                log.add(trainer.collector.sampler, segment, self.iteration - 1)
+
+        for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
+            with self._diverging():
+                losses = trainer.iterate(1 - self.iteration / config.iterations, collected)
             if log is not None:
                 log.settle()
-            self.strokes += self.collector.strokes
-            self.iteration += 1
             after(losses)
             if self.stopped:
                 break
-        state = self.learner.state() | {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
-        if self.partners is not None:
-            state |= self.partners.state()
-        with self._diverging(self.iteration):
-            check_finite(state.values())
-        # The log is on the disk before the checkpoint is, so that a resumed run finds all that the checkpoint counts.
+        with self._diverging():
+            state = trainer.state_dict() | ({} if self.self_play is None else self.self_play.state_dict())
+        # The log is written to disk before the checkpoint, so that it holds all rallies that the checkpoint counts.
         self.rallies = 0 if log is None else log.flush()
         about = {
             "game": self.game.hash,
@@ -256,47 +245,49 @@ class _Run:
         self.saved = self.iteration
 
     @contextlib.contextmanager
-    def _diverging(self, iteration: int) -> Iterator[None]:
-        """Say in which iteration learning diverged, and what to do."""
+    def _diverging(self) -> Iterator[None]:
+        """Add the iteration and a remedy to errors of diverged learning."""
         try:
             yield
         except DivergedError as error:
-            kept = f"the weights of iteration {self.saved} are kept" if self.saved else "no weights were saved yet"
+            saved = f"the weights of iteration {self.saved} are kept" if self.saved else "no weights were saved yet"
             raise DivergedError(
-                f"{self.folder}: learning diverged in iteration {iteration}: {error}; {kept} in its checkpoints. "
+                f"{self.folder}: learning diverged in iteration {self.iteration}: {error}; {saved} in its checkpoints. "
                 "Train again with a lower --learning-rate"
             ) from error
 
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
-        with self._diverging(self.iteration):
-            policy = tabulated(self.learner.played, self.game, self.config.play_temperature)
+        with self._diverging():
+            policy = self._policy()
         evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
-        strokes = self.strokes
         figures = {**dataclasses.asdict(evaluation), **losses}
-        line = {"iteration": self.iteration, "strokes": strokes, "seconds": round(self.seconds, 2), **figures}
+        line = {"iteration": self.iteration, "strokes": self.strokes, "seconds": round(self.seconds, 2), **figures}
         self.metrics.append(line)
         for name, value in figures.items():
             if value is not None:
-                board.add_scalar(name, value, strokes)
-        board.add_scalar("strokes_per_second", strokes / max(self.seconds, 1e-9), strokes)
+                board.add_scalar(name, value, self.strokes)
+        board.add_scalar("strokes_per_second", self.strokes / max(self.seconds, 1e-9), self.strokes)
         self.evaluation = policy, evaluation
-        found = evaluation.exploitability
-        figure = -found if self.config.self_play and found is not None else evaluation.rally_win
+        exploitability = evaluation.exploitability
+        figure = -exploitability if self.config.self_play and exploitability is not None else evaluation.rally_win
         if figure > self.best:
             self.best = figure
             self._save_agent(BEST, evaluation)
-        score, wanted = evaluation.normalised_score, self.config.target_score
+        score, target = evaluation.normalised_score, self.config.target_score
         if self.config.target is not None and evaluation.match_win >= self.config.target:
             self.stopped = True
-        if wanted is not None and score is not None and score >= wanted:
+        if target is not None and score is not None and score >= target:
             self.stopped = True
         return evaluation
+
+    def _policy(self) -> TabulatedPolicy:
+        return tabulated(self.learner.eval_actor, self.game, self.config.eval_temperature)
 
     @property
     def _exploitability(self) -> bool:
         return self.config.exploitability or self.config.self_play
 
-    def _now(self, evaluation: Evaluation) -> str:
+    def _status(self, evaluation: Evaluation) -> str:
         speed = self.strokes / max(self.seconds, 1e-9)
         return (
             f"{speed / 1e3:.0f} k strokes/s · wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of "
@@ -304,10 +295,10 @@ class _Run:
         )
 
     def _restore(self) -> bool:
-        """Take over the last checkpoint; returns whether there is one."""
+        """Restore the last checkpoint; returns whether there is one."""
         saved = last_checkpoint(self.folder) if self.config.resume else None
         if saved is None:
-            self.metrics.cut(None)
+            self.metrics.truncate(None)
             return False
         about, state = saved
         if about.get("game") != self.game.hash:
@@ -316,33 +307,38 @@ class _Run:
                 "continue with the same --game, or train again with another --out"
             )
         try:
-            self.iteration, self.seconds, self.stopped = int(about["iteration"]), float(about["seconds"]), bool(about["stopped"])
-            self.saved, self.rallies, self.strokes = self.iteration, int(about["rallies"]), int(about["strokes"])
-            self.best = -math.inf if about["best"] is None else float(about["best"])
+            self._load(about, state)
             mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
-            self.learner.restore(state)
-            if self.partners is not None:
-                self.partners.restore(state)
-            self.collector.load_state_dict(OrderedDict((name, state[f"collector.{name}"]) for name in ("known", "iteration")))
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-            found = f"{self.folder / CHECKPOINTS}: the last checkpoint is of another kind of run"
-            raise TrainingError(f"{found} ({type(error).__name__}: {error}); train again with --overwrite") from error
-        self.metrics.cut(mark)
+            path = self.folder / CHECKPOINTS
+            raise TrainingError(
+                f"{path}: the last checkpoint is of another kind of run ({type(error).__name__}: {error}); train again with "
+                "--overwrite"
+            ) from error
+        self.metrics.truncate(mark)
         self.console.print(f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False)
         return True
+
+    def _load(self, about: dict[str, Any], state: Tensors) -> None:
+        self.saved = self.trainer.iteration = int(about["iteration"])
+        self.trainer.strokes, self.rallies = int(about["strokes"]), int(about["rallies"])
+        self.seconds, self.stopped = float(about["seconds"]), bool(about["stopped"])
+        self.best = -math.inf if about["best"] is None else float(about["best"])
+        self.trainer.load_state_dict(state)
+        if self.self_play is not None:
+            self.self_play.load_state_dict(state)
 
     def _warm_start(self, name: str) -> None:
         policy = tabulate(resolve(name, self.game), self.game, name)
         weight = exact.visits(policy, policy).states[0]
         with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight)
-            if self.learner.shown is not None:
-                self.learner.shown.load_state_dict(self.learner.actor.state_dict())
-        self.console.print(f"imitated {name}: {gap:.3f} nats a stroke from it", highlight=False, markup=False)
+            self.learner.eval_actor.load_state_dict(self.learner.actor.state_dict())
+        self.console.print(f"imitated {name}: {gap:.3f} nats per stroke above its entropy", highlight=False, markup=False)
 
     def _finish(self, about: dict[str, Any]) -> TrainingRun:
-        if self.evaluation is None:  # a run that had ended before it was resumed
-            policy = tabulated(self.learner.played, self.game, self.config.play_temperature)
+        if self.evaluation is None:  # the resumed run had ended before
+            policy = self._policy()
             self.evaluation = policy, self.evaluator.evaluate(policy, exploitability=self._exploitability)
         policy, evaluation = self.evaluation
         self._save_agent(AGENT, evaluation)
@@ -352,7 +348,7 @@ class _Run:
         )
 
     def _save_agent(self, name: str, evaluation: Evaluation) -> None:
-        """Save the agent as it is now in a folder of the run."""
+        """Save the current agent in a folder of the run."""
         card = {
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),
@@ -362,7 +358,7 @@ class _Run:
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": self.made_with,
         }
-        save_agent(self.folder / name, self.game, save(weights_of(self.learner.played, self.config.play_temperature)), card)
+        save_agent(self.folder / name, self.game, save(weights_of(self.learner.eval_actor, self.config.eval_temperature)), card)
 
     def _segment_seed(self, segment: int) -> int:
         return self._seed(_SEGMENT, segment) % SEEDS
@@ -378,6 +374,6 @@ def _progress(console: Console) -> Progress:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[now]}"),
+        TextColumn("{task.fields[status]}"),
     )
     return Progress(*columns, console=console, transient=True)

@@ -1,111 +1,134 @@
-"""Ways to be met by more than oneself in self-play.
+"""Variants of self-play (:class:`~shuttle_marl.training.config.SelfPlayConfig`).
 
-What a learner that plays itself leaves exploitable are states that its own play rarely comes to. So a share of the rallies may be
-played against a best response to it, begin where a best response takes it, or be played against what it was before:
+A learner that plays only itself is exploitable in states that its own play rarely reaches. Three variants change a fraction of
+its rallies:
 
-- **best-response**: against the best response to the present policy, solved exactly now and then;
-- **restarts**: from states that this best response brings about;
-- **pool**: against earlier policies of the run, kept now and then.
+- **best-response**: against the exact best response to the current policy, solved every ``update_interval`` iterations;
+- **restarts**: from states that this best response reaches;
+- **pool**: against earlier policies of the run, one of which joins every ``update_interval`` iterations.
 
-Two more change the loss and not the rallies (:mod:`shuttle_marl.training.ppo`): **magnet**, mirror descent with a reference that
-follows slowly (Sokota et al. 2023, arXiv 2206.05825), and **nash**, with a reference that is the present policy now and then
-(NashPG, arXiv 2510.18183).
+Two change the loss of PPO, by the KL divergence from a reference policy: **magnet**, mirror descent with a slowly moving average
+(Sokota et al. 2023, arXiv 2206.05825), and **nash**, a copy of the policy every ``update_interval`` iterations (NashPG, arXiv
+2510.18183).
 """
 
+import copy
 from typing import Final
 
 import numpy as np
 import torch
+from tensordict import TensorDictBase
+from torch import nn
+from torch.nn import functional
 
 from shuttle_marl import exact
+from shuttle_marl.arrays import F32
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.training.learner import Learner, Tensors
-from shuttle_marl.training.networks import tabulated, weights_of
-from shuttle_marl.training.ppo import PPOConfig
+from shuttle_marl.training.config import SelfPlayConfig
+from shuttle_marl.training.learner import Learner, Tensors, with_prefix
+from shuttle_marl.training.networks import ILLEGAL, tabulated, weights_of
 
 _HUNDRED: Final = 100
-"""Of so many rallies one after another the share is met exactly."""
-_DRAWN: Final = 1 << 15
+"""Period of rallies in which the fraction is exact."""
+_RESTARTS: Final = 1 << 15
+"""Number of states from which rallies start."""
 _TOLERANCE: Final = 1e-4
+"""Error bound of the values of best responses."""
 
 
-class SelfPlay:
-    """Keeps the rallies of a learner in self-play as its configuration wants them.
+class SelfPlayOpponents:
+    """Opponents and initial states of the variants best-response, restarts and pool.
 
     Args:
-        config: which way, how much, and how often.
+        config: settings.
         game: the tables.
-        learner: whose policy is met.
-        sampler: plays; it has :func:`slots` opponents.
+        learner: the learner in self-play.
+        sampler: plays its rallies, with :func:`n_opponents` opponents.
     """
 
-    def __init__(self, config: PPOConfig, game: Game, learner: Learner, sampler: RallySampler) -> None:
+    def __init__(self, config: SelfPlayConfig, game: Game, learner: Learner, sampler: RallySampler) -> None:
         self._config, self._game, self._learner, self._sampler = config, game, learner, sampler
-        self._pool: list[Tensors] = []
+        self._pool: list[dict[str, F32]] = []
+        self.set_seed(0)
 
-    def prepare(self, iteration: int, *, first: bool, seed: int) -> None:
-        """Make what is to be met, before an iteration.
+    def set_seed(self, seed: int) -> None:
+        """Reseed the generator; the next update then recomputes everything that follows from the weights."""
+        self._seed, self._first = seed, True
 
-        Args:
-            iteration: number of the iteration, counted from 0.
-            first: whether a checkpoint lies before it: then everything that follows from the weights is made.
-            seed: of the draws.
-        """
-        way, now = self._config.way, iteration % self._config.renew == 0
-        if way == "pool" and now:
-            weights = {
-                name: torch.from_numpy(part)
-                for name, part in weights_of(self._learner.actor, self._config.play_temperature).items()
-            }
-            self._keep(iteration // self._config.renew % self._config.pool, weights)
-        elif way in ("best-response", "restarts") and (now or first):
-            policy = tabulated(self._learner.actor, self._game, self._config.play_temperature)
-            answer = exact.best_response(policy, tolerance=_TOLERANCE).policy
-            if way == "best-response":
-                self._sampler.replace_opponent(0, answer)
+    def update(self, iteration: int) -> None:
+        """Update opponents and initial states before an iteration, counted from 0."""
+        config, first, self._first = self._config, self._first, False
+        due = iteration % config.update_interval == 0
+        if config.variant == "pool" and due:
+            weights = weights_of(self._learner.actor, config.eval_temperature)
+            self._join(iteration // config.update_interval % config.pool_size, weights)
+        elif config.variant in ("best-response", "restarts") and (due or first):
+            policy = tabulated(self._learner.actor, self._game, config.eval_temperature)
+            response = exact.best_response(policy, tolerance=_TOLERANCE).policy
+            if config.variant == "best-response":
+                self._sampler.replace_opponent(0, response)
                 self._assign(1)
-                return
-            visits = exact.visits(policy, answer, tolerance=_TOLERANCE).states[0]
-            rng = np.random.default_rng((seed, iteration))
-            drawn = rng.choice(len(visits), _DRAWN, p=visits / visits.sum())
-            self._sampler.restart(drawn, self._config.share)
+            else:
+                visits = exact.visits(policy, response, tolerance=_TOLERANCE).states[0]
+                rng = np.random.default_rng((self._seed, iteration))
+                self._sampler.restart(rng.choice(len(visits), _RESTARTS, p=visits / visits.sum()), config.fraction)
 
-    def _keep(self, slot: int, weights: Tensors) -> None:
+    def _join(self, slot: int, weights: dict[str, F32]) -> None:
         self._pool[slot : slot + 1] = [weights]
-        self._sampler.replace_opponent(slot, _table(weights, self._game))
+        self._sampler.replace_opponent(slot, PolicyNetwork.of_tensors(weights, self._game).table(self._game))
         self._assign(len(self._pool))
 
     def _assign(self, opponents: int) -> None:
-        """Meet these opponents in turn, in the share of the rallies that the configuration says."""
-        met = round(self._config.share * _HUNDRED)
-        # Spread evenly, so that the share is the same from every rally on.
-        turn = np.floor(np.arange(1, opponents * _HUNDRED + 1) * met / _HUNDRED).astype(np.int64)
-        chosen = np.diff(turn, prepend=0) > 0
-        self._sampler.assign(np.where(chosen, (turn - 1) % opponents, -1))
+        """Distribute the opponents evenly over the fraction of the rallies."""
+        rallies = round(self._config.fraction * _HUNDRED)
+        count = np.floor(np.arange(1, opponents * _HUNDRED + 1) * rallies / _HUNDRED).astype(np.int64)
+        chosen = np.diff(count, prepend=0) > 0
+        self._sampler.assign(np.where(chosen, (count - 1) % opponents, -1))
 
-    def state(self) -> Tensors:
-        """State that a resumed run needs and that does not follow from its weights."""
-        return {f"pool.{slot}.{name}": part for slot, weights in enumerate(self._pool) for name, part in weights.items()}
+    def state_dict(self) -> Tensors:
+        """State for a checkpoint that does not follow from the weights of the learner: the pool."""
+        pool = enumerate(self._pool)
+        return {f"pool.{slot}.{name}": torch.from_numpy(part) for slot, weights in pool for name, part in weights.items()}
 
-    def restore(self, tensors: Tensors) -> None:
-        """Take over what :meth:`state` gave."""
-        kept: dict[int, Tensors] = {}
-        for name, part in tensors.items():
-            if name.startswith("pool."):
-                _, slot, rest = name.split(".", 2)
-                kept.setdefault(int(slot), {})[rest] = part
+    def load_state_dict(self, tensors: Tensors) -> None:
+        """Restore the output of :meth:`state_dict`."""
+        pool = with_prefix("pool", tensors)
         self._pool = []
-        for number in sorted(kept):
-            self._keep(number, kept[number])
+        for slot in range(len({name.partition(".")[0] for name in pool})):
+            self._join(slot, {name: part.numpy() for name, part in with_prefix(str(slot), pool).items()})
 
 
-def slots(config: PPOConfig) -> int:
-    """Number of opponents that a way of self-play has room for."""
-    return {"best-response": 1, "pool": config.pool}.get(config.way, 0)
+def n_opponents(config: SelfPlayConfig) -> int:
+    """Maximum number of opponents of a variant of self-play."""
+    return {"best-response": 1, "pool": config.pool_size}.get(config.variant, 0)
 
 
-def _table(weights: Tensors, game: Game) -> TabulatedPolicy:
-    return PolicyNetwork.of_tensors({name: part.numpy() for name, part in weights.items()}, game).table(game)
+class ReferencePolicy:
+    """Reference policy of the variants magnet and nash.
+
+    Args:
+        config: settings.
+        network: logits of the learner, :func:`shuttle_marl.training.networks.logit_network`.
+    """
+
+    def __init__(self, config: SelfPlayConfig, network: nn.Module) -> None:
+        self._config, self._current = config, network
+        self.network = copy.deepcopy(network).requires_grad_(False)
+
+    def update(self, iteration: int) -> None:
+        """Move the reference towards the policy (magnet), or copy the policy every ``update_interval`` iterations (nash)."""
+        interval = self._config.update_interval
+        step = 1 / interval if self._config.variant == "magnet" else float(iteration % interval == 0)
+        with torch.no_grad():
+            for reference, current in zip(self.network.parameters(), self._current.parameters(), strict=True):
+                reference.lerp_(current, step)
+
+    def divergence(self, data: TensorDictBase) -> torch.Tensor:
+        """``[U]`` KL divergence of the policy from the reference in the states of ``data``, in nats."""
+        observation, mask = data["observation"], data["action_mask"]
+        log_pi = functional.log_softmax(torch.where(mask, self._current(observation), ILLEGAL), dim=-1)
+        with torch.no_grad():
+            log_ref = functional.log_softmax(torch.where(mask, self.network(observation), ILLEGAL), dim=-1)
+        return (log_pi.exp() * (log_pi - log_ref)).sum(-1)

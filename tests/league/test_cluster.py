@@ -27,7 +27,7 @@ from tests.reduced import reduced_model
 
 PLAYED: dict[str, Any] = {"pool": ("bc", "attacking", "safe", "random"), "matches": 40, "batch": 80, "record": "sample:3"}
 TRAINED: dict[str, Any] = {
-    "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "renew": 2, "patience": 2, "pool": ("attacking", "safe")
+    "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "pool": ("attacking", "safe")
 }  # fmt: skip
 
 

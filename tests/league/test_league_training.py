@@ -27,13 +27,13 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.runs import RunError
-from shuttle_marl.training.league.config import WAYS, LeagueTrainingConfig, LeagueTrainingError, Meta, Way
-from shuttle_marl.training.league.mixtures import merged, sharpened
+from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
+from shuttle_marl.training.league.mixtures import merged, meta_strategy, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs, Tables
-from shuttle_marl.training.league.psro import meta_strategy
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.state import LEAGUE
 from shuttle_marl.training.learner import Learner
+from shuttle_marl.training.ppo import PPO
 
 STROKES = (
     "short-serve:front-centre:below:backhand",
@@ -46,7 +46,8 @@ STROKES = (
     "smash:middle-left:above:forehand",
 )
 SMALL: dict[str, Any] = {
-    "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "renew": 2, "patience": 2, "workers": 1, "pool": ("attacking", "safe")
+    "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "workers": 1,
+    "pool": ("attacking", "safe"),
 }  # fmt: skip
 
 
@@ -74,19 +75,21 @@ def final(folder: Path) -> tuple[dict[str, Any], bytes]:
     return figures, load((folder / MAIN).read_bytes())["cumulative"].tobytes()
 
 
-@pytest.mark.parametrize("way", [pytest.param(way, marks=pytest.mark.slow if way in WAYS[:2] else ()) for way in WAYS])
-def test_every_way_learns(way: Way, model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(**{**SMALL, "strokes": 9_000}, way=way, oracle="ppo", game=model, out=tmp_path / "run")
+@pytest.mark.parametrize(
+    "variant", [pytest.param(variant, marks=pytest.mark.slow if variant in VARIANTS[:2] else ()) for variant in VARIANTS]
+)
+def test_every_variant_learns(variant: Variant, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(**{**SMALL, "strokes": 9_000}, variant=variant, oracle="ppo", game=model, out=tmp_path / "run")
     done = train_league(config)
     game = load_game(model)
     first, *_, last = done.figures["curve"]
     assert done.figures["exploitability"] <= last["exploitability"] <= first["exploitability"]
-    assert way == "psro" or last["exploitability"] < first["exploitability"]
+    assert variant == "psro" or last["exploitability"] < first["exploitability"]
     answer = exact.best_response(done.policy)
     assert answer.value.odds().value == pytest.approx(done.figures["exploitability"], abs=2e-5)
     roles = {each["role"] for each in done.figures["policies"]}
     with_exploiters = {"given", "main", "best-response", "main-exploiter", "league-exploiter"}
-    assert roles == {"plain": {"given", "main"}, "psro": {"given", "oracle"}}.get(way, with_exploiters)
+    assert roles == {"plain": {"given", "main"}, "psro": {"given", "oracle"}}.get(variant, with_exploiters)
     # Policies are stored once, under their hashes, and those of the past are never changed.
     hashes = [each["hash"] for each in done.figures["policies"]]
     assert len(set(hashes)) == len(hashes)
@@ -99,13 +102,15 @@ def test_every_way_learns(way: Way, model: str, tmp_path: Path) -> None:
     assert again.figures["curve"] == done.figures["curve"]
 
 
-@pytest.mark.parametrize("meta", ["nash", "uniform", "alpha-rank"])
-def test_exact_oracles_find_the_equilibrium(meta: Meta, model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(way="psro", meta=meta, rounds=12, game=model, pool=("attacking",), out=tmp_path / "run")
+@pytest.mark.parametrize("meta_solver", ["nash", "uniform", "alpha-rank"])
+def test_exact_oracles_find_the_equilibrium(meta_solver: MetaSolver, model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(
+        variant="psro", meta_solver=meta_solver, rounds=12, game=model, pool=("attacking",), out=tmp_path / "run"
+    )
     done = train_league(config)
     # Only with Nash equilibria is it sure to end there; the mean of all best responses draws nearer.
-    assert done.figures["exploitability"] < {"nash": 1e-4, "uniform": 0.03}.get(meta, 0.05)
-    assert done.figures["converged"] == (meta != "uniform")
+    assert done.figures["exploitability"] < {"nash": 1e-4, "uniform": 0.03}.get(meta_solver, 0.05)
+    assert done.figures["converged"] == (meta_solver != "uniform")
     solved = exact.solve(load_game(model))
     value = exact.evaluate(done.policy, solved.policy[1]).odds().value
     assert value == pytest.approx(0, abs=done.figures["exploitability"] + 1e-5)
@@ -183,7 +188,7 @@ def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: P
         policies.append(
             from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
         )
-    hashes = [tables.keep(policy) for policy in policies]
+    hashes = [tables.save(policy) for policy in policies]
     assert len(list((tmp_path / TABLES).iterdir())) == 4
     payoffs = Payoffs(tables)
     assert np.allclose(payoffs.values(hashes[:3]), 2 * exact.crossplay(policies[:3]).rally - 1, atol=2e-5)
@@ -297,18 +302,19 @@ def _is_worker(pid: int) -> bool:
 
 
 def test_learning_that_diverges_says_where(model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from shuttle_marl.training.league import turns
-    from shuttle_marl.training.learner import DivergedError
+    from shuttle_marl.training import run
+    from shuttle_marl.training.config import DivergedError
 
     def diverging(config: Any, game: Game) -> Learner:
-        learner = turns.make_ppo(config, game)
+        learner = PPO(config, game)
 
-        def learn(*_: Any) -> dict[str, float]:
+        def update(*_: Any) -> dict[str, float]:
             raise DivergedError("loss_critic became nan")
 
-        return dataclasses.replace(learner, learn=learn)
+        learner.update = update
+        return learner
 
-    monkeypatch.setitem(turns._MAKE, "ppo", diverging)
+    monkeypatch.setitem(run.LEARNERS, "ppo", diverging)
     with pytest.raises(DivergedError, match=r"main-agent-0 in round 1: .*--learning-rate"):
         train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run"))
 
@@ -333,9 +339,9 @@ def test_damage_is_noticed(whole: Path, model: str, tmp_path: Path) -> None:
         (["--budget", "soon"], "expected a time"),
         (["--budget", "0m"], "expected a time"),
         (["--budget", "5m", "--strokes", "10"], "give one of them"),
-        (["--responses", "0.9", "--past", "0.5"], "shares of 1"),
+        (["--response-fraction", "0.9", "--past-fraction", "0.5"], "fractions that add up to 1 or less"),
         (["--main-agents", "0"], "whole number from 1"),
-        (["--way", "psro", "--strokes", "10"], "nothing learns"),
+        (["--variant", "psro", "--strokes", "10"], "nothing learns"),
         (["--pool", "nobody"], "nobody"),
     ],
 )
@@ -346,7 +352,7 @@ def test_bad_settings_are_refused(flags: list[str], message: str, tmp_path: Path
 
 
 def test_the_command_prints_its_figures(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--way", "psro", "--rounds", "2", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
+    flags = ["--variant", "psro", "--rounds", "2", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
     assert main(["train", *flags, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["rounds"] == 2

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.training.league.matchmaking import FLOOR, chosen, order, prioritised, uniform
+from shuttle_marl.training.league.schedule import FLOOR, chosen, order, prioritised, uniform
 
 
 @pytest.mark.parametrize("win", [[1.0, 1.0, 1.0], [0.0, 0.0], [np.nan, np.nan], [1.0], [1 - 1e-17, 1.0]])

@@ -12,13 +12,12 @@ import torch
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
-from shuttle_marl.training.a2c import make_a2c
-from shuttle_marl.training.collecting import RallyCollector
-from shuttle_marl.training.learner import Tensors
+from shuttle_marl.training.a2c import A2C
+from shuttle_marl.training.learner import RallyCollector, Tensors, Trainer
 from shuttle_marl.training.networks import imitate
-from shuttle_marl.training.ppo import make_ppo
-from shuttle_marl.training.sac import make_sac
-from shuttle_marl.training.self_play import SelfPlay, slots
+from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.sac import SAC
+from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 from tests.reduced import reduced_game, reduced_model
 from tests.training.pretended import MixedDevicesError, pretended_cuda
 
@@ -27,12 +26,12 @@ BC = tabulate(resolve("bc", GAME), GAME, "bc")
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 64, "growth": 0.0, "width": 8, "strokes": 64 * 4, "sampler": "torch"}
 SELF: dict[str, Any] = {**SMALL, "opponent": ("self",)}
 LEARNERS: dict[str, tuple[Callable[..., Any], TrainingConfig]] = {
-    "ppo": (make_ppo, PPOConfig(**SMALL)),
-    "a2c": (make_a2c, A2CConfig(**SMALL, fault_cost=0.3)),
-    "sac": (make_sac, SACConfig(**SMALL, warm_up=50, minibatch=64, buffer=150)),
-    "magnet": (make_ppo, PPOConfig(**SELF, way="magnet", renew=2)),
-    "restarts": (make_ppo, PPOConfig(**SELF, way="restarts", renew=2)),
-    "pool": (make_ppo, PPOConfig(**SELF, way="pool", renew=2, pool=2)),
+    "ppo": (PPO, PPOConfig(**SMALL)),
+    "a2c": (A2C, A2CConfig(**SMALL, fault_cost=0.3)),
+    "sac": (SAC, SACConfig(**SMALL, warm_up=50, minibatch=64, buffer=150)),
+    "magnet": (PPO, PPOConfig(**SELF, variant="magnet", update_interval=2)),
+    "restarts": (PPO, PPOConfig(**SELF, variant="restarts", update_interval=2)),
+    "pool": (PPO, PPOConfig(**SELF, variant="pool", update_interval=2, pool_size=2)),
 }
 
 
@@ -67,30 +66,29 @@ def test_the_pretended_device_refuses_what_a_gpu_refuses() -> None:
 def learned(make: Callable[..., Any], config: TrainingConfig) -> Tensors:
     """State of a learner after two iterations, between which another one takes over."""
     state: Tensors = {}
-    collected: dict[str, Any] = {}
     for start in (0, 2):
         torch.manual_seed(start)
         learner = make(config, GAME)
-        met = [BC] * slots(config) if isinstance(config, PPOConfig) and config.self_play else [BC]
-        collector = RallyCollector(config, GAME, met, learner.assess, distinct=learner.distinct)
+        met = [BC] * n_opponents(config) if isinstance(config, PPOConfig) and config.self_play else [BC]
+        collector = RallyCollector(config, GAME, met, learner.predict, distinct=learner.distinct)
         assert all(weight.device.type == config.device for weight in learner.actor.parameters())
+        trainer = Trainer(learner, collector)
         if state:
-            learner.restore(state)
-            collector.load_state_dict(collected)
-        partners = None
+            trainer.load_state_dict(state)
+        self_play = None
         if isinstance(config, PPOConfig) and config.self_play:
-            partners = SelfPlay(config, GAME, learner, collector.sampler)
-            partners.restore(state)
-        collector.begin(start)
-        if partners is not None:
-            partners.prepare(start, first=True, seed=1)
+            self_play = SelfPlayOpponents(config, GAME, learner, collector.sampler)
+            self_play.load_state_dict(state)
+        collector.set_seed(start)
+        if self_play is not None:
+            self_play.set_seed(1)
+            self_play.update(start)
         data = collector.collect()
         assert not learner.distinct or data["observation"].device.type == config.device
-        assert learner.learn(data, 1 - start / 4)
-        learner.check_weights()
-        state, collected = learner.state(), collector.state_dict()
-        if partners is not None:
-            state |= partners.state()
+        assert learner.update(data, 1 - start / 4)
+        state = trainer.state_dict()
+        if self_play is not None:
+            state |= self_play.state_dict()
         assert all(part.device.type == "cpu" for part in state.values())
     return state
 
@@ -112,7 +110,7 @@ def test_imitating_mixes_no_devices() -> None:
     for device in ("cpu", "cuda"):
         with pretended_cuda():
             torch.manual_seed(0)
-            actor = make_ppo(PPOConfig(**SMALL, device=device), GAME).actor
+            actor = PPO(PPOConfig(**SMALL, device=device), GAME).actor
             imitate(actor, BC, np.ones(GAME.n_states), steps=3)
             weights.append([weight.detach().cpu() for weight in actor.parameters()])
     assert all(map(torch.equal, *weights))

@@ -16,11 +16,10 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.collecting import Observer, RallyCollector, minibatches
-from shuttle_marl.training.learner import weighted_sums
+from shuttle_marl.training.learner import Observer, RallyCollector, minibatches, normalised, weighted_sums
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, make_q_network
-from shuttle_marl.training.ppo import make_ppo
-from shuttle_marl.training.sac import make_sac, sac_terms
+from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.sac import SAC
 
 GAME = default_game()
 BC = tabulate(resolve("bc", GAME), GAME, "bc")
@@ -70,7 +69,7 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
     )
     collect = collector.sampler.collect
     monkeypatch.setattr(collector.sampler, "collect", lambda *args, keep: collect(*args, keep=True))
-    data = next(iter(collector))
+    data = normalised(next(iter(collector)))
     raw = one_by_one(collector, data)
     assert len(raw) == data["strokes"] > 4 * len(data["weight"]) / 3
     # Weights that moved on, so that some ratios are clipped.
@@ -102,11 +101,11 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
 def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...]) -> None:
     torch.manual_seed(0)
     config = SACConfig(opponent=opponent, batch=2048, width=8)
-    learner = make_sac(config, GAME)
-    collector = RallyCollector(config, GAME, [] if config.self_play else [BC], learner.assess, distinct=False)
-    drawn, look_up = collector.collect(), Observer(GAME, "cpu")
-    ours = learner.modules["loss"]
-    found = sac_terms(ours, drawn, look_up)
+    learner = SAC(config, GAME)
+    collector = RallyCollector(config, GAME, [] if config.self_play else [BC], learner.predict, distinct=False)
+    drawn, observer = collector.collect(), Observer(GAME, "cpu")
+    ours = learner.loss
+    found = learner.terms(drawn)
     names = ("loss_qvalue", "loss_actor", "loss_alpha")
     gradient = gradients(ours, sum(found[name] for name in names))
     plain = DiscreteSACLoss(
@@ -115,7 +114,7 @@ def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...])
         action_space="categorical",
         num_actions=GAME.n_strokes,
         num_qvalue_nets=config.critics,
-        alpha_init=config.temperature,
+        alpha_init=config.alpha,
         target_entropy=float(ours.target_entropy),
         loss_function="l2",
     )
@@ -123,12 +122,12 @@ def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...])
     plain.load_state_dict(ours.state_dict())
     over = (drawn["following"] < 0)[:, None]
     ahead = {
-        **look_up.seen(drawn["following"].clamp_min(0)),
+        **observer.inputs(drawn["following"].clamp_min(0)),
         "reward": drawn["reward"][:, None],
         "done": over,
         "terminated": over,
     }
-    raw = {**look_up.seen(drawn["state"]), "action": look_up.strokes(drawn["pair"]), "next": TensorDict(ahead, [len(drawn)])}
+    raw = {**observer.inputs(drawn["state"]), "action": observer.strokes(drawn["pair"]), "next": TensorDict(ahead, [len(drawn)])}
     terms = plain(TensorDict(raw, [len(drawn)]))
     theirs = gradients(plain, sum(terms[name] for name in names))
     assert theirs.abs().max() > 1e-3
@@ -140,13 +139,13 @@ def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...])
 
 def test_the_collector_is_one_of_torchrl() -> None:
     config = PPOConfig(opponent=("self",), batch=64, strokes=64 * 3, growth=0.0, width=4)
-    learner = make_ppo(config, GAME)
-    collector = RallyCollector(config, GAME, [], learner.assess, distinct=True)
+    learner = PPO(config, GAME)
+    collector = RallyCollector(config, GAME, [], learner.predict, distinct=True)
     assert isinstance(collector, BaseCollector)
     sizes = [int(data["strokes"]) for data in collector]
     assert len(sizes) == 3
     assert min(sizes) >= 64
-    again = RallyCollector(config, GAME, [], learner.assess, distinct=True)
+    again = RallyCollector(config, GAME, [], learner.predict, distinct=True)
     again.load_state_dict(collector.state_dict())
     assert len(again) == 0
     assert list(again) == []
@@ -157,16 +156,16 @@ def test_a_game_of_a_million_states_is_learned_where_play_leads() -> None:
     game = dataclasses.replace(GAME, fault_odds=np.linspace(ONE, 2 * ONE, 8).astype(np.int32))
     assert game.n_states >= 10**6
     config = PPOConfig(opponent=("self",), batch=4096, strokes=4096 * 3, growth=0.0, width=16)
-    learner = make_ppo(config, game)
+    learner = PPO(config, game)
     asked = 0
 
     def assess(seen: torch.Tensor) -> Any:
         nonlocal asked
         asked += len(seen)
-        return learner.assess(seen)
+        return learner.predict(seen)
 
     collector = RallyCollector(config, game, [], assess, distinct=True)
     for data in collector:
-        learner.learn(data, 1.0)
+        learner.update(data, 1.0)
         assert int(game.effort(collector.sampler.known).max()) > GAME.levels
     assert asked < game.n_states / 20

@@ -25,8 +25,8 @@ from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, evaluation, train
-from shuttle_marl.training.learner import DivergedError, last_checkpoint
-from shuttle_marl.training.metrics import Metrics
+from shuttle_marl.training.checkpoints import Metrics, last_checkpoint
+from shuttle_marl.training.config import DivergedError
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -82,7 +82,7 @@ def readers(folder: Path) -> dict[Path, Callable[[], Any]]:
     mark = read_sealed(checkpoint(folder) / "about.json")["metrics"]
 
     def metrics() -> bytes:
-        Metrics(folder / "metrics.jsonl").cut(mark)
+        Metrics(folder / "metrics.jsonl").truncate(mark)
         return (folder / "metrics.jsonl").read_bytes()
 
     def agent() -> Any:

@@ -16,11 +16,10 @@ from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
 from shuttle_marl.training import PPOConfig, SACConfig, train
-from shuttle_marl.training.collecting import RallyCollector
-from shuttle_marl.training.ppo import make_ppo
-from shuttle_marl.training.sac import make_sac
-from shuttle_marl.training.torch_numbers import draw, extend, mix, sums
-from shuttle_marl.training.torch_sampler import TorchSampler
+from shuttle_marl.training.learner import RallyCollector
+from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.sac import SAC
+from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -188,12 +187,12 @@ def test_ppo_gets_what_it_gets_from_the_kernel(opponent: str, device: str) -> No
     collected = []
     for sampler in ("kernel", "torch"):
         torch.manual_seed(0)
-        learner = make_ppo(config, GAME)
+        learner = PPO(config, GAME)
         opponents = [] if opponent == "self" else [BC]
         settings = dataclasses.replace(config, sampler=sampler)
-        collector = RallyCollector(settings, GAME, opponents, learner.assess, distinct=True)
+        collector = RallyCollector(settings, GAME, opponents, learner.predict, distinct=True)
         assert type(collector.sampler) is {"kernel": RallySampler, "torch": TorchSampler}[sampler]
-        collector.begin(3)
+        collector.set_seed(3)
         collected.append(collector.collect())
     expected, found = collected
     assert set(expected.keys()) == set(found.keys())
@@ -211,9 +210,9 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
     found = []
     for sampler in ("kernel", "torch"):
         torch.manual_seed(0)
-        learner = make_sac(config, GAME)
-        collector = RallyCollector(dataclasses.replace(config, sampler=sampler), GAME, [BC], learner.assess, distinct=False)
-        collector.begin(3)
+        learner = SAC(config, GAME)
+        collector = RallyCollector(dataclasses.replace(config, sampler=sampler), GAME, [BC], learner.predict, distinct=False)
+        collector.set_seed(3)
         found.append(collector.collect())
     assert found[0].keys() == found[1].keys()
     for name in ("state", "pair", "following", "reward"):
@@ -237,5 +236,5 @@ def test_a_whole_run_begins_as_with_the_kernel_and_logs_what_it_plays(device: st
 
 
 def test_auto_is_the_kernel_on_the_cpu() -> None:
-    learner = make_ppo(RUN, GAME)
-    assert type(RallyCollector(RUN, GAME, [BC], learner.assess, distinct=True).sampler) is RallySampler
+    learner = PPO(RUN, GAME)
+    assert type(RallyCollector(RUN, GAME, [BC], learner.predict, distinct=True).sampler) is RallySampler

@@ -78,7 +78,7 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
 
 def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
     """Before the first update the policy is known: that of a run that learned next to nothing."""
-    config = PPOConfig(**{**SMALL, "strokes": 256}, learning_rate=1e-12, play_temperature=1.0, out=tmp_path / "run")
+    config = PPOConfig(**{**SMALL, "strokes": 256}, learning_rate=1e-12, eval_temperature=1.0, out=tmp_path / "run")
     done = train(config)
     with RallyLog(done.folder / LOG) as log:
         from shuttle_marl.recording import Derived

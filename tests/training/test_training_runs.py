@@ -27,10 +27,12 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.check import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training.checkpoints import last_checkpoint
+from shuttle_marl.training.config import DivergedError, SelfPlayVariant
 from shuttle_marl.training.league.mixtures import sharpened
-from shuttle_marl.training.learner import DivergedError, Learner, last_checkpoint
+from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
-from shuttle_marl.training.ppo import Way, make_ppo
+from shuttle_marl.training.ppo import PPO
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -43,15 +45,18 @@ SMALL: dict[str, Any] = {
     "checkpoint_every": 3,
     "record": "all",
 }
-WAYS: tuple[Way, ...] = ("best-response", "restarts", "pool", "magnet", "nash")
+VARIANTS: tuple[SelfPlayVariant, ...] = ("best-response", "restarts", "pool", "magnet", "nash")
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=256 * 8, minibatches=3),
     "a2c": A2CConfig(**SMALL, strokes=256 * 8),
     "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
     "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
     "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
-    "torch": PPOConfig(**SMALL, strokes=256 * 8, sampler="torch", age=3),
-    **{way: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), way=way, renew=2, pool=2) for way in WAYS},
+    "torch": PPOConfig(**SMALL, strokes=256 * 8, sampler="torch", cache_iterations=3),
+    **{
+        variant: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), variant=variant, update_interval=2, pool_size=2)
+        for variant in VARIANTS
+    },
 }
 
 
@@ -76,19 +81,22 @@ def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None]) 
 
     def make_disturbed(config: Any, game: Game) -> Learner:
         learner, count = make(config, game), itertools.count(1)
-        learn = learner.learn
+        update = learner.update
 
-        def learn_disturbed(data: TensorDictBase, remaining: float) -> dict[str, float]:
+        def update_disturbed(data: TensorDictBase, remaining: float) -> dict[str, float]:
             if next(count) == when:
                 disturb(data)
-            return learn(data, remaining)
+            return update(data, remaining)
 
-        return dataclasses.replace(learner, learn=learn_disturbed)
+        learner.update = update_disturbed
+        return learner
 
     return make_disturbed
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in WAYS[1:4] else ()) for name in CONFIGS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:4] else ()) for name in CONFIGS]
+)
 def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIGS[name]
     whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
@@ -100,7 +108,7 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setitem(run._LEARNERS, config.algorithm, disturbed(run._LEARNERS[config.algorithm], 5, interrupt))
+        patch.setitem(run.LEARNERS, config.algorithm, disturbed(run.LEARNERS[config.algorithm], 5, interrupt))
         with pytest.raises(KeyboardInterrupt):
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
@@ -215,7 +223,7 @@ def test_a_loss_that_is_no_number_stops_the_run_and_keeps_the_last_checkpoint(
     def explode(data: TensorDictBase) -> None:
         data["advantage"].fill_(math.nan)
 
-    monkeypatch.setitem(run._LEARNERS, "ppo", disturbed(run._LEARNERS["ppo"], 5, explode))
+    monkeypatch.setitem(run.LEARNERS, "ppo", disturbed(run.LEARNERS["ppo"], 5, explode))
     with pytest.raises(DivergedError, match=r"diverged in iteration 5: \w+ became nan; the weights of iteration 3 are kept"):
         train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
     assert [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()] == ["00000003"]
@@ -249,9 +257,9 @@ def test_bad_input_is_refused_before_anything_is_written(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"opponent": ("self", "bc")}, "stands alone"),
+        ({"opponent": ("self", "bc")}, "cannot be combined"),
         ({"batch": 0}, "--batch 0"),
-        ({"way": "pool"}, "--way pool: only in self-play"),
+        ({"variant": "pool"}, "--variant pool: requires self-play"),
         ({"target": 1.5}, "--target"),
         ({"resume": True, "overwrite": True}, "give one of them"),
     ],
@@ -335,7 +343,7 @@ def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
 
 
 def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
-    base = dataclasses.replace(CONFIGS["ppo"], strokes=256, learning_rate=1e-9, play_temperature=1.0)
+    base = dataclasses.replace(CONFIGS["ppo"], strokes=256, learning_rate=1e-9, eval_temperature=1.0)
     config = dataclasses.replace(base, warm_start="bc", width=64, out=tmp_path / "run")
     cold = dataclasses.replace(config, warm_start=None, out=tmp_path / "cold")
     warm = train(config).evaluation
@@ -346,7 +354,7 @@ def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
 def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> None:
     found = {}
     for temperature in (1.0, 0.25):
-        done = train(dataclasses.replace(CONFIGS["ppo"], play_temperature=temperature, out=tmp_path / str(temperature)))
+        done = train(dataclasses.replace(CONFIGS["ppo"], eval_temperature=temperature, out=tmp_path / str(temperature)))
         found[temperature] = done.policy, load(weights(done.folder)), rallies(done.folder)
         assert (resolve(f"agent:{done.folder / 'agent'}", GAME).cumulative == done.policy.cumulative).all()
     (plain, weights_1, log_1), (sharp, weights_4, log_4) = found.values()
@@ -359,19 +367,19 @@ def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> No
 
 
 def test_ppo_collects_more_and_more_sharply() -> None:
-    config = dataclasses.replace(PPOConfig(**SMALL), strokes=256, sharpen_after=0.5, last_temperature=0.25)
+    config = dataclasses.replace(PPOConfig(**SMALL), strokes=256, anneal_after=0.5, final_temperature=0.25)
     seen = torch.tensor(GAME.observation(np.array([5, 6, 7])))
-    learner = make_ppo(config, GAME)
-    soft, _ = learner.assess(seen)
+    learner = PPO(config, GAME)
+    soft, _ = learner.predict(seen)
     for remaining, temperature in ((1.0, 1.0), (0.5, 1.0), (0.25, 0.5), (0.0, 0.25)):
-        learner.begin(remaining)
-        torch.testing.assert_close(learner.assess(seen)[0], soft / temperature)
-    played = tabulated(learner.actor, GAME, config.last_temperature)
+        learner.prepare(remaining)
+        torch.testing.assert_close(learner.predict(seen)[0], soft / temperature)
+    played = tabulated(learner.actor, GAME, config.final_temperature)
     states = np.array([5, 6, 7], np.int32)
-    logits = torch.where(torch.from_numpy(GAME.mask(states)), learner.assess(seen)[0], -torch.inf)
+    logits = torch.where(torch.from_numpy(GAME.mask(states)), learner.predict(seen)[0], -torch.inf)
     wanted = logits.softmax(-1).detach().numpy()
     np.testing.assert_allclose(played.probabilities(States(game=GAME, state=states)), wanted, atol=2e-5)
-    never = make_ppo(dataclasses.replace(config, sharpen_after=1.0), GAME)
-    before, _ = never.assess(seen)
-    never.begin(0.0)
-    torch.testing.assert_close(never.assess(seen)[0], before)
+    never = PPO(dataclasses.replace(config, anneal_after=1.0), GAME)
+    before, _ = never.predict(seen)
+    never.prepare(0.0)
+    torch.testing.assert_close(never.predict(seen)[0], before)

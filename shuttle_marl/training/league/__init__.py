@@ -1,12 +1,8 @@
-"""Training of a league: main agents and exploiters that learn from each other, from the past and from exact best responses.
+"""Training of a league: main agents and exploiters learn from each other, earlier policies and exact best responses.
 
-See ``docs/league_training.md``. The modules: settings (:mod:`~shuttle_marl.training.league.config`), opponents
-(:mod:`~shuttle_marl.training.league.matchmaking`), the policies so far and what they win against each other
-(:mod:`~shuttle_marl.training.league.population`), policies made from others (:mod:`~shuttle_marl.training.league.mixtures`), the
-turns of a round (:mod:`~shuttle_marl.training.league.schedule`), a turn of one learner
-(:mod:`~shuttle_marl.training.league.turns`), and the run (:mod:`~shuttle_marl.training.league.run`).
-
-Names are imported when first used, because PyTorch takes longer to import than a command's help.
+See ``docs/league_training.md``. Modules: settings (``config``), frozen policies and their payoffs (``population``), mixtures and
+PSRO (``mixtures``), the turns of a round (``schedule``), a turn of one learner (``turns``), and the run (``run``). Names are
+imported lazily, because PyTorch is slow to import.
 """
 
 from typing import TYPE_CHECKING

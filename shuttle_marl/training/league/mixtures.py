@@ -1,61 +1,100 @@
-"""Policies made from others: a mixture as one policy, and a policy made sharper.
+"""Mixtures of policies as one policy, and policy space response oracles (PSRO, Lanctot et al., NeurIPS 2017).
 
-A player of a mixture draws one of its policies at the start of a rally. In a state of the rally each policy is then as likely as
-it was at the start, times how often it comes to this state. So the policy that plays every stroke with the mean of their
-probabilities, weighted in this way, brings about the same rallies against an opponent. Against another opponent it would be
-another policy, because a state does not say all that happened before; exact figures are those of the one that is made here.
+A player of a mixture draws one of its policies at the start of a rally. The posterior probability of each policy in a state is
+proportional to its prior times its visits to the state. The policy that plays the posterior mean of their stroke probabilities
+generates the same rallies against the same opponent (Kuhn 1953). Against other opponents it differs, because a state does not
+hold the whole history; exact figures are those of the single policy.
+
+With the exact best response as oracle and a Nash equilibrium as meta-strategy, PSRO is the double oracle method (McMahan, Gordon
+& Blum, ICML 2003): iterated best responses, the baseline of a league.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from shuttle_marl import exact
-from shuttle_marl.arrays import Floats
+from shuttle_marl.arrays import F64, Floats
 from shuttle_marl.game.policy import TemperedPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.league.meta_games import alpha_rank, nash, uniform
+from shuttle_marl.training.league.config import MetaSolver
 from shuttle_marl.training.league.population import TOLERANCE
 
-_LEAST: float = 1e-12
-"""Weight at the start that each policy keeps everywhere, so that states that none comes to have a mean too."""
+_MIN_PRIOR: Final = 1e-12
+"""Prior weight of each policy in every state, so that unreachable states have a mean too."""
+_MIN_PROBABILITY: Final = 1e-3
+"""Smaller probabilities are removed from a meta-strategy: their policies cost time and change little."""
+_SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
+    "nash": lambda values: nash(values).row,
+    "uniform": uniform,
+    "alpha-rank": alpha_rank,
+}
 
 
-def merged(policies: Sequence[TabulatedPolicy], shares: Floats, opponent: TabulatedPolicy | None = None) -> TabulatedPolicy:
-    """The policy that plays like a mixture of policies against an opponent.
+def merged(
+    policies: Sequence[TabulatedPolicy], probabilities: Floats, opponent: TabulatedPolicy | None = None
+) -> TabulatedPolicy:
+    """The policy that is equivalent to a mixture of policies against an opponent.
 
     Args:
-        policies: K of one game.
-        shares: ``[K]`` probabilities; those without any are left out.
-        opponent: for whose rallies the two are alike; None: the same mixture without weights by visits.
+        policies: K policies of one game.
+        probabilities: ``[K]`` probabilities of the mixture.
+        opponent: opponent against whom the two are equivalent; None: an approximation that ignores visits.
     """
-    kept = [(policy, float(share)) for policy, share in zip(policies, shares, strict=True) if share > 0]
-    if len(kept) == 1:
-        return kept[0][0]
-    opponent = opponent or _mean(kept, [np.full(policy.game.n_states, share) for policy, share in kept])
-    weights = [share * (exact.visits(policy, opponent, tolerance=TOLERANCE).states[0] + _LEAST) for policy, share in kept]
-    return _mean(kept, weights)
+    mixed = [(policy, float(p)) for policy, p in zip(policies, probabilities, strict=True) if p > 0]
+    if len(mixed) == 1:
+        return mixed[0][0]
+    opponent = opponent or _mean(mixed, [np.full(policy.game.n_states, p) for policy, p in mixed])
+    weights = [p * (exact.visits(policy, opponent, tolerance=TOLERANCE).states[0] + _MIN_PRIOR) for policy, p in mixed]
+    return _mean(mixed, weights)
 
 
 def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
-    """The policy that plays every stroke with its probability to the power of 1 / temperature, scaled to add up to 1.
+    """The policy with stroke probabilities p^(1 / temperature), normalised.
 
-    A bonus for entropy lets a learner play all that is nearly as good as the best; below 1, a temperature takes that away.
+    The entropy bonus lets a learner play strokes that are nearly optimal; a temperature below 1 makes them rare.
 
     Args:
         policy: a policy.
-        temperature: above 0.
+        temperature: temperature above 0.
     """
     return tabulate(TemperedPolicy(policy, temperature), policy.game, "a sharper policy")
 
 
-def _mean(kept: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[Floats]) -> TabulatedPolicy:
+def _mean(mixed: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[Floats]) -> TabulatedPolicy:
     """The mean of policies, weighted in every state."""
-    game = kept[0][0].game
+    game = mixed[0][0].game
     total = np.sum(weights, axis=0)
     out = np.zeros(game.n_pairs)
-    for (policy, _), weight in zip(kept, weights, strict=True):
-        share = weight / np.maximum(total, 1e-300)
+    for (policy, _), weight in zip(mixed, weights, strict=True):
+        posterior = weight / np.maximum(total, 1e-300)
         for block in range(game.n_blocks):
-            part = share[game.block_states(block)][game.base_pair_state]
+            part = posterior[game.block_states(block)][game.base_pair_state]
             out[game.block_pairs(block)] += part * policy.block_probabilities(block)
     return from_pair_probabilities(game, out)
+
+
+def meta_strategy(solver: MetaSolver, values: npt.ArrayLike) -> F64:
+    """``[N]`` probabilities of the policies of a population.
+
+    Args:
+        solver: the meta-solver.
+        values: ``[N, N]`` value of the row against the column, antisymmetric.
+    """
+    strategy = _SOLVERS[solver](np.asarray(values, dtype=np.float64))
+    strategy = np.where(strategy >= min(_MIN_PROBABILITY, float(strategy.max())), strategy, 0.0)
+    return np.asarray(strategy / strategy.sum())
+
+
+def respond(policies: Sequence[TabulatedPolicy], probabilities: Floats) -> tuple[TabulatedPolicy, exact.Response]:
+    """A mixture as one policy, and the exact best response to it.
+
+    Args:
+        policies: policies of the mixture.
+        probabilities: ``[K]`` their probabilities.
+    """
+    mixture = merged(policies, probabilities, merged(policies, probabilities))
+    return mixture, exact.best_response(mixture, tolerance=TOLERANCE)

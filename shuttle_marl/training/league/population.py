@@ -1,7 +1,4 @@
-"""The policies of a league so far, each frozen and stored once under the hash of its table, and what they win against each other.
-
-Payoffs are exact: every pair that is asked for is solved once, and never again.
-"""
+"""Population of a league: frozen policies, stored by the hashes of their tables, and their exact payoffs."""
 
 import collections
 import dataclasses
@@ -25,24 +22,24 @@ from shuttle_marl.training.league.config import LeagueTrainingError
 TABLES: Final = "tables"
 """Folder of the tables in the folder of a run."""
 TOLERANCE: Final = 1e-5
-"""Error bound of the values behind payoffs and exploitability, far below what training can tell apart."""
+"""Error bound of payoffs and exploitability, far below the noise of training."""
 _CHAIN_BYTES: Final = 2 << 30
-"""Memory for chains of policies; a policy that is not among those kept is read again."""
+"""Memory of the cache of induced chains."""
 
 
 class Tables:
-    """Tables of policies in a folder, by hash.
+    """Tables of policies in the folder of a run, by hash.
 
     Args:
-        folder: of the run.
-        game: of the policies.
+        folder: folder of the run.
+        game: game of the policies.
     """
 
     def __init__(self, folder: Path, game: Game) -> None:
         self._folder, self._game = folder, game
 
-    def keep(self, policy: TabulatedPolicy) -> str:
-        """Store a policy, unless it is there; returns its hash."""
+    def save(self, policy: TabulatedPolicy) -> str:
+        """Save a policy unless it exists, and return its hash."""
         name = policy.hash
         path = self.path(self._folder, name)
         if not path.exists():
@@ -50,10 +47,10 @@ class Tables:
         return name
 
     def read(self, name: str) -> TabulatedPolicy:
-        """The policy of a hash.
+        """Read the policy of a hash.
 
         Raises:
-            LeagueTrainingError: it is missing or damaged.
+            LeagueTrainingError: the file is missing or damaged.
         """
         path = self.path(self._folder, name)
         size = 2 * self._game.n_pairs
@@ -63,15 +60,15 @@ class Tables:
             cumulative = np.frombuffer(content, np.uint16)
             policy = TabulatedPolicy(game=self._game, cumulative=cumulative)
             if len(cumulative) != self._game.n_pairs or policy.hash != name:
-                raise FileReadError("it does not fit the hash in its name")
+                raise FileReadError("it does not match the hash in its name")
         except (OSError, zstandard.ZstdError, FileReadError) as error:
             raise LeagueTrainingError(f"{path}: cannot be read ({problem(error)}); train again with --overwrite") from error
         return policy
 
-    def forget(self, kept: Collection[str]) -> None:
-        """Delete the tables of all policies but some, by hash."""
+    def prune(self, retained: Collection[str]) -> None:
+        """Delete all tables except those of the given hashes."""
         for path in (self._folder / TABLES).glob("*.zst"):
-            if path.stem not in kept:
+            if path.stem not in retained:
                 path.unlink(missing_ok=True)
 
     @staticmethod
@@ -82,13 +79,13 @@ class Tables:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Frozen:
-    """A policy that does not change any more.
+    """A frozen policy.
 
     Attributes:
-        name: such as ``bc``, ``main-agent-0@3`` (the first main agent after round 3) or ``best-response:main-agent-0@3``.
+        name: name, such as ``bc``, ``main-agent-0@3`` (the first main agent after round 3) or ``best-response:main-agent-0@3``.
         role: ``given``, ``main``, ``main-exploiter``, ``league-exploiter``, ``best-response`` or ``oracle``.
-        round: after which it joined; 0 for those given.
-        hash: of its table.
+        round: round after which it joined; 0 for initial policies.
+        hash: hash of its table.
     """
 
     name: str
@@ -98,11 +95,11 @@ class Frozen:
 
 
 class Payoffs:
-    """Odds of pairs of policies, solved when they are first asked for.
+    """Odds of pairs of policies, each solved once, when it is first needed.
 
     Args:
-        tables: of the policies.
-        cells: what is known already, as :meth:`as_json` gave it.
+        tables: tables of the policies.
+        cells: solved pairs, from :meth:`as_json`.
     """
 
     def __init__(self, tables: Tables, cells: Mapping[str, Sequence[float]] = {}) -> None:
@@ -113,15 +110,15 @@ class Payoffs:
             self._cells[a, b] = (float(first), float(second))
         self._chains: collections.OrderedDict[str, InducedChain] = collections.OrderedDict()
         self.solved = 0
-        """Pairs that were solved, not known before."""
+        """Number of solved pairs, without those in ``cells``."""
 
-    def as_json(self, kept: Collection[str]) -> dict[str, list[float]]:
-        """The odds of some policies that are known: by two hashes, probabilities that each wins a rally that it serves."""
+    def as_json(self, retained: Collection[str]) -> dict[str, list[float]]:
+        """Solved pairs of the given hashes: by two hashes, the probability that each wins a rally that it serves."""
         cells = sorted(self._cells.items())
-        return {f"{a} {b}": [first, second] for (a, b), (first, second) in cells if a in kept and b in kept}
+        return {f"{a} {b}": [first, second] for (a, b), (first, second) in cells if a in retained and b in retained}
 
     def odds(self, policy: str, others: Iterable[str]) -> list[Odds]:
-        """Odds of a policy against each of some others, by hash."""
+        """Odds of a policy against others, by hash."""
         others = list(others)
         missing = sorted({_pair(policy, other) for other in others} - self._cells.keys())
         missing = [pair for pair in missing if pair[0] != pair[1]]
@@ -135,20 +132,20 @@ class Payoffs:
 
     def _odds(self, policy: str, other: str) -> Odds:
         if policy == other:
-            return Odds(serving=0.5, receiving=0.5, error_bound=TOLERANCE)  # of both together: what one wins the other loses
+            return Odds(serving=0.5, receiving=0.5, error_bound=TOLERANCE)  # zero-sum
         a, b = self._cells[_pair(policy, other)]
         mine, theirs = (a, b) if policy < other else (b, a)
         return Odds(serving=mine, receiving=1 - theirs, error_bound=TOLERANCE / 2)
 
     def values(self, hashes: Sequence[str]) -> F64:
-        """``[N, N]`` value of a rally of the row against the column, both serving equally often; antisymmetric."""
+        """``[N, N]`` value of a rally of the row against the column, averaged over both servers; antisymmetric."""
         out = np.zeros((len(hashes), len(hashes)))
         for i, policy in enumerate(hashes):
             out[i, :i] = [odds.value for odds in self.odds(policy, hashes[:i])]
         return np.asarray(out - out.T)
 
     def match_wins(self, policy: str, others: Sequence[str]) -> F64:
-        """``[K]`` probabilities that a policy wins a match against each of some others."""
+        """``[K]`` probabilities that a policy wins a match against others."""
         return np.array([odds.match() for odds in self.odds(policy, others)])
 
     def _chain(self, name: str) -> InducedChain:

@@ -1,9 +1,10 @@
-"""A league from its settings to its run folder: rounds of turns, each frozen, measured exactly and saved before the next."""
+"""League training: rounds of turns; policies are frozen, evaluated exactly and saved after each round."""
 
 import contextlib
 import dataclasses
 import json
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from shuttle_marl import exact, runs
+from shuttle_marl.analysis.pictures import figure, save
 from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file
@@ -19,16 +21,13 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
+from shuttle_marl.training.checkpoints import Metrics
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.mixtures import sharpened
-from shuttle_marl.training.league.picture import draw
+from shuttle_marl.training.league.mixtures import respond, sharpened
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
-from shuttle_marl.training.league.psro import respond
-from shuttle_marl.training.league.schedule import LEAST_SECONDS, Schedule
-from shuttle_marl.training.league.state import Best, LeagueState, Member
-from shuttle_marl.training.league.turns import Taken, forget, network_path
-from shuttle_marl.training.league.workers import Workers
-from shuttle_marl.training.metrics import Metrics
+from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
+from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
+from shuttle_marl.training.league.turns import Workers, network_path, prune_states
 
 METRICS: Final = "metrics.jsonl"
 RESULTS: Final = "results.json"
@@ -36,14 +35,14 @@ PICTURE: Final = "exploitability.png"
 MAIN: Final = "main.safetensors"
 """Table of the least exploitable main agent in the folder of a run."""
 AGENT: Final = "agent"
-"""Folder of its network, where it is one, before it is made sharper."""
+"""Folder of its network at temperature 1; absent for mixtures."""
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 _ENOUGH: Final = 0.5
-"""An exploiter that gains so much of what the exact best response gains has done its work."""
+"""A main exploiter succeeds if it reaches this fraction of the gain of the exact best response."""
 _BEATEN: Final = 0.7
-"""The same of a league exploiter that wins so many of its matches on average (Vinyals et al., Nature 2019)."""
+"""A league exploiter succeeds if its mean probability of winning a match reaches this (Vinyals et al., Nature 2019)."""
 _SHARPER: Final = 0.1
-"""Temperature at which a main agent is measured too: without what a bonus for entropy lets it play."""
+"""Second softmax temperature at which a main agent is evaluated, to remove the effect of the entropy bonus."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ class LeagueTraining:
 
     Attributes:
         folder: the run folder.
-        figures: as in ``results.json``.
+        figures: content of ``results.json``.
         policy: the least exploitable main agent.
     """
 
@@ -62,18 +61,18 @@ class LeagueTraining:
 
 
 def train_league(config: LeagueTrainingConfig, console: Console | None = None) -> LeagueTraining:
-    """Train a league, or continue to train it, and write its run folder.
+    """Train a league, or resume its training, and write its run folder.
 
     Args:
-        config: what to train.
-        console: shows progress; None shows nothing.
+        config: settings.
+        console: shows progress; None: silent.
 
     Raises:
-        PolicyError: a policy of the pool cannot be found or is no distribution over the legal strokes; nothing was written.
-        GameError: the model cannot be found; nothing was written.
+        PolicyError: a policy of the pool does not exist or is not a distribution over the legal strokes; nothing was written.
+        GameError: the model does not exist; nothing was written.
         RunError: the run folder cannot be used.
-        TrainingError: learning diverged, or a file of the run is damaged; the last round is whole.
-        ClusterError: the cluster cannot be used (nothing was written), or loses turns again and again.
+        TrainingError: learning diverged, or a file of the run is damaged; the last round is intact.
+        ClusterError: the cluster cannot be used (nothing was written), or lost turns repeatedly.
     """
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
@@ -102,18 +101,18 @@ class _League:
         self.config, self.game, self.folder, self.console = config, game, folder, console
         self.tables, self.metrics = Tables(folder, game), Metrics(folder / METRICS)
         saved = LeagueState.load(folder, game.hash)
-        self.metrics.cut(None if saved is None else saved.metrics)
+        self.metrics.truncate(None if saved is None else saved.metrics)
         self.state = saved or LeagueState(game=game.hash)
         if saved is None:
             for name, policy in given.items():
-                self._join(Frozen(name=name, role="given", round=0, hash=self.tables.keep(policy)))
+                self._join(Frozen(name=name, role="given", round=0, hash=self.tables.save(policy)))
         else:
             console.print(f"{folder}: continues after round {saved.round}", highlight=False, markup=False)
         self.payoffs = Payoffs(self.tables, self.state.cells)
         self.schedule = Schedule(config, self.state, self.payoffs)
         self.begun = begun - self.state.seconds
         self.longest = 0.0
-        """Seconds of the longest round of this process."""
+        """Seconds of the longest round in this process."""
 
     def go(self, cluster: Cluster | None) -> LeagueTraining:
         about = {
@@ -144,106 +143,102 @@ class _League:
             return state.round >= config.n_rounds
         if not state.round:
             return False
-        # No round is begun that would end late; turns are cut to the time that is left.
-        return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + LEAST_SECONDS) > config.seconds
-
-    # One round of psro with exact best responses
+        # A round only starts if it can end in time; turns are limited to the remaining time.
+        return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + MIN_SECONDS) > config.seconds
 
     def _oracle_round(self) -> None:
+        """One round of psro with exact best responses."""
         strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
         number = self.state.round + 1
         self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
-        found = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.keep(answer.policy))
-        # A mean of all best responses counts one that comes again (fictitious play); in other strategies it changes nothing.
-        joined = self._join(found, again=self.config.meta == "uniform")
+        response = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.save(answer.policy))
+        # The mean of all best responses counts repeated ones (fictitious play); other meta-strategies do not change.
+        joined = self._join(response, again=self.config.meta_solver == "uniform")
         self._commit(converged=not joined)
 
-    # One round of learners
-
     def _learning_round(self, workers: Workers) -> None:
+        """One round of learners."""
         state, number = self.state, self.state.round + 1
         began = self._elapsed()
         turns = self.schedule.turns(number, began)
-        taken = workers.take(self.folder, self.config, turns)
-        for done in taken:
-            member = state.members.setdefault(done.member, Member())
+        results = workers.take(self.folder, self.config, turns)
+        for result in results:
+            member = state.members.setdefault(result.member, Member())
             member.turns += 1
-            member.strokes += done.strokes
-            member.hash = done.hash
-        if self.config.way == "psro":
-            self._join_oracle(taken[0], number)
+            member.strokes += result.strokes
+            member.hash = result.hash
+        if self.config.variant == "psro":
+            self._join_oracle(results[0], number)
         else:
-            self._join_mains([done for done in taken if done.member.startswith("main-agent")], number)
-            self._join_exploiters([done for done in taken if not done.member.startswith("main-agent")], number)
-        state.overhead = round(max(0.0, self._elapsed() - began - taken[0].seconds * self.schedule.load), 2)
+            self._join_mains([each for each in results if each.member.startswith("main-agent")], number)
+            self._join_exploiters([each for each in results if not each.member.startswith("main-agent")], number)
+        state.overhead = round(max(0.0, self._elapsed() - began - results[0].seconds * self.schedule.load), 2)
         self._commit()
-        forget(self.folder, before=number)
+        prune_states(self.folder, before=number)
 
-    def _join_mains(self, taken: list[Taken], number: int) -> None:
-        for done in taken:
-            policy = self.tables.read(done.hash)
+    def _join_mains(self, results: list[TurnResult], number: int) -> None:
+        for result in results:
+            policy = self.tables.read(result.hash)
             answer = exact.best_response(policy, tolerance=TOLERANCE)
-            name = f"{done.member}@{number}"
-            self._join(Frozen(name=name, role="main", round=number, hash=done.hash))
+            name = f"{result.member}@{number}"
+            self._join(Frozen(name=name, role="main", round=number, hash=result.hash))
             sharper = sharpened(policy, _SHARPER)
             forms = [(policy, answer, 1.0), (sharper, exact.best_response(sharper, tolerance=TOLERANCE), _SHARPER)]
             self._measure(name, forms)
-            if self.config.way != "plain":
-                response = self.tables.keep(answer.policy)
+            if self.config.variant != "plain":
+                response = self.tables.save(answer.policy)
                 self._join(Frozen(name=f"best-response:{name}", role="best-response", round=number, hash=response))
 
-    def _join_exploiters(self, taken: list[Taken], number: int) -> None:
-        """Freeze the exploiters that have done their work or tried for long; they begin again with new weights."""
+    def _join_exploiters(self, results: list[TurnResult], number: int) -> None:
+        """Freeze exploiters that succeeded or ran out of patience, and reset them to new weights."""
         mains = [member.hash for name, member in self.state.members.items() if name.startswith("main-agent")]
-        for done in taken:
-            member = self.state.members[done.member]
-            role = done.member.rpartition("-")[0]
-            if member.turns >= self.config.patience or self._succeeded(role, done, mains):
-                self._join(Frozen(name=f"{done.member}@{number}", role=role, round=number, hash=done.hash))
+        for result in results:
+            member = self.state.members[result.member]
+            role = result.member.rpartition("-")[0]
+            if member.turns >= self.config.patience or self._succeeded(role, result, mains):
+                self._join(Frozen(name=f"{result.member}@{number}", role=role, round=number, hash=result.hash))
                 member.turns, member.hash = 0, ""
 
-    def _succeeded(self, role: str, done: Taken, mains: list[str]) -> bool:
+    def _succeeded(self, role: str, result: TurnResult, mains: list[str]) -> bool:
         if role == "main-exploiter":
-            odds = self.payoffs.odds(done.hash, mains)
+            odds = self.payoffs.odds(result.hash, mains)
             best = self.state.best
             return best is not None and max(each.value for each in odds) > _ENOUGH * best.exploitability
-        recent = [each.hash for each in self.state.population[-self.config.opponents :]]
-        return float(self.payoffs.match_wins(done.hash, recent).mean()) >= _BEATEN
+        recent = [each.hash for each in self.state.population[-self.config.max_opponents :]]
+        return float(self.payoffs.match_wins(result.hash, recent).mean()) >= _BEATEN
 
-    def _join_oracle(self, done: Taken, number: int) -> None:
-        """Measure the meta-strategy with the new policy in it, as the main agent."""
-        self._join(Frozen(name=f"oracle@{number}", role="oracle", round=number, hash=done.hash))
+    def _join_oracle(self, result: TurnResult, number: int) -> None:
+        """Evaluate the meta-strategy that includes the new policy, as the main agent."""
+        self._join(Frozen(name=f"oracle@{number}", role="oracle", round=number, hash=result.hash))
         strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
         population = self.state.population
         mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
         self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
 
-    # What every round ends with
-
     def _join(self, policy: Frozen, *, again: bool = False) -> bool:
-        """Add a policy, unless the same table is there and may not be there twice; returns whether it was added."""
+        """Add a policy, unless its table is in the population (``again``: also then); returns whether it was added."""
         if not again and any(each.hash == policy.hash for each in self.state.population):
             return False
         self.state.population.append(policy)
         return True
 
     def _measure(self, name: str, forms: list[tuple[TabulatedPolicy, exact.Response, float]]) -> None:
-        """Write down the figures of a main agent in its least exploitable form.
+        """Evaluate a main agent in its least exploitable form.
 
         Args:
-            name: of the policy.
-            forms: the policy as it was trained and at other temperatures, each with its best response and its temperature.
+            name: name of the policy.
+            forms: the policy at temperature 1 and others, each with its best response and its temperature.
         """
         state = self.state
         gains = [max(0.0, answer.value.odds().value) for _, answer, _ in forms]
         policy, _, temperature = forms[int(np.argmin(gains))]
         exploitability, first = min(gains), state.population[0]
-        kept = self.tables.keep(policy)
-        (odds,) = self.payoffs.odds(kept, [first.hash])
+        table = self.tables.save(policy)
+        (odds,) = self.payoffs.odds(table, [first.hash])
         line = {
             "round": state.round + 1,
             "policy": name,
@@ -259,7 +254,7 @@ class _League:
         }
         self.metrics.append(line)
         if state.best is None or exploitability < state.best.exploitability:
-            state.best = Best(name=name, hash=kept, exploitability=exploitability, temperature=temperature)
+            state.best = Best(name=name, hash=table, exploitability=exploitability, temperature=temperature)
         self.console.print(
             f"round {line['round']}, {line['seconds']:.0f} s: exploitability {exploitability:.4f} ({name}), "
             f"{odds.match():.1%} of matches won against {first.name}, {len(state.population)} policies",
@@ -271,26 +266,28 @@ class _League:
         state = self.state
         state.round += 1
         state.converged = converged
-        kept = {each.hash for each in state.population} | {member.hash for member in state.members.values()}
-        kept |= set() if state.best is None else {state.best.hash}
-        state.cells = self.payoffs.as_json(kept)
+        retained = {each.hash for each in state.population} | {member.hash for member in state.members.values()}
+        retained |= set() if state.best is None else {state.best.hash}
+        state.cells = self.payoffs.as_json(retained)
         state.seconds = round(self._elapsed(), 2)
         state.metrics = self.metrics.mark()
         state.save(self.folder)
-        # Only now: what the state before named had to be there until it was replaced.
-        self.tables.forget(kept)
+        # The previous state needed its tables until it was replaced.
+        self.tables.prune(retained)
 
     def _finish(self, about: dict[str, Any]) -> LeagueTraining:
         state = self.state
         if state.best is None:
-            raise LeagueTrainingError(f"{self.folder}: no round is over; train again with a longer --budget and --overwrite")
+            raise LeagueTrainingError(
+                f"{self.folder}: no round was completed; train again with a longer --budget and --overwrite"
+            )
         curve = [json.loads(line) for line in (self.folder / METRICS).read_text(encoding="utf-8").splitlines()]
         policy = self.tables.read(state.best.hash)
         policy.save(self.folder / MAIN, {"policy": state.best.name})
         member, _, number = state.best.name.rpartition("@")
         network = network_path(self.folder, member, int(number))
         figures = {
-            "way": self.config.way,
+            "variant": self.config.variant,
             "seed": self.config.seed,
             "main_agent": state.best.name,
             "exploitability": state.best.exploitability,
@@ -306,19 +303,50 @@ class _League:
             "curve": curve,
         }
         if network.exists():
-            card = {"algorithm": self.config.algorithm, "config": self.config.fixed(), "evaluation": _of(curve, state.best.name)}
+            card = {
+                "algorithm": self.config.algorithm,
+                "config": self.config.fixed(),
+                "evaluation": _figures(curve, state.best.name),
+            }
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
         try:
-            draw(curve, self.folder / PICTURE)
+            draw_exploitability(curve, self.folder / PICTURE)
         except ModuleNotFoundError:
-            self.console.print(f"no picture of the curve: matplotlib is not installed; {install_hint('plot')}", markup=False)
+            self.console.print(
+                f"the learning curve was not drawn: matplotlib is not installed; {install_hint('plot')}", markup=False
+            )
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)
 
 
-def _of(curve: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    """The figures of a main agent in the curve."""
-    line = next(line for line in curve if line["policy"] == name)
-    kept = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
-    return {key: line[key] for key in kept}
+def _figures(curve: list[dict[str, Any]], policy: str) -> dict[str, Any]:
+    """Figures of a main agent in the learning curve."""
+    line = next(line for line in curve if line["policy"] == policy)
+    names = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
+    return {name: line[name] for name in names}
+
+
+def draw_exploitability(curve: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Draw the exact exploitability after every round, and its minimum so far.
+
+    Args:
+        curve: lines of ``metrics.jsonl``.
+        path: file of the picture.
+
+    Raises:
+        ModuleNotFoundError: matplotlib is not installed.
+        FileWriteError: the file cannot be written.
+    """
+    seconds = [float(line["seconds"]) for line in curve]
+    exploitability = np.maximum([float(line["exploitability"]) for line in curve], 1e-6)
+    picture = figure(7.0, 4.0)
+    axes = picture.subplots()
+    axes.plot(seconds, exploitability, "o-", color="#127257", markersize=3, linewidth=1, label="after each round")
+    minimum = np.minimum.accumulate(exploitability)
+    axes.step(seconds, minimum, where="post", color="#d95f02", linewidth=1.5, label="minimum so far")
+    axes.axhline(0.02, color="0.6", linewidth=0.8, linestyle="--")
+    axes.set(xlabel="seconds", ylabel="exploitability (exact)", yscale="log")
+    axes.legend(frameon=False)
+    axes.grid(visible=True, which="both", linewidth=0.3)
+    save(picture, path)

@@ -1,30 +1,95 @@
-"""Schedule of a league: the turns of a round, each with its opponents, its length and its place in the fall of learning rates."""
+"""Schedule of a league: the turns of each round, with their opponents, durations and learning rates."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.arrays import F64, I64, Floats
 from shuttle_marl.game import draws
-from shuttle_marl.training.league import matchmaking
 from shuttle_marl.training.league.config import LeagueTrainingConfig
+from shuttle_marl.training.league.mixtures import meta_strategy
 from shuttle_marl.training.league.population import Payoffs
-from shuttle_marl.training.league.psro import meta_strategy
-from shuttle_marl.training.league.state import LeagueState, Member
-from shuttle_marl.training.league.turns import Turn
+from shuttle_marl.training.league.state import LeagueState, Member, Turn
 
-LEAST_SECONDS: Final = 0.5
-"""Of a turn."""
+MIN_SECONDS: Final = 0.5
+"""Minimum duration of a turn."""
 _DRAW_OPPONENTS: Final = 1 << 16
+"""Stream of random numbers that draws opponents."""
+FLOOR: Final = 0.02
+"""Fraction of the weight that is distributed uniformly, so that every opponent is played."""
+_HARD: Final = 2.0
+"""Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
+
+
+def uniform(count: int) -> F64:
+    """``[K]`` equal weights."""
+    return np.full(count, 1 / count) if count else np.zeros(0)
+
+
+def prioritised(win: npt.ArrayLike) -> F64:
+    """``[K]`` probabilities of opponents in prioritised fictitious self-play (Vinyals et al., Nature 2019); all are positive.
+
+    Args:
+        win: ``[K]`` probabilities that the learner beats each opponent; NaN (unknown) counts as 1/2.
+    """
+    p = np.asarray(win, dtype=np.float64)
+    p = np.clip(np.where(np.isnan(p), 0.5, p), 0.0, 1.0)
+    if not len(p):
+        return p
+    weight = (1 - p) ** _HARD
+    total = float(weight.sum())
+    # The weights vanish if every opponent is beaten with certainty.
+    fractions = weight / total if total > 1e-12 else uniform(len(p))
+    return (1 - FLOOR) * fractions + FLOOR / len(p)
+
+
+def chosen(weight: Floats, most: int, rng: np.random.Generator) -> tuple[I64, F64]:
+    """Sample the opponents of a turn.
+
+    Args:
+        weight: ``[K]`` weights of all opponents, 0 or more.
+        most: maximum number of opponents in a turn.
+        rng: generator; used if there are more, to draw them by weight without replacement.
+
+    Returns:
+        ``[M]`` indices, ascending, and ``[M]`` fractions of the rallies, which add up to 1.
+    """
+    positive = np.flatnonzero(np.asarray(weight) > 0)
+    if len(positive) <= most:
+        return positive, np.asarray(weight[positive] / weight[positive].sum()) if len(positive) else np.zeros(0)
+    p = weight[positive] / weight[positive].sum()
+    drawn = np.sort(rng.choice(positive, most, replace=False, p=p))
+    # The probability of inclusion grows with the weight already, so the fractions are uniform.
+    return drawn, uniform(most)
+
+
+def order(fractions: Sequence[float], length: int = 200) -> I64:
+    """``[length]`` indices of opponents, evenly spread; -1 is the learner itself.
+
+    Args:
+        fractions: fraction of the rallies against each opponent; the rest is self-play.
+        length: period of the order.
+    """
+    full = np.r_[max(0.0, 1 - float(np.sum(fractions))), np.asarray(fractions, dtype=np.float64)]
+    full /= full.sum()
+    owed = np.zeros(len(full))
+    out = np.empty(length, np.int64)
+    for k in range(length):
+        owed += full
+        out[k] = int(owed.argmax())
+        owed[out[k]] -= 1
+    return out - 1
 
 
 class Schedule:
-    """Makes the turns of every round.
+    """Schedules the turns of every round.
 
     Args:
-        config: of the league.
-        state: of the league, which is read.
-        payoffs: of its policies; pairs that are not known are solved.
+        config: settings of the league.
+        state: state of the league; it is not changed.
+        payoffs: payoffs of its policies; missing pairs are solved.
     """
 
     def __init__(self, config: LeagueTrainingConfig, state: LeagueState, payoffs: Payoffs) -> None:
@@ -35,50 +100,50 @@ class Schedule:
         """The turns of a round.
 
         Args:
-            number: of the round, counted from 1.
-            elapsed: seconds of the run so far.
+            number: number of the round, counted from 1.
+            elapsed: seconds since the start of the run.
         """
         config, self._elapsed = self.config, elapsed
         seconds = self._turn_seconds(number)
-        if config.way == "psro":
+        if config.variant == "psro":
             strategy = self.meta_strategy()
-            return [self._turn("oracle", number, strategy, 0.0, 1.0, seconds, share=1.0)]
+            return [self._turn("oracle", number, strategy, 0.0, 1.0, seconds, duration=1.0)]
         turns = []
         for i in range(config.main_agents):
             name = f"main-agent-{i}"
-            past = config.past if config.way != "plain" else 0.0
-            responses = config.responses if config.way != "plain" else 0.0
-            turns.append(self._turn(name, number, self._weights(name, number), responses, past, seconds, share=1.0))
-        if config.way != "plain":
+            past = config.past_fraction if config.variant != "plain" else 0.0
+            responses = config.response_fraction if config.variant != "plain" else 0.0
+            turns.append(self._turn(name, number, self._weights(name, number), responses, past, seconds, duration=1.0))
+        if config.variant != "plain":
             exploiters = [f"main-exploiter-{i}" for i in range(config.main_exploiters)]
             exploiters += [f"league-exploiter-{i}" for i in range(config.league_exploiters)]
-            for name in exploiters if config.exploiter_share else []:
+            for name in exploiters if config.exploiter_fraction else []:
                 weights = self._weights(name, number)
-                turns.append(self._turn(name, number, weights, 0.0, 1.0, seconds, share=config.exploiter_share))
+                turns.append(self._turn(name, number, weights, 0.0, 1.0, seconds, duration=config.exploiter_fraction))
         return turns
 
     def _turn_seconds(self, number: int) -> float | None:
-        """Time for the turn of a main agent, so that all rounds that are left end in time."""
+        """Duration of the turn of a main agent, such that all remaining rounds end in time."""
         config = self.config
         if config.seconds is None:
             return None
         assert config.n_rounds is not None
         left = config.seconds - self._elapsed
-        # Rounds are longer than planned where most of one would not be learning; the last one takes what is left.
+        # Rounds are at least half learning, so they may be longer than planned; the last one takes the remaining time.
         whole = max(left / max(1, config.n_rounds - number + 1), 2 * self.state.overhead)
         if left < 1.5 * whole:
             whole = left
-        return max(LEAST_SECONDS, (whole - self.state.overhead) / self.load)
+        return max(MIN_SECONDS, (whole - self.state.overhead) / self.load)
 
     @property
     def load(self) -> float:
-        """Time that the turns of a round take, as a multiple of that of a main agent."""
+        """Duration of all turns of a round, as a multiple of that of a main agent's turn."""
         config, exploiters = self.config, 0
-        if config.way == "psro":
+        if config.variant == "psro":
             return 1.0
-        if config.way != "plain":
+        if config.variant != "plain":
             exploiters = config.main_exploiters + config.league_exploiters
-        return max(1.0, (config.main_agents + exploiters * config.exploiter_share) / config.workers)
+        return max(1.0, (config.main_agents + exploiters * config.exploiter_fraction) / config.workers)
 
     def _turn(
         self,
@@ -89,22 +154,22 @@ class Schedule:
         past: float,
         seconds: float | None,
         *,
-        share: float,
+        duration: float,
     ) -> Turn:
         config, member = self.config, self.state.members.get(name, Member())
         rng = np.random.default_rng((config.seed, number, _number(name), _DRAW_OPPONENTS))
-        drawn, shares = matchmaking.chosen(weights, config.opponents, rng)
-        shares = shares * past
+        drawn, fractions = chosen(weights, config.max_opponents, rng)
+        fractions = fractions * past
         opponents = [self.state.population[i].hash for i in drawn]
-        if config.algorithm == "sac" and config.way != "plain":
-            # Its values look one stroke ahead with one sign, so its own last policy stands for itself.
-            opponents, shares = self._without_itself(name, opponents, shares, 1 - past - responses)
+        if config.algorithm == "sac" and config.variant != "plain":
+            # SAC has one sign of gamma, so it plays against its last policy instead of itself.
+            opponents, fractions = self._without_self_play(name, opponents, fractions, 1 - past - responses)
         strokes = None
         if config.strokes is not None:
             assert config.n_rounds is not None
             target = config.strokes * number // config.n_rounds - config.strokes * (number - 1) // config.n_rounds
-            strokes = max(1, round(target * share))
-        if share < 1:
+            strokes = max(1, round(target * duration))
+        if duration < 1:
             remaining = 1 - member.turns / config.patience, 1 - (member.turns + 1) / config.patience
         elif config.seconds is None or seconds is None:
             remaining = 1 - (number - 1) / (config.n_rounds or 1), 1 - number / (config.n_rounds or 1)
@@ -117,53 +182,53 @@ class Schedule:
             round=number,
             fresh=member.turns == 0,
             opponents=tuple(opponents),
-            shares=tuple(float(each) for each in shares),
-            responses=responses,
+            fractions=tuple(float(each) for each in fractions),
+            response_fraction=responses,
             strokes=strokes,
-            seconds=None if seconds is None else round(seconds * share, 3),
+            seconds=None if seconds is None else round(seconds * duration, 3),
             remaining=remaining,
             seed=int(draws.stream(config.seed, number, _number(name))[0] >> np.uint64(33)),
         )
 
-    def _without_itself(self, name: str, opponents: list[str], shares: F64, rest: float) -> tuple[list[str], F64]:
+    def _without_self_play(self, name: str, opponents: list[str], fractions: F64, rest: float) -> tuple[list[str], F64]:
         if rest <= 0:
-            return opponents, shares
+            return opponents, fractions
         if name in self.state.members:
-            return [*opponents, self.state.members[name].hash], np.r_[shares, rest]
-        return opponents, shares * (1 + rest / shares.sum())
+            return [*opponents, self.state.members[name].hash], np.r_[fractions, rest]
+        return opponents, fractions * (1 + rest / fractions.sum())
 
     def _weights(self, name: str, number: int) -> F64:
-        """``[N]`` weights of the policies so far as opponents of a learner."""
+        """``[N]`` weights of the population as opponents of a learner."""
         config, population = self.config, self.state.population
         weights = np.zeros(len(population))
-        if config.way == "plain":
+        if config.variant == "plain":
             return weights
         members = self.state.members
         mains = {member.hash for key, member in members.items() if key.startswith("main-agent")}
         if name.startswith("main-exploiter") and mains:
             return np.array([float(each.hash in mains) for each in population])
         mine = members[name].hash if name in members else ""
-        if config.way == "fictitious" or not mine:
+        if config.variant == "fictitious" or not mine:
             return weights + 1
         considered = self._considered(name, number)
         wins = self.payoffs.match_wins(mine, [population[i].hash for i in considered])
-        weights[considered] = matchmaking.prioritised(wins)
+        weights[considered] = prioritised(wins)
         return weights
 
     def _considered(self, name: str, number: int) -> I64:
-        """Policies so far whose odds are solved for prioritised matchmaking: the newest, and some of the others."""
-        count, most = len(self.state.population), self.config.opponents
+        """Indices of the policies whose odds are solved for prioritised matchmaking: the newest, and some of the others."""
+        count, most = len(self.state.population), self.config.max_opponents
         newest = np.arange(max(0, count - most // 2 - 1), count)
         rng = np.random.default_rng((self.config.seed, number, _number(name)))
         others = rng.permutation(count - len(newest))[:most]
         return np.sort(np.r_[others, newest]).astype(np.int64)
 
     def meta_strategy(self) -> F64:
-        """``[N]`` probabilities of the policies so far in psro."""
-        return meta_strategy(self.config.meta, self.payoffs.values([each.hash for each in self.state.population]))
+        """``[N]`` probabilities of the population in psro."""
+        return meta_strategy(self.config.meta_solver, self.payoffs.values([each.hash for each in self.state.population]))
 
 
 def _number(name: str) -> int:
-    """A number for the name of a learner, for its draws."""
+    """Number of a learner, for its random seed."""
     kind, _, number = name.rpartition("-")
     return {"": 0, "main-agent": 1, "main-exploiter": 2, "league-exploiter": 3}[kind] << 8 | (int(number) if kind else 0)

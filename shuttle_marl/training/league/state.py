@@ -1,6 +1,7 @@
-"""State of a league between two rounds: one file, written whole, that names all that the next round depends on."""
+"""State of a league between rounds, in one file, and the turns of a round."""
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,14 +13,67 @@ LEAGUE: Final = "league.json"
 """File of the state in the folder of a run."""
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Turn:
+    """Settings of one turn of a learner.
+
+    Attributes:
+        member: name of the learner, such as ``main-agent-0``.
+        round: number of the round, counted from 1.
+        fresh: whether the learner starts with new weights.
+        opponents: hashes of the tables of its opponents.
+        fractions: fraction of its rallies against each opponent; the rest, without ``response_fraction``, is self-play.
+        response_fraction: fraction of its rallies against the exact best response to it.
+        strokes: minimum number of its strokes; None: limited by ``seconds``.
+        seconds: time for learning; preparation and saving are not included.
+        remaining: fraction of the learner's schedule that remains at the start and at the end of the turn.
+        seed: random seed.
+    """
+
+    member: str
+    round: int
+    fresh: bool
+    opponents: tuple[str, ...]
+    fractions: tuple[float, ...]
+    response_fraction: float
+    strokes: int | None
+    seconds: float | None
+    remaining: tuple[float, float]
+    seed: int
+
+    def as_json(self) -> dict[str, Any]:
+        """The settings as JSON."""
+        fields: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
+        return fields
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TurnResult:
+    """Result of a turn.
+
+    Attributes:
+        member: name of the learner.
+        hash: hash of its table at the end.
+        strokes: number of its strokes in the turn.
+        seconds: time for learning.
+        iterations: number of iterations.
+    """
+
+    member: str
+    hash: str
+    strokes: int
+    seconds: float
+    iterations: int
+
+
 @dataclasses.dataclass(kw_only=True)
 class Member:
     """A learner.
 
     Attributes:
-        turns: since it began with new weights.
-        strokes: in all.
-        hash: of its present table; empty before its first turn with these weights.
+        turns: number of turns with its current weights.
+        strokes: total number of strokes.
+        hash: hash of its current table; empty before its first turn with new weights.
     """
 
     turns: int = 0
@@ -32,10 +86,10 @@ class Best:
     """The least exploitable main agent so far.
 
     Attributes:
-        name: of the policy, such as ``main-agent-0@3``.
-        hash: of its table.
-        exploitability: what a best response to it gains.
-        temperature: at which its network is played; 1 for a mixture.
+        name: name of the policy, such as ``main-agent-0@3``.
+        hash: hash of its table.
+        exploitability: gain of a best response to it.
+        temperature: softmax temperature of its network; 1 for a mixture.
     """
 
     name: str
@@ -46,19 +100,19 @@ class Best:
 
 @dataclasses.dataclass(kw_only=True)
 class LeagueState:
-    """Everything between two rounds.
+    """State between two rounds.
 
     Attributes:
         game: hash of the game.
-        round: rounds that are over.
+        round: number of completed rounds.
         population: frozen policies, in the order in which they joined.
         members: learners by name.
-        cells: payoffs that are known; see :class:`~shuttle_marl.training.league.population.Payoffs`.
-        best: None before the first round is over.
-        converged: whether the last best response of psro was there already.
-        seconds: of the whole run so far.
+        cells: solved payoffs, see :class:`~shuttle_marl.training.league.population.Payoffs`.
+        best: least exploitable main agent; None before the first round.
+        converged: whether the last best response of psro was in the population already.
+        seconds: duration of the run so far.
         overhead: seconds of the last round in which its main agent did not learn.
-        metrics: what :class:`~shuttle_marl.training.metrics.Metrics` needs to cut what came later.
+        metrics: mark of the evaluations, see :meth:`shuttle_marl.training.checkpoints.Metrics.truncate`.
     """
 
     game: str
@@ -73,15 +127,15 @@ class LeagueState:
     metrics: dict[str, Any] | None = None
 
     def save(self, folder: Path) -> None:
-        """Write the state into the folder of its run."""
+        """Write the state to the folder of its run."""
         replace_file(folder / LEAGUE, seal(dataclasses.asdict(self)))
 
     @classmethod
     def load(cls, folder: Path, game: str) -> "LeagueState | None":
-        """The state in a folder; None before the first one was written.
+        """The state in a folder; None if there is none.
 
         Raises:
-            LeagueTrainingError: it is damaged, or of another game.
+            LeagueTrainingError: the file is damaged, or of another game.
         """
         path = folder / LEAGUE
         if not path.exists():

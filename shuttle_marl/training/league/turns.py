@@ -1,16 +1,18 @@
-"""A turn of one learner: from its last state, against frozen opponents, to its next state and a frozen policy.
+"""Turns of a league: a learner continues from its last state against frozen opponents, and its new policy is frozen.
 
-What a turn does follows from its settings and the files that it reads alone, so it does not matter which process takes it, and
-what else runs. It leaves its results in files of its own, the description last: a turn that is there whole is not taken again.
+The result of a turn depends on its settings and its input files alone, so it does not matter which process takes it. It writes
+its output files, the description last; completed turns are skipped on resume. On a cluster no folder is shared: input files are
+sent with a turn, and output files are sent back.
 """
 
 import dataclasses
 import hashlib
-import json
+import multiprocessing
+import tempfile
 import time
-from collections import OrderedDict
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,111 +22,59 @@ from safetensors.numpy import save as save_arrays
 from safetensors.torch import load, save
 
 from shuttle_marl import exact
-from shuttle_marl.files import FileReadError, open_file, read_sealed, replace_file, seal
+from shuttle_marl.cluster import Cluster, Task
+from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.training.a2c import A2CConfig, make_a2c
-from shuttle_marl.training.collecting import SEEDS, RallyCollector
-from shuttle_marl.training.config import SELF, TrainingConfig
+from shuttle_marl.training.config import SELF, A2CConfig, DivergedError, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.matchmaking import order
 from shuttle_marl.training.league.population import Tables
-from shuttle_marl.training.learner import DivergedError, Learner, Tensors, check_finite
+from shuttle_marl.training.league.schedule import order
+from shuttle_marl.training.league.state import Turn, TurnResult
+from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
 from shuttle_marl.training.networks import tabulated, weights_of
-from shuttle_marl.training.ppo import PPOConfig, make_ppo
-from shuttle_marl.training.sac import SACConfig, make_sac
+from shuttle_marl.training.run import LEARNERS as ALGORITHMS
+from shuttle_marl.training.study import end_with_parent
 
 LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
-_MAKE: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": make_ppo, "a2c": make_a2c, "sac": make_sac}
 _CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
 _TOLERANCE: Final = 1e-4
+_ATTEMPTS: Final = 3
+"""Number of times that workers may die in one round."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Turn:
-    """Settings of one turn.
-
-    Attributes:
-        member: name of the learner, such as ``main-agent-0``.
-        round: counted from 1.
-        fresh: whether it begins with new weights.
-        opponents: hashes of tables.
-        shares: of its rallies, by opponent; what they and ``responses`` lack to 1 it plays against itself.
-        responses: share of its rallies against the exact best response to it.
-        strokes: least number of its strokes; None: ``seconds`` decides.
-        seconds: of learning; what is made before and after comes on top.
-        remaining: share of the learner's whole schedule that is left at the beginning and at the end.
-        seed: of all draws.
-    """
-
-    member: str
-    round: int
-    fresh: bool
-    opponents: tuple[str, ...]
-    shares: tuple[float, ...]
-    responses: float
-    strokes: int | None
-    seconds: float | None
-    remaining: tuple[float, float]
-    seed: int
-
-    def as_json(self) -> dict[str, Any]:
-        """The settings as JSON."""
-        fields: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
-        return fields
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Taken:
-    """Results of a turn.
-
-    Attributes:
-        member: name of the learner.
-        hash: of its table at the end.
-        strokes: of the learner in the turn.
-        seconds: of learning.
-        iterations: of the turn.
-    """
-
-    member: str
-    hash: str
-    strokes: int
-    seconds: float
-    iterations: int
-
-
-def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game | None = None) -> Taken:
-    """Take a turn, or read its results where it was taken already.
+def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game | None = None) -> TurnResult:
+    """Take a turn, or read its result if it is complete.
 
     Args:
-        folder: of the run.
-        config: of the league.
-        turn: the turn.
-        game: of the league; None: found by its name.
+        folder: folder of the run.
+        config: settings of the league.
+        turn: settings of the turn.
+        game: game of the league; None: it is resolved by its name.
 
     Raises:
-        DivergedError: a weight or a loss became no finite number.
-        LeagueTrainingError: a file that the turn needs is missing or damaged.
+        DivergedError: a weight or a loss became infinite or NaN.
+        LeagueTrainingError: an input file is missing or damaged.
     """
-    done = results(folder, turn)
-    if done is not None:
-        return done
+    result = completed(folder, turn)
+    if result is not None:
+        return result
     return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
 
 
-def needed(turn: Turn) -> list[Path]:
+def input_files(turn: Turn) -> list[Path]:
     """Files in the folder of a run that a turn reads."""
     before = [] if turn.fresh else _paths(Path(), turn.member, turn.round - 1)
     return [*(Tables.path(Path(), name) for name in turn.opponents), *before]
 
 
-def made(turn: Turn, taken: Taken) -> list[Path]:
-    """Files in the folder of a run that a turn leaves, the one that says that all are there last."""
+def output_files(turn: Turn, result: TurnResult) -> list[Path]:
+    """Files in the folder of a run that a turn writes, the description last."""
     about, state = _paths(Path(), turn.member, turn.round)
-    return [Tables.path(Path(), taken.hash), network_path(Path(), turn.member, turn.round), state, about]
+    return [Tables.path(Path(), result.hash), network_path(Path(), turn.member, turn.round), state, about]
 
 
 def network_path(folder: Path, member: str, number: int) -> Path:
@@ -132,15 +82,15 @@ def network_path(folder: Path, member: str, number: int) -> Path:
     return folder / LEARNERS / f"{member}-{number}.network.safetensors"
 
 
-def forget(folder: Path, before: int) -> None:
-    """Delete the states of learners of the rounds before one; their frozen policies and networks stay."""
+def prune_states(folder: Path, before: int) -> None:
+    """Delete the states of learners of rounds before one; frozen policies and networks are not deleted."""
     for path in (folder / LEARNERS).glob("*.state.safetensors"):
         if int(path.name.partition(".")[0].rpartition("-")[2]) < before:
             path.unlink(missing_ok=True)
 
 
-def results(folder: Path, turn: Turn) -> Taken | None:
-    """The results of a turn that was taken; None if they are not there, or not whole."""
+def completed(folder: Path, turn: Turn) -> TurnResult | None:
+    """The result of a completed turn; None if its files are missing or damaged."""
     about_path, state_path = _paths(folder, turn.member, turn.round)
     try:
         about = read_sealed(about_path)
@@ -148,7 +98,7 @@ def results(folder: Path, turn: Turn) -> Taken | None:
         return None
     if about.get("turn") != turn.as_json() or not state_path.exists():
         return None
-    return Taken(**about["taken"])
+    return TurnResult(**about["result"])
 
 
 def _paths(folder: Path, member: str, number: int) -> tuple[Path, Path]:
@@ -156,18 +106,13 @@ def _paths(folder: Path, member: str, number: int) -> tuple[Path, Path]:
     return stem.with_name(f"{stem.name}.json"), stem.with_name(f"{stem.name}.state.safetensors")
 
 
-def learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> TrainingConfig:
-    """Settings of the learners of a league.
-
-    Args:
-        config: of the league.
-        self_play: whether the learner meets itself alone, or may (ppo and a2c): then what follows a stroke is the opponent's.
-    """
+def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> TrainingConfig:
+    """Settings of a learner; ``self_play``: whether gamma is -1, because it may play against itself."""
     changed: dict[str, Any] = {"width": config.width, "opponent": (SELF,) if self_play else ("bc",)}
     if config.algorithm != "sac":
         changed["entropy"] = config.entropy
     if config.algorithm == "ppo":
-        changed["sharpen_after"] = 1.0  # a policy is frozen in every round, and played at the temperature that suits it best
+        changed["anneal_after"] = 1.0  # frozen policies are evaluated at several temperatures instead
     if config.learning_rate is not None:
         changed["learning_rate"] = config.learning_rate
     if config.batch:
@@ -181,67 +126,54 @@ class _Turn:
         self.folder, self.config, self.turn, self.game = folder, config, turn, game
         self.tables = Tables(folder, game)
         opponents = [self.tables.read(name) for name in turn.opponents]
-        # The best response has the last place; before it is solved, any policy keeps the place.
-        response = [_first_stroke(self.game)] if turn.responses else []
-        alone = not opponents and not response
-        settings = learner_config(config, self_play=alone or config.algorithm != "sac")
+        if turn.response_fraction:  # replaced by the best response before the first iteration
+            opponents.append(_first_stroke(game))
+        settings = _learner_config(config, self_play=not opponents or config.algorithm != "sac")
         torch.manual_seed(turn.seed % SEEDS)
-        self.learner = _MAKE[config.algorithm](settings, self.game)
-        met = [*opponents, *response]
-        self.collector = RallyCollector(settings, self.game, met, self.learner.assess, distinct=self.learner.distinct)
+        learner = ALGORITHMS[config.algorithm](settings, game)
+        collector = RallyCollector(settings, game, opponents, learner.predict, distinct=learner.distinct)
+        self.trainer = Trainer(learner, collector, self._update_response if turn.response_fraction else None)
+        self.pending: Future[TabulatedPolicy] | None = None
         if not turn.fresh:
             self._restore()
-        self.collector.begin(turn.seed)
-        if met:
-            shares = [*turn.shares, *([turn.responses] if turn.responses else [])]
-            self.collector.sampler.assign(order(shares))
+        collector.set_seed(turn.seed)
+        if opponents:
+            responses = [turn.response_fraction] if turn.response_fraction else []
+            collector.sampler.assign(order([*turn.fractions, *responses]))
 
-    def take(self) -> Taken:
-        """Collect and learn until the turn is over, then save."""
-        turn, strokes, iterations = self.turn, 0, 0
-        self.begun = time.monotonic()
-        with ThreadPoolExecutor(1) as solver:
-            pending: Future[TabulatedPolicy] | None = None
-            share = 0.0
-            while share < 1:
-                if turn.responses and iterations % self.config.renew == 0:
-                    # Solved beside learning, and used a fixed number of iterations later, however long it takes.
-                    pending = self._renew(solver, pending)
-                first, last = turn.remaining
-                remaining = first + (last - first) * share
-                self.learner.begin(remaining)
+    def take(self) -> TurnResult:
+        """Train until the turn is over, then save."""
+        turn, trainer = self.turn, self.trainer
+        started, progress = time.monotonic(), 0.0
+        first, last = turn.remaining
+        with ThreadPoolExecutor(1) as self.solver:
+            while progress < 1:
                 try:
-                    data = self.collector.collect()
-                    self.learner.learn(data, remaining)
-                    self.learner.check_weights()
+                    trainer.iterate(first + (last - first) * progress)
                 except DivergedError as error:
                     raise DivergedError(
                         f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower "
                         "--learning-rate"
                     ) from error
-                strokes += self.collector.strokes
-                iterations += 1
-                share = self._share(strokes)
-        return self._save(strokes, iterations, round(time.monotonic() - self.begun, 2))
+                if turn.strokes is not None:
+                    progress = trainer.strokes / turn.strokes
+                else:
+                    progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
+        return self._save(round(time.monotonic() - started, 2))
 
-    def _share(self, strokes: int) -> float:
-        """Part of the turn that is done."""
-        if self.turn.strokes is not None:
-            return strokes / self.turn.strokes
-        return (time.monotonic() - self.begun) / max(self.turn.seconds or 0.0, 1e-9)
-
-    def _renew(self, solver: ThreadPoolExecutor, pending: Future[TabulatedPolicy] | None) -> Future[TabulatedPolicy]:
-        weights = weights_of(self.learner.actor)
-        solved = solver.submit(_response, weights, self.game)
-        ready = solved if pending is None else pending
-        self.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
-        return solved
+    def _update_response(self, iteration: int) -> None:
+        """Replace the last opponent by a best response; it is solved in parallel, and used one interval later."""
+        if iteration % self.config.update_interval:
+            return
+        solved = self.solver.submit(_best_response, weights_of(self.trainer.learner.actor), self.game)
+        ready, self.pending = self.pending or solved, solved
+        self.trainer.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
 
     def _restore(self) -> None:
-        """Take over the learner's state after the round before.
+        """Restore the state of the learner after the previous round.
 
         Raises:
-            LeagueTrainingError: it is missing or damaged.
+            LeagueTrainingError: the state is missing or damaged.
         """
         about_path, path = _paths(self.folder, self.turn.member, self.turn.round - 1)
         try:
@@ -249,35 +181,127 @@ class _Turn:
             with open_file(path) as file:
                 content = file.read()
             if about.get("sha256") != hashlib.sha256(content).hexdigest():
-                raise FileReadError("it does not fit its hash")
-            state = load(content)
-            self.learner.restore(state)
-            parts = ((name, state[f"collector.{name}"]) for name in ("known", "iteration"))
-            self.collector.load_state_dict(OrderedDict(parts))
+                raise FileReadError("it does not match its hash")
+            self.trainer.load_state_dict(load(content))
         except (OSError, FileReadError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
-    def _save(self, strokes: int, iterations: int, seconds: float) -> Taken:
-        turn = self.turn
-        collected = {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
-        state: Tensors = self.learner.state() | collected
-        check_finite(state.values())
-        content = save({name: tensor.clone() for name, tensor in state.items()})
+    def _save(self, seconds: float) -> TurnResult:
+        turn, trainer, policy = self.turn, self.trainer, self.trainer.learner.eval_actor
+        content = save({name: tensor.clone() for name, tensor in trainer.state_dict().items()})
         about_path, path = _paths(self.folder, turn.member, turn.round)
-        name = self.tables.keep(tabulated(self.learner.played, self.game))
-        replace_file(network_path(self.folder, turn.member, turn.round), save_arrays(weights_of(self.learner.played)))
+        name = self.tables.save(tabulated(policy, self.game))
+        replace_file(network_path(self.folder, turn.member, turn.round), save_arrays(weights_of(policy)))
         replace_file(path, content)
-        taken = Taken(member=turn.member, hash=name, strokes=strokes, seconds=seconds, iterations=iterations)
-        about = {"turn": turn.as_json(), "taken": dataclasses.asdict(taken), "sha256": hashlib.sha256(content).hexdigest()}
+        result = TurnResult(member=turn.member, hash=name, strokes=trainer.strokes, seconds=seconds, iterations=trainer.iteration)
+        about = {"turn": turn.as_json(), "result": dataclasses.asdict(result), "sha256": hashlib.sha256(content).hexdigest()}
         replace_file(about_path, seal(about))
-        return taken
+        return result
 
 
-def _response(weights: dict[str, Any], game: Game) -> TabulatedPolicy:
-    """The best response to a network."""
+def _best_response(weights: dict[str, Any], game: Game) -> TabulatedPolicy:
     return exact.best_response(PolicyNetwork.of_tensors(weights, game).table(game), tolerance=_TOLERANCE).policy
 
 
 def _first_stroke(game: Game) -> TabulatedPolicy:
-    """The policy that plays the first legal stroke everywhere."""
+    """The policy that plays the first legal stroke in every state."""
     return TabulatedPolicy(game=game, cumulative=np.full(game.n_pairs, np.iinfo(np.uint16).max, np.uint16))
+
+
+class Workers:
+    """Processes or a cluster that take turns in parallel; the results do not depend on them.
+
+    Args:
+        count: number of processes; 1: turns are taken in this process.
+        game: game of the league.
+        cluster: cluster that takes the turns instead of processes.
+    """
+
+    def __init__(self, count: int, game: Game, cluster: Cluster | None = None) -> None:
+        self._count, self._cluster = count, cluster
+        self._game = None if cluster is None else cluster.share(game)
+        self._pool: ProcessPoolExecutor | None = None
+        self._others: set[int | None] = set()
+        """Child processes that do not belong to the pool."""
+
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def take(self, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
+        """Take turns; if a worker dies, its incomplete turns are repeated.
+
+        Raises:
+            LeagueTrainingError: workers died repeatedly.
+            ClusterError: the cluster lost turns repeatedly.
+        """
+        if self._cluster is not None:
+            return self._take_on(self._cluster, folder, config, turns)
+        if self._count == 1 or len(turns) == 1:
+            return [take_turn(folder, config, turn) for turn in turns]
+        for _ in range(_ATTEMPTS):
+            try:
+                waiting = [self._started().submit(take_turn, folder, config, turn) for turn in turns]
+                return [future.result() for future in waiting]
+            except BrokenProcessPool:
+                # A worker that was starting when another one died can outlive the pool, which would wait for it forever.
+                self._pool = None
+                for child in multiprocessing.active_children():
+                    if child.pid not in self._others:
+                        child.kill()
+        raise LeagueTrainingError(
+            f"{folder}: workers died {_ATTEMPTS} times in one round, perhaps for lack of memory; continue with --resume and "
+            "fewer --workers"
+        )
+
+    def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
+        missing = [turn for turn in turns if completed(folder, turn) is None]
+        tasks: list[Task[tuple[TurnResult, dict[Path, bytes]]]] = []
+        for turn in missing:
+            files = {path: _read(folder / path) for path in input_files(turn)}
+            tasks.append(cluster.submit(take_remotely, config, turn, self._game, files))
+        for turn, task in zip(missing, tasks, strict=True):
+            result, files = task.result()
+            for path in output_files(turn, result):
+                replace_file(folder / path, files[path])
+        return [take_turn(folder, config, turn) for turn in turns]
+
+    def _started(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._others = {child.pid for child in multiprocessing.active_children()}
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=end_with_parent)
+        return self._pool
+
+
+def take_remotely(
+    config: LeagueTrainingConfig, turn: Turn, game: Game, files: dict[Path, bytes]
+) -> tuple[TurnResult, dict[Path, bytes]]:
+    """Take a turn on a machine without the folder of the run.
+
+    Args:
+        config: settings of the league.
+        turn: settings of the turn.
+        game: game of the league.
+        files: input files, by their paths in the folder of the run.
+
+    Returns:
+        The result, and the output files.
+    """
+    with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as name:
+        folder = Path(name)
+        for path, content in files.items():
+            replace_file(folder / path, content)
+        result = take_turn(folder, config, turn, game)
+        return result, {path: _read(folder / path) for path in output_files(turn, result)}
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with open_file(path) as file:
+            return file.read()
+    except OSError as error:
+        raise LeagueTrainingError(f"{path}: cannot be used ({problem(error)}); train again with --overwrite") from error
