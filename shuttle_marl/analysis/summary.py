@@ -1,4 +1,4 @@
-"""Figures of play: shot mix, tempo, endings, landings, transitions, length of rallies; and the strokes to count them from."""
+"""Summaries of play (shot mix, tempo, endings, landings, transitions, rally lengths) and the strokes that they count."""
 
 import dataclasses
 from pathlib import Path
@@ -18,32 +18,32 @@ from shuttle_marl.recording.log_file import SUFFIX
 from shuttle_marl.recording.simulate import stroke_table
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
-"""Endings of rallies: one more is a winner, all others are faults of the last striker."""
+"""Endings of rallies: a winner, or a fault of the last striker by its kind."""
 LONGEST: Final = 60
-"""Rallies of more strokes are counted with those of so many."""
+"""Largest counted length of a rally; longer rallies count as this long."""
 
 
 class AnalysisError(ShuttleError):
-    """Nothing to analyse, or a picture that cannot be drawn."""
+    """No strokes to analyse, or a picture that cannot be drawn."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Summary:
-    """Figures of the play of one player, or of all together.
+    """Summary of the play of one player, or of all players together.
 
     Attributes:
-        strokes, rallies, matches: how many there are: strokes of the player, rallies that the player was in.
+        strokes, rallies, matches: number of strokes by the player, and of rallies and matches with the player.
         shots: ``[13]`` share of each shot type.
-        areas: ``[9]`` share of each area among the landings in court.
-        points: ``[M, 2]`` landing points of good strokes [m], the striker's frame.
-        marked: whether the points were marked in matches; else they were drawn within the areas.
-        transitions: ``[13, 13]`` how often a shot type (row) was answered by the player with another (column).
-        endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that the player's strokes ended.
-        lengths: ``[61]`` how many rallies had so many strokes.
+        areas: ``[9]`` share of each target area among the landings in court.
+        points: ``[M, 2]`` landing points of good strokes in the striker's frame [m].
+        marked: whether the points were annotated; otherwise they were sampled within the areas.
+        transitions: ``[13, 13]`` number of replies of the player by incoming shot type (row) and own shot type (column).
+        endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that ended with the player's stroke.
+        lengths: ``[61]`` number of rallies by number of strokes.
         length: mean number of strokes of a rally.
-        seconds: mean time from the opponent's stroke to the player's [s], NaN where no times are known.
-        wins: share of the rallies won; for all together, by the server.
-        value: mean value added by a stroke, NaN where no values were added.
+        seconds: mean time from the opponent's stroke to the player's [s]; NaN without times.
+        wins: share of the rallies won; for all players together, won by the server.
+        value: mean value added by a stroke; NaN without values.
     """
 
     strokes: int
@@ -63,29 +63,29 @@ class Summary:
 
 
 def rally_table(strokes: pa.Table) -> pa.Table:
-    """One row a rally of a stroke table.
+    """Table with one row per rally of a stroke table.
 
     Returns:
-        Columns ``match``, ``discipline`` (text), ``game`` (int8), ``rally`` (int16), ``first`` (int64, row of the first stroke
-        kept), ``length`` (int16, number of the last stroke), ``server``, ``receiver`` (text), ``winner`` (text, null if not
-        known), ``ending`` (dictionary of :data:`ENDINGS`), ``last_shot`` (int8), and ``seconds`` (float64, from the first stroke
-        kept to the last, null where a time is not known).
+        Columns ``match``, ``discipline`` (text), ``game`` (int8), ``rally`` (int16), ``first`` (int64, row of the first recorded
+        stroke), ``length`` (int16, number of the last stroke), ``server``, ``receiver`` (text), ``winner`` (text, null if
+        unknown), ``ending`` (dictionary of :data:`ENDINGS`), ``last_shot`` (int8), and ``seconds`` (float64, from the first
+        recorded stroke to the last, null if a time is unknown).
     """
     frame = _Frame(strokes)
     first, last = frame.first, frame.last
-    taken = {name: strokes[name].take(pa.array(first)) for name in ("match", "discipline", "game", "rally")}
+    columns = {name: strokes[name].take(pa.array(first)) for name in ("match", "discipline", "game", "rally")}
     names = [strokes[name].to_numpy(zero_copy_only=False).astype(object) for name in ("player", "opponent")]
-    struck = frame.stroke[first] % 2 == 1  # who struck the first stroke kept served if its number is odd
+    served = frame.stroke[first] % 2 == 1  # strokes with odd numbers are the server's
     ended = frame.outcome[last]
     won = np.where(ended == Outcome.WINNER, names[0][last], np.where(ended == Outcome.FAULT, names[1][last], None))
     clock = frame.clock[last] - frame.clock[first]
     return pa.table(
         {
-            **taken,
+            **columns,
             "first": first,
             "length": frame.stroke[last].astype(np.int16),
-            "server": pa.array(np.where(struck, names[0][first], names[1][first]), pa.string()),
-            "receiver": pa.array(np.where(struck, names[1][first], names[0][first]), pa.string()),
+            "server": pa.array(np.where(served, names[0][first], names[1][first]), pa.string()),
+            "receiver": pa.array(np.where(served, names[1][first], names[0][first]), pa.string()),
             "winner": pa.array(won, pa.string()),
             "ending": pa.DictionaryArray.from_arrays(pa.array(frame.ending[last], pa.int8()), pa.array(ENDINGS)),
             "last_shot": frame.shot[last].astype(np.int8),
@@ -95,14 +95,14 @@ def rally_table(strokes: pa.Table) -> pa.Table:
 
 
 def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
-    """Figures of one player, or of all.
+    """Summarise the play of one player, or of all players.
 
     Args:
         strokes: of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order.
-        player: whose strokes and rallies; None: everyone's.
+        player: name of the player; None: all players.
 
     Raises:
-        AnalysisError: the player has no stroke.
+        AnalysisError: the table has no stroke of the player.
     """
     frame = _Frame(strokes)
     rallies = rally_table(strokes)
@@ -115,7 +115,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         won = winner == player
     if not mine.any():
         raise AnalysisError(
-            f"no stroke of {player or 'anyone'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
+            f"no strokes of {player or 'any player'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
         )
     decided = present & rallies["winner"].is_valid().to_numpy()
     good = mine & (frame.outcome != Outcome.FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
@@ -149,13 +149,13 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
 
 
 def players_of(strokes: pa.Table) -> list[str]:
-    """Everyone who strikes, most strokes first."""
+    """Names of the players, most strokes first."""
     counted = strokes["player"].value_counts().to_pylist()
     return [entry["values"] for entry in sorted(counted, key=lambda entry: (-entry["counts"], entry["values"]))]
 
 
 class _Frame:
-    """Columns of a stroke table as arrays, and where its rallies begin and end."""
+    """Columns of a stroke table as arrays, with the first and last row of each rally."""
 
     def __init__(self, strokes: pa.Table) -> None:
         def column(name: str) -> F64:
@@ -184,24 +184,24 @@ def _shares(numbers: I64, size: int) -> F64:
 
 
 RALLIES = 20_000
-"""About so many rallies of a log are looked at, unless more are asked for."""
+"""Default approximate number of rallies sampled from a log."""
 
 
 def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:
-    """The strokes of a rally log (a file or a folder of logs), of a Parquet file, or of a folder with annotated matches.
+    """Strokes of a rally log (a file or a folder of logs), of a Parquet file, or of a folder with annotated matches.
 
     Args:
-        path: where they are.
-        rallies: about how many rallies of a log are taken.
-        seed: of the points and times that a log does not hold.
+        path: the log, file or folder.
+        rallies: approximate number of rallies sampled from a log.
+        seed: random seed of points and times, which logs do not hold.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        RecordingError: a log that cannot be read.
-        DataError: no such file, or an unreadable one.
-        AnalysisError: there is no stroke in it.
+        RecordingError: the log cannot be read.
+        DataError: the file is missing or cannot be read.
+        AnalysisError: there are no strokes.
     """
     if path.suffix == SUFFIX or (path.is_dir() and any(path.glob(f"*{SUFFIX}"))):
         with RallyLog(path) as log:
@@ -209,21 +209,21 @@ def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table
     else:
         strokes = load_strokes(path)
     if not strokes.num_rows:
-        raise AnalysisError(f"{path}: holds no stroke; play or convert some first")
+        raise AnalysisError(f"{path}: no strokes; record or convert some first")
     return strokes
 
 
 def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:
-    """Strokes of a rally log in the schema of annotated matches, of all its pairings about equally many rallies.
+    """Strokes of a rally log in the schema of annotated matches, with about the same number of rallies from each pairing.
 
-    A log holds decisions and outcomes; points on the court and times are drawn as in simulated tables
-    (:func:`shuttle_marl.recording.simulate.stroke_table`). A match is named by its pairing and its number; where every
-    rally stands for itself, it is a match of its own. Matches are whole but for those that two batches of the log share.
+    A log holds decisions and outcomes; points on the court and times are sampled as in simulated tables
+    (:func:`shuttle_marl.recording.simulate.stroke_table`). Matches are named by pairing and number; a single rally counts as a
+    match. Matches are complete, except those that span two batches of the log.
 
     Args:
         log: the log.
-        rallies: about how many rallies are taken; all if the log has no more.
-        seed: of points and times.
+        rallies: approximate number of rallies; all if the log has no more.
+        seed: random seed of points and times.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``.
@@ -232,30 +232,30 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     if not log.n_rallies:
         return STROKES.empty_table()
     if rallies >= log.n_rallies:
-        return pa.concat_tables([_table(log, found, rng) for _, found in log.batches()])
+        return pa.concat_tables([_table(log, batch, rng) for _, batch in log.batches()])
     each = -(-rallies // len(log.pairings))
     parts = [part for pairing in range(len(log.pairings)) for part in _sample(log, pairing, each)]
     return pa.concat_tables([_table(log, part, rng) for part in parts])
 
 
 def _sample(log: RallyLog, pairing: int, wanted: int) -> list[Rallies]:
-    """About so many rallies of a pairing, from batches spread over the log."""
+    """About ``wanted`` rallies of a pairing, from batches spread over the log."""
     batches = log.batches_of_pairing(pairing)
-    # Multiples of the golden ratio: however many are taken, they are spread evenly.
+    # A golden-ratio sequence: any number of its first terms is spread evenly.
     spread = batches[np.argsort(np.arange(len(batches)) * 0.6180339887498949 % 1, kind="stable")]
-    found: list[Rallies] = []
+    parts: list[Rallies] = []
     for batch in spread.tolist():
         rallies = log.batch(batch)[1]
         rallies = rallies.select(rallies.pairing == pairing)
         _, first, place = np.unique(rallies.match, return_index=True, return_inverse=True)
-        # The matches that begin before enough rallies have come.
+        # Matches that begin within the first `wanted` rallies.
         rallies = rallies.select(first[place] < wanted)
         if len(rallies):
-            found.append(rallies)
+            parts.append(rallies)
             wanted -= len(rallies)
         if wanted <= 0:
             break
-    return found
+    return parts
 
 
 def _table(log: RallyLog, rallies: Rallies, rng: np.random.Generator) -> pa.Table:

@@ -1,6 +1,7 @@
-"""``python -m shuttle_marl.analysis``: figures and pictures of recorded rallies, beside real matches."""
+"""``python -m shuttle_marl.analysis``: summaries and pictures of recorded rallies, compared with real matches."""
 
 import dataclasses
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,19 +30,19 @@ def analysis(
     rallies: int = 20_000,
     json: bool = False,
 ) -> None:
-    """Say how each player of a rally log, or of annotated matches, plays, and what their strokes are worth.
+    """Summarise the play of every player of a rally log or of annotated matches, with the value of their strokes.
 
     Args:
         path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
-        against: another of these to compare with, for example real matches; all its players count as one.
+        against: another of these for comparison, for example real matches; all its players are counted together.
         out: folder for pictures (the extra `plot`) and tables of rallies and strokes.
         reference: policy whose play the values assume.
         game: model on whose game values are computed: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.
-        rallies: about how many rallies of a log are looked at, of each pairing as many.
+        rallies: approximate number of rallies sampled from a log, the same number from each pairing.
         json: print JSON.
     """
-    from shuttle_marl import table_files  # noqa: PLC0415  what computes is not needed to show the flags
+    from shuttle_marl import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
@@ -50,20 +51,19 @@ def analysis(
     tables = resolve_game(game, profile)
     policy = tabulate(resolve(reference, tables), tables, reference)
     valued = add_values(strokes_of(path, rallies=rallies), policy)
-    found = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
+    summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        found[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
+        summaries[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
     if out is not None:
         table_files.write_parquet(out / "strokes.parquet", valued)
         table_files.write_parquet(out / "rallies.parquet", rally_table(valued))
-        everyone = "all together"
-        beside = (everyone, summarise(valued)) if against is None else (against.resolve().name, found[against.resolve().name])
-        _draw(out, found, beside)
-    _print(found, _ratings(path), as_json=json)
+        name = "all together" if against is None else against.resolve().name
+        _draw(out, summaries, name, summarise(valued) if against is None else summaries[name])
+    (_print_json if json else _print_table)(summaries, _ratings(path))
 
 
 def _ratings(path: Path) -> dict[str, float]:
-    """Ratings of the players by name, from the report of the tournament that wrote the log; empty if there is none."""
+    """Ratings of the players by name, from the report beside the log; empty without a report."""
     import json  # noqa: PLC0415  the flag has its name
 
     from shuttle_marl.league.folder import REPORT  # noqa: PLC0415
@@ -75,30 +75,25 @@ def _ratings(path: Path) -> dict[str, float]:
         return {}
 
 
-def _draw(out: Path, found: dict[str, "Summary"], beside: tuple[str, "Summary"]) -> None:
+def _draw(out: Path, summaries: dict[str, "Summary"], name: str, reference: "Summary") -> None:
+    """Draw the first players and the last one, compared with a reference."""
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
 
-    names = list(found)
-    shown = {name: found[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
-    pictures.save(pictures.landings(shown, beside[1], beside[0]), out / "landings.png")
-    pictures.save(pictures.shot_mix(shown), out / "shots.png")
-    for name, summary in shown.items():
-        file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name)
-        pictures.save(pictures.transitions(summary, name), out / f"replies-{file}.png")
+    names = list(summaries)
+    drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
+    pictures.save(pictures.landings(drawn, reference, name), out / "landings.png")
+    pictures.save(pictures.shot_mix(drawn), out / "shots.png")
+    for player, summary in drawn.items():
+        file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
+        pictures.save(pictures.transitions(summary, player), out / f"replies-{file}.png")
 
 
-def _print(found: dict[str, "Summary"], ratings: dict[str, float], *, as_json: bool) -> None:
+def _print_json(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
     import json  # noqa: PLC0415  the flag has its name
-    import math  # noqa: PLC0415
 
     import numpy as np  # noqa: PLC0415
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
-    from rich.console import Console  # noqa: PLC0415
-    from rich.markup import escape  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
 
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
-    from shuttle_marl.errors import printable  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
@@ -106,17 +101,27 @@ def _print(found: dict[str, "Summary"], ratings: dict[str, float], *, as_json: b
             return value.tolist()
         return None if isinstance(value, float) and math.isnan(value) else value
 
-    if as_json:
-        listed = {name: {f.name: plain(getattr(s, f.name)) for f in dataclasses.fields(s)} for name, s in found.items()}
-        for name, s in found.items():
-            del listed[name]["points"]
-            listed[name] |= {
-                "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
-                "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
-                "rating": ratings.get(name),
-            }
-        sys.stdout.write(json.dumps(listed) + "\n")
-        return
+    listed = {
+        name: {f.name: plain(getattr(s, f.name)) for f in dataclasses.fields(s) if f.name != "points"}
+        | {
+            "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
+            "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
+            "rating": ratings.get(name),
+        }
+        for name, s in summaries.items()
+    }
+    sys.stdout.write(json.dumps(listed) + "\n")
+
+
+def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
+    import numpy as np  # noqa: PLC0415
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.markup import escape  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from shuttle_marl.errors import printable  # noqa: PLC0415
+    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     def cell(value: float, scale: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{scale * value:.{digits}f}"
@@ -124,8 +129,7 @@ def _print(found: dict[str, "Summary"], ratings: dict[str, float], *, as_json: b
     table = Table(box=SIMPLE_HEAD)
     for heading in ("", "strokes", "won", *(["rating"] if ratings else []), "length", "tempo", "winners", "value", "most played"):
         table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=heading != "most played")
-    for name, s in found.items():
-        most = ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2])
+    for name, s in summaries.items():
         table.add_row(
             escape(printable(name)),
             f"{s.strokes:,}",
@@ -135,14 +139,14 @@ def _print(found: dict[str, "Summary"], ratings: dict[str, float], *, as_json: b
             cell(s.seconds, 1, 2),
             cell(float(s.endings[0]), 100, 0),
             cell(s.value, 100, 2),
-            most,
+            ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2]),
         )
     console = Console(highlight=False, width=max(Console().width, 100))
     console.print(table)
     console.print(
-        "won: % of the rallies, of all together of the server; rating: in the tournament [Elo points];\n"
-        "length: strokes a rally; tempo: seconds between two strokes;\n"
-        "winners: % of the strokes that ended a rally; value: points that 100 strokes added"
+        "won: rallies won [%], of all players together by the server; rating: Elo rating in the tournament;\n"
+        "length: strokes per rally; tempo: seconds between two strokes;\n"
+        "winners: winners among the strokes that ended a rally [%]; value: points added by 100 strokes"
     )
 
 

@@ -40,7 +40,7 @@ _HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --t
 
 
 def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
-    """Describe the content of a log.
+    """Print the contents of a log.
 
     Args:
         path: a rally log, or a folder of them.
@@ -67,47 +67,47 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
             "software": list(dict.fromkeys(header.software for header in headers)),
         }
     if json_output:
-        _say(json.dumps(facts))
+        _print(json.dumps(facts))
         return
     for name, fact in facts.items():
         words = [printable(str(each)) for each in (fact if isinstance(fact, list) else [fact])]
-        _say(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
+        _print(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
 
 
 def check(path: Log, *, game: str = "default", profile: Profile | None = None, replay: bool = True) -> None:
-    """Check checksums, numbers, scores, and by playing it again every stroke of a log; exit status 1 if anything is wrong.
+    """Check checksums, numbers and scores of a log and replay every stroke; exit status 1 on errors.
 
     Args:
         path: a rally log, or a folder of them.
-        game: model on whose game it was played: a shipped one or a folder.
+        game: model on whose game the log was played: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.
-        replay: play the strokes again; needs that game.
+        replay: replay the strokes; needs that game.
     """
     result = check_log(path, resolve_game(game, profile) if replay else None)
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
-    how = "played again, every outcome the same" if result.replayed else "not played again"
-    _say(f"{path}: whole; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+    how = "replayed with equal outcomes" if result.replayed else "not replayed"
+    _print(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
 
 
 def recover(path: Log, *, out: Path | None = None) -> None:
-    """Recover a log that was cut off or damaged: write a new one of everything in it that can be read.
+    """Recover a truncated or damaged log: write everything that can be read to a new log.
 
     Args:
-        path: the log, usually FILE.part, or a folder: then every unfinished log in it.
-        out: the new log; default FILE for FILE.part, else NAME.recovered.mcap.
+        path: the log, usually FILE.part, or a folder with unfinished logs.
+        out: the new log; default: FILE for FILE.part, NAME.recovered.mcap otherwise.
     """
     if path.is_dir() and out is not None:
-        raise RecordingError(f"--out {out}: names one log; recover the files of {path} one by one")
+        raise RecordingError(f"--out {out}: expected a single log, not the folder {path}; recover its files one by one")
     problems: list[str] = []
     for source in recoverable_files(path) if path.is_dir() else [path]:
         try:
-            found = recover_log(source, out)
+            recovered = recover_log(source, out)
         except RecordingError as error:
             problems.append(str(error))
             continue
-        lost = f", {found.lost:,} rallies in between are lost" if found.lost else ""
-        _say(f"{found.path}: {found.rallies:,} rallies, {found.strokes:,} strokes saved{lost}")
+        lost = f"; {recovered.lost:,} rallies lost" if recovered.lost else ""
+        _print(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
     if problems:
         raise RecordingError("\n".join(problems))
 
@@ -120,43 +120,43 @@ def export(
     game: str | None = None,
     profile: Profile | None = None,
 ) -> None:
-    """Write a log as a table.
+    """Export a log as a table.
 
     Args:
         path: a rally log, or a folder of them.
-        out: the table; the suffix .parquet, .csv or .arrow says what it becomes.
-        rows: one row a rally or one row a stroke.
-        game: model on whose game it was played; adds the state and the probabilities of every stroke (with --rows strokes).
+        out: the table; its suffix selects the format: .parquet, .csv or .arrow.
+        rows: one row per rally or one row per stroke.
+        game: model on whose game the log was played; adds state and probabilities of every stroke (with --rows strokes).
         profile: men or women: the game of that discipline alone; default: the average of both.
     """
     tables = None if game is None and profile is None else resolve_game(game, profile)
     if tables is not None and rows != "strokes":
         flag = f"--profile {profile}" if game is None else f"--game {game}"
-        raise RecordingError(f"{flag}: adds columns to strokes; ask for them with --rows strokes")
-    _say(f"{out}: {export_log(path, out, rows, tables):,} rows")
+        raise RecordingError(f"{flag} adds columns to strokes; add --rows strokes")
+    _print(f"{out}: {export_log(path, out, rows, tables):,} rows")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
-    """Print a rally as text, or a match with all its rallies.
+    """Print a rally or all rallies of a match.
 
     Args:
         path: a rally log, or a folder of them.
         rally: number of the rally in the log.
-        pairing: number of the pairing whose match is shown.
+        pairing: number of the pairing of the match.
         match: number of the match in its pairing.
     """
     if (rally is None) == (match is None):
-        raise RecordingError("say what to show: either --rally NUMBER or --match NUMBER")
+        raise RecordingError("expected either --rally NUMBER or --match NUMBER")
     with RallyLog(path) as log:
         if rally is not None:
-            _say(_describe(log, rally))
+            _print(_describe(log, rally))
             return
         numbers = log.numbers_of_match(pairing, match or 0)
         if not len(numbers):
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
-            _say(_describe(log, int(number)))
-        _say(f"games: {_score_line(log, numbers)}")
+            _print(_describe(log, int(number)))
+        _print(f"games: {_score_line(log, numbers)}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -263,53 +263,51 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    description = "Read, check and recover rally logs, and show their rallies in 3D."
+    description = "Read, check, recover and export rally logs, and write 3D scenes."
     return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
 
 
 def _describe(log: RallyLog, number: int) -> str:
-    """One rally: who played whom at what score, a line a stroke, and who won it.
+    """One rally as text: players, score, one line per stroke, winner.
 
     Raises:
         RecordingError: the log has no such rally, or is damaged.
     """
-    rally = log.rally(number)
-    names = [printable(log.policies[i].name) for i in rally.policy[0]]
-    server, winner = int(rally.server[0]), int(rally.winner[0])
-    points, games = rally.score[0, :2], rally.score[0, 2:]
-    width = max(map(len, names))
+    row = log.rally(number)
+    rally = row.row(0, log.catalogue)
+    names = [printable(log.policies[i].name) for i in row.policy[0]]
+    width, catalogue = max(map(len, names)), rally.catalogue
     lines = [
-        f"rally {number}: {names[0]} v {names[1]}, match {rally.match[0]}, rally {rally.rally[0]}, "
-        f"games {games[0]}-{games[1]}, points {points[0]}-{points[1]}, {names[server]} serves"
+        f"rally {number}: {names[0]} v {names[1]}, match {rally.match}, rally {rally.number}, "
+        f"games {rally.games[0]}-{rally.games[1]}, points {rally.points[0]}-{rally.points[1]}, {names[rally.server]} serves"
     ]
-    catalogue = log.catalogue
-    for i, (stroke, outcome) in enumerate(zip(rally.stroke, rally.outcome(catalogue), strict=True)):
+    for i, (seat, stroke, outcome) in enumerate(zip(rally.striker, rally.stroke, rally.outcome, strict=True), start=1):
         shot, area = SHOTS[catalogue.shot[stroke]], AREAS[catalogue.area[stroke]]
         technique, height = TECHNIQUES[catalogue.technique[stroke]], HEIGHTS[catalogue.height[stroke]]
-        lines.append(
-            f"{i + 1:5}  {names[(server + i) & 1]:{width}}  {shot} to {area}, {technique} from {height} the net"
-            f"  [{OUTCOMES[outcome]}]"
-        )
-    lines.append(f"       {names[winner]} wins the rally ({OUTCOMES[rally.reason[0]]})")
+        lines.append(f"{i:5}  {names[seat]:{width}}  {shot} to {area}, {technique} from {height} the net  [{OUTCOMES[outcome]}]")
+    lines.append(f"       {names[row.winner[0]]} wins the rally ({OUTCOMES[rally.ending]})")
     return "\n".join(lines)
 
 
 def _score_line(log: RallyLog, numbers: Ints) -> str:
-    """The result of a match, from the numbers of its rallies: the points of every game, seat 0 first.
+    """Points of every game of a match, seat 0 first.
+
+    Args:
+        log: the log.
+        numbers: numbers of the rallies of the match.
 
     Raises:
         RecordingError: the log is damaged.
     """
-    ends: dict[int, tuple[int, int]] = {}
-    for number in numbers:
-        rally = log.rally(int(number))
-        points = [int(p) for p in rally.score[0, :2]]
-        points[int(rally.winner[0])] += 1
-        ends[int(rally.score[0, 2:].sum())] = (points[0], points[1])
-    return ", ".join(f"{a}-{b}" for a, b in ends.values())
+    finals: dict[int, tuple[int, int]] = {}
+    for number in numbers.tolist():
+        row = log.rally(number)
+        rally, winner = row.row(0, log.catalogue), int(row.winner[0])
+        finals[sum(rally.games)] = (rally.points[0] + (winner == 0), rally.points[1] + (winner == 1))
+    return ", ".join(f"{a}-{b}" for a, b in finals.values())
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     sys.stdout.write(printable(text, keep="\n") + "\n")
 
 

@@ -64,7 +64,7 @@ def test_figures_of_rallies_written_down_by_hand() -> None:
     assert np.isnan(ann.value)
     assert len(both.points) == 3
     assert both.lengths[3] == 2
-    with pytest.raises(AnalysisError, match="no stroke of cleo; players are ann, bea"):
+    with pytest.raises(AnalysisError, match="no strokes of cleo; players are ann, bea"):
         summarise(table, "cleo")
 
 
@@ -113,7 +113,7 @@ def test_nothing_to_analyse(tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
     pq.write_table(STROKES.empty_table(), tmp_path / "none.parquet")
-    with pytest.raises(AnalysisError, match="holds no stroke"):
+    with pytest.raises(AnalysisError, match="no strokes; record or convert"):
         strokes_of(tmp_path / "none.parquet")
 
 
