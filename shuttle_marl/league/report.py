@@ -41,8 +41,8 @@ _ABOUT_AWAY: Final = (
     "- away: the same in refits of the game on resampled matches, which the same data could have given: mean, and 95 % interval "
     "for one more refit.",
 )
-_SHOWN: Final = 0.0005
-"""Least share of a player that a table of equilibria shows."""
+LEAST_SHOWN: Final = 0.0005
+"""Least probability of a player that a table of equilibria shows."""
 _WORST: Final = 10
 """So many pairs that fit worst are shown."""
 _MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])")
@@ -169,7 +169,9 @@ def _games(assessment: Assessment) -> list[str]:
     ]
     for about, game in assessment.games.items():
         figures = np.stack([game.nash_average, game.maximal_lottery, game.alpha_rank], axis=1)
-        rows = [[name, *map(_percent, row)] for name, row in zip(game.names, figures.tolist(), strict=True) if max(row) >= _SHOWN]
+        rows = [
+            [name, *map(_percent, row)] for name, row in zip(game.names, figures.tolist(), strict=True) if max(row) >= LEAST_SHOWN
+        ]
         rows.sort(key=lambda row: -float(row[1].split()[0]))
         lines += [f"### {about.capitalize()}", ""]
         lines += [*_markdown(["player", "Nash averaging", "maximal lottery", "alpha-rank"], rows), ""]

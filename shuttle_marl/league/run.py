@@ -28,8 +28,7 @@ from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page.learning import METRICS, Curve, read_curve
-from shuttle_marl.league.page.tournament import Tournament as TournamentPage
-from shuttle_marl.league.page.tournament import page
+from shuttle_marl.league.page.tournament import TournamentReport, page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.schedule import stages
@@ -262,7 +261,7 @@ def _write_tables(
     write_parquet(folder / "results.parquet", table)
     replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
     runs.write_json(folder / run_folder.REPORT, as_json(assessment, standings))
-    shown = TournamentPage(
+    shown = TournamentReport(
         config=config,
         game=game.hash,
         standings=standings,

@@ -6,6 +6,7 @@ import math
 import re
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
@@ -14,11 +15,10 @@ from scipy.stats import mannwhitneyu
 from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
+from shuttle_marl.league.page import charts
 from shuttle_marl.league.page.comparison import compare
-from shuttle_marl.league.page.document import Html, element, text
-from shuttle_marl.league.page.drawings import ticks
 from shuttle_marl.league.page.learning import Curve
-from shuttle_marl.league.page.tournament import Tournament, page
+from shuttle_marl.league.page.tournament import TournamentReport, page
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.seeds import interquartile_mean, probability_of_improvement
 from shuttle_marl.league.style import AXES, Style
@@ -28,7 +28,7 @@ EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
 
 
-def tournament() -> Tournament:
+def tournament() -> TournamentReport:
     """A tournament of four, one of whom has a dangerous name and another forfeits."""
     rng = np.random.default_rng(0)
     results = []
@@ -56,7 +56,7 @@ def tournament() -> Tournament:
     }
     standings = rank(POOL, results, 0, exact)
     curve = Curve(name="agent:x", rows=[{"strokes": i, "seconds": i / 2, "exploitability": 0.5 / (i + 1)} for i in range(9)])
-    return Tournament(
+    return TournamentReport(
         config=LeagueConfig(pool=POOL),
         game="0" * 64,
         standings=standings,
@@ -117,12 +117,35 @@ def test_all_sections_are_there_and_linked_to() -> None:
     assert page(tournament()) == page(tournament())
 
 
-def test_markup() -> None:
-    assert text("<&>") == "&lt;&amp;&gt;"
-    assert text(Html("<p>")) == "<p>"
-    assert element("a", "x<y", href='"><script>', data_key=1.50) == '<a href="&quot;&gt;&lt;script&gt;" data-key="1.5">x&lt;y</a>'
-    assert ticks(-0.3, 4.9) == [0, 1, 2, 3, 4]
-    assert ticks(0.0101, 0.0109, 4) == pytest.approx([0.0102, 0.0104, 0.0106, 0.0108])
+def test_text_in_charts_is_text() -> None:
+    names = [EVIL, "$x^2$ & y", "_hidden", "\N{SNOWMAN}"]
+    points = {name: (i, float(i + 1)) for i, name in enumerate(names)}
+    drawings = [
+        charts.forest([(name, 1.0, 0.0, 2.0, 1.5) for name in names], "Elo"),
+        charts.heat_map(names, np.full((4, 4), 0.25)),
+        charts.scatter(points, "across", "up"),
+        charts.curves({name: [(0.0, 1.0), point] for name, point in points.items()}, "across", "up", logarithmic=True),
+        charts.radar(names, [0.1, 0.2, 0.3, 1.0], [1.0] * 4),
+    ]
+    for drawing in drawings:
+        assert drawing is not None
+        found = parsed(drawing.encode())
+        assert {tag for tag, _ in found.tags} <= {"svg", "g", "defs", "path", "use", "text", "title", "clippath", "rect", "tspan"}
+        assert not any("style" in attributes for _, attributes in found.tags)
+        for name in names:
+            label = name.replace("\x1b", "\\x1b")
+            assert any(label[:25] in word for word in found.words), name
+    tooltips = [word for word in parsed(drawings[1].encode()).words if " beats " in word]
+    assert len(tooltips) == 12
+    assert f"{names[1]} beats {names[2]} in 25.0 % of matches" in tooltips
+    assert charts.curves({"a": [(1.0, 0.0)], "b": []}, "across", "up", logarithmic=True) is None
+
+
+def test_charts_do_not_depend_on_settings_of_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = charts.radar(["a", "b", "c"], [0.5, 0.2, 0.1], [1.0, 0.5, 0.3])
+    monkeypatch.setitem(matplotlib.rcParams, "font.size", 30.0)
+    monkeypatch.setitem(matplotlib.rcParams, "svg.fonttype", "path")
+    assert charts.radar(["a", "b", "c"], [0.5, 0.2, 0.1], [1.0, 0.5, 0.3]) == before
 
 
 def test_the_middle_half_and_the_probability_of_improvement() -> None:
@@ -165,8 +188,8 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     run = training_run(tmp_path / "run", 0, 0.1, 0.1)
     (tmp_path / "empty").mkdir()
     for folders, says in (
-        ([], "name one run"),
-        ([run, run], "named twice"),
+        ([], "give one run"),
+        ([run, run], "given twice"),
         ([tmp_path / "empty"], "neither a finished tournament"),
         ([tmp_path / "gone"], "neither a finished tournament"),
     ):

@@ -1,152 +1,117 @@
-"""An HTML document in one file: its frame, tables that can be sorted, and text that is never markup.
+"""HTML pages from Jinja2 templates: one file each, which makes no request, with tables that are sorted by a click.
 
-The content security policy allows the one style sheet and the one script that are in the file, by their hashes, and no
-request. Text from outside goes through :func:`text` only.
+The content security policy allows the one style sheet and the one script of the page, by their hashes. Templates escape all text;
+only charts are markup.
 """
 
 import base64
 import dataclasses
+import functools
 import hashlib
-import html
 import math
-from collections.abc import Sequence
-from importlib.resources import files
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Generic, TypeVar
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from shuttle_marl.errors import printable
 
-
-class Html(str):
-    """Markup that was made here; any other string is text."""
-
-    __slots__ = ()
+T = TypeVar("T")
+_TEMPLATES: Final = "templates"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Cell:
     """A cell of a table.
 
     Attributes:
-        shown: text, or markup that was made here.
-        key: what it is sorted by; None: behind all others.
+        text: its text.
+        key: what it is sorted by; None: after all others.
     """
 
-    shown: str
+    text: str = ""
     key: float | str | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Column:
+@dataclasses.dataclass(frozen=True)
+class Column(Generic[T]):
     """A column of a table.
 
     Attributes:
-        name: its heading.
-        about: a line about it, shown when one points at the heading.
+        heading: its heading.
+        cell: its cell in the row of an item.
+        about: tooltip of the heading.
         left: whether it is aligned to the left, as text is.
-        words: whether lines in it may break.
-        falling: whether the first click puts the largest on top.
+        wrap: whether lines in it may break.
+        ascending: whether the first click puts the smallest key on top.
     """
 
-    name: str
+    heading: str
+    cell: Callable[[T], Cell]
+    _: dataclasses.KW_ONLY
     about: str = ""
     left: bool = False
-    words: bool = False
-    falling: bool = True
+    wrap: bool = False
+    ascending: bool = False
 
 
-def text(value: str) -> Html:
-    """Text as markup that shows it; markup as it is."""
-    return value if isinstance(value, Html) else Html(html.escape(printable(value)))
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table: columns, and rows of one cell for each of them."""
+
+    columns: Sequence[Column[Any]]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ""
 
 
-def element(tag: str, *content: str, **attributes: str | float) -> Html:
-    """An element of HTML or SVG.
-
-    Args:
-        tag: its name.
-        content: text or markup.
-        attributes: by name; ``_`` stands for ``-``, and one at the end is left out.
-    """
-    named = "".join(f' {key.rstrip("_").replace("_", "-")}="{_value(value)}"' for key, value in attributes.items())
-    return Html(f"<{tag}{named}>{''.join(map(text, content))}</{tag}>")
-
-
-def _value(value: str | float) -> str:
-    if isinstance(value, float):
-        # Two decimals of a pixel; the same bytes on every machine.
-        return f"{value:.2f}".rstrip("0").rstrip(".")
-    return html.escape(printable(str(value)))
+def table(items: Iterable[T], columns: Sequence[Column[T]], caption: str = "") -> Table:
+    """The table with a row for each item."""
+    return Table(columns, [[column.cell(item) for column in columns] for item in items], caption)
 
 
 def number(value: float, form: str) -> Cell:
-    """A figure; empty for NaN."""
-    return Cell(shown="", key=None) if math.isnan(value) else Cell(shown=format(value, form), key=value)
+    """A number in a format; empty for NaN."""
+    return Cell() if math.isnan(value) else Cell(format(value, form), value)
 
 
-def share(value: float, decimals: int = 1) -> Cell:
-    """A share in per cent; empty for NaN."""
-    return Cell(shown="", key=None) if math.isnan(value) else Cell(shown=f"{100 * value:.{decimals}f} %", key=value)
+def percent(value: float, decimals: int = 1) -> Cell:
+    """A fraction in per cent; empty for NaN."""
+    return Cell() if math.isnan(value) else Cell(f"{100 * value:.{decimals}f} %", value)
+
+
+def interval(low: float, high: float, form: str) -> Cell:
+    """An interval, sorted by its width; empty for NaN."""
+    return Cell() if math.isnan(low) else Cell(f"{low:{form}} to {high:{form}}", high - low)
 
 
 def name(value: str) -> Cell:
-    """A name."""
-    return Cell(shown=value, key=value.casefold())
+    """Text, sorted without regard to case."""
+    return Cell(value, value.casefold())
 
 
-def table(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], caption: str = "") -> Html:
-    """A table that is sorted by a click on a heading."""
-    heads = [
-        element(
-            "th",
-            element("button", column.name, type="button", **({"title": column.about} if column.about else {})),
-            scope="col",
-            class_="left" if column.left else "",
-            data_first="falling" if column.falling and not column.left else "rising",
-        )
-        for column in columns
-    ]
-    lines = []
-    for row in rows:
-        cells = []
-        for column, cell in zip(columns, row, strict=True):
-            key = "" if cell.key is None else cell.key if isinstance(cell.key, str) else repr(float(cell.key))
-            cells.append(
-                element("td", cell.shown, class_="words" if column.words else "left" if column.left else "", data_key=key)
-            )
-        lines.append(element("tr", *cells))
-    parts = [element("caption", caption)] if caption else []
-    body = [element("thead", element("tr", *heads)), element("tbody", *lines)]
-    return element("div", element("table", *parts, *body, class_="sortable"), class_="wide", tabindex="0")
+@functools.cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader(__package__, _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: printable(value, keep="\n") if type(value) is str else value,
+    )
 
 
-def paragraph(*content: str) -> Html:
-    """A paragraph."""
-    return element("p", *content)
-
-
-def code(value: str) -> Html:
-    """Text as code."""
-    return element("code", value)
-
-
-def section(heading: str, *content: str) -> Html:
-    """A section; its heading is linked to from the top."""
-    return element("section", element("h2", heading), *content, id=_anchor(heading))
-
-
-def _anchor(heading: str) -> str:
-    return "-".join(heading.lower().split())
-
-
-def document(title: str, subtitle: str, headings: Sequence[str], content: Sequence[str]) -> bytes:
-    """A whole document.
+def render(template: str, **content: Any) -> bytes:
+    """A page as the content of a file.
 
     Args:
-        title: its title.
-        subtitle: what it is about, in a line.
-        headings: of its sections.
-        content: the sections.
+        template: file name of a template that extends ``page.html.j2``.
+        content: variables of the template; ``title`` and ``subtitle`` at least.
     """
-    style, script = (files(__package__).joinpath(f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
+    environment = _environment()
+    assert environment.loader is not None
+    style, script = (environment.loader.get_source(environment, f"page.{kind}")[0] for kind in ("css", "js"))
     policy = "; ".join(
         [
             "default-src 'none'",
@@ -157,22 +122,8 @@ def document(title: str, subtitle: str, headings: Sequence[str], content: Sequen
             "form-action 'none'",
         ]
     )
-    links = [element("a", heading, href=f"#{_anchor(heading)}") for heading in headings]
-    head = [
-        Html('<meta charset="utf-8">'),
-        Html(f'<meta http-equiv="Content-Security-Policy" content="{policy}">'),
-        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        Html('<link rel="icon" href="data:,">'),
-        element("title", title),
-        Html(f"<style>{style}</style>"),
-    ]
-    body = [
-        element("header", element("h1", title), element("p", subtitle, class_="subtitle"), element("nav", *links)),
-        element("main", *content),
-        Html(f"<script>{script}</script>"),
-    ]
-    page = element("html", element("head", *head), element("body", *body), lang="en")
-    return f"<!doctype html>\n{page}\n".encode()
+    frame = {"policy": policy, "style": Markup(style), "script": Markup(script), "headings": []}
+    return environment.get_template(template).render(**frame, **content).encode()
 
 
 def _hash(content: str) -> str:

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, TypeGuard
 
+from markupsafe import Markup
+
 from shuttle_marl.files import open_file, problem
 from shuttle_marl.league.entrants import LeagueError
-from shuttle_marl.league.page import drawings
-from shuttle_marl.league.page.document import Html, element
+from shuttle_marl.league.page import charts
 
 METRICS: Final = "metrics.jsonl"
 """File in which a training run keeps its evaluations, one JSON object a line."""
@@ -71,17 +72,14 @@ def read_curve(folder: Path, name: str) -> Curve:
     return Curve(name=name, rows=rows)
 
 
-def learning(runs: Sequence[Curve]) -> Html:
-    """The curves of all figures that the runs have, by strokes where all have them, else by time."""
-    by = (
-        "strokes"
-        if all(run.points(figure, "strokes") for run in runs for figure in FIGURES if run.points(figure, "seconds"))
-        else "seconds"
-    )
-    parts = []
-    for figure, about in FIGURES.items():
+def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:
+    """Captions and charts of all figures that the runs have, by strokes where all runs count them, else by time."""
+    counted = all(run.points(figure, "strokes") for run in runs for figure in FIGURES if run.points(figure, "seconds"))
+    by = "strokes" if counted else "seconds"
+    found = []
+    for figure, caption in FIGURES.items():
         lines = {run.name: run.points(figure, by) for run in runs}
-        drawn = drawings.curves(lines, by, about, logarithmic=figure in _LOGARITHMIC)
-        if drawn:
-            parts.append(element("figure", drawn, element("figcaption", about.capitalize())))
-    return Html("".join(parts))
+        chart = charts.curves(lines, by, caption, logarithmic=figure in _LOGARITHMIC)
+        if chart is not None:
+            found.append((caption.capitalize(), chart))
+    return found
