@@ -77,7 +77,7 @@ class SceneFile:
         return self._draw(seconds, camera or Camera(), width, height)[0]
 
     def save(self, path: Path, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> None:
-        """Write what is seen some seconds after the start, with texts, as a PNG file. Needs the extra ``plot``."""
+        """Write what is seen some seconds after the start, with texts, as a PNG file."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  not needed for anything else
         from matplotlib.figure import Figure  # noqa: PLC0415
 

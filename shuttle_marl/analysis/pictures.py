@@ -34,12 +34,8 @@ _SPREAD: Final = 0.35
 
 
 def figure(width: float, height: float) -> Any:
-    """An empty figure; width and height in inches.
-
-    Raises:
-        ModuleNotFoundError: matplotlib is not installed.
-    """
-    import matplotlib as mpl  # noqa: PLC0415  an extra
+    """An empty figure; width and height in inches."""
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     mpl.use("Agg")
@@ -71,7 +67,7 @@ def save(drawn: Any, path: Path) -> None:
 
 def colour_map(name: str) -> Any:
     """A colour map of matplotlib: a function from [0, 1] to colours."""
-    import matplotlib as mpl  # noqa: PLC0415  an extra
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
 
     return mpl.colormaps[name]
 
@@ -139,7 +135,7 @@ def _draw_share(axes: Any, area: int, share: float, more: float, most: float) ->
 
 def _colours_between(low: float, high: float) -> Any:
     """Colour scale of differences, for a colour bar."""
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  an extra
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
     from matplotlib.colors import Normalize  # noqa: PLC0415
 
     return ScalarMappable(Normalize(low, high), "RdBu_r")
@@ -284,7 +280,6 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
 
     Raises:
         ExactError: the incoming stroke is not legal after the striker's own.
-        ModuleNotFoundError: matplotlib is not installed.
     """
     drawn = figure(9.6, 8.2)
     game = solution.games[0]

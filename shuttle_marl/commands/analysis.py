@@ -35,7 +35,7 @@ def analysis(
     Args:
         path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
         against: another of these for comparison, for example real matches; all its players are counted together.
-        out: folder for pictures (the extra `plot`) and tables of rallies and strokes.
+        out: folder for pictures and tables of rallies and strokes.
         reference: policy whose play the values assume.
         game: model on whose game values are computed: a shipped one or a folder.
         profile: men or women: the game of that discipline alone; default: the average of both.

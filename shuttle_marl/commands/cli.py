@@ -35,7 +35,6 @@ _EXTRAS: Final = {
     "av": "video",
     "foxglove": "scene",
     "lightgbm": "train",
-    "matplotlib": "plot",
     "mcap_protobuf": "scene",
     "playwright": "video",
     "pygame": "render",

@@ -399,7 +399,6 @@ def _strokes_to_plot(game: "Game", path: Path | None, incoming: str | None, own:
             raise ExactError("--incoming and --own choose what is drawn; name the picture with --plot FILE")
         return None, None
     pictures.check_format(path)
-    pictures.figure(1, 1)  # fails where matplotlib is not installed
     chosen = tuple(None if name is None else pictures.stroke_index(game, name) for name in (incoming, own))
     if chosen[0] is not None:
         pictures.edges_of(game, chosen[0], chosen[1])

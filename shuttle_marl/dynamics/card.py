@@ -9,7 +9,6 @@ import pyarrow as pa
 
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file, seal
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
@@ -198,16 +197,10 @@ def _truth(truth: dict[str, Any]) -> list[str]:
 
 
 def plot_reliability(card: dict[str, Any], path: Path) -> None:
-    """Draw the three reliability diagrams.
+    """Draw the three reliability diagrams."""
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
+    from matplotlib.figure import Figure  # noqa: PLC0415
 
-    Raises:
-        ShuttleError: matplotlib is not installed.
-    """
-    try:
-        import matplotlib as mpl  # noqa: PLC0415  an extra
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise ShuttleError(f"pictures need matplotlib, which is not installed; {install_hint('plot')}") from error
     mpl.use("Agg")
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):

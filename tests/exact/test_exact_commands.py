@@ -1,7 +1,6 @@
 """The command line: solve, evaluate, best-response, crossplay."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -225,11 +224,6 @@ def test_mistakes_are_explained(
 def test_a_tolerance_that_cannot_be_met_states_its_bound(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(output(capsys, "solve", "--json", "--tolerance", "0"))
     assert 0 < found["error_bound"] < 1e-8
-
-
-def test_pictures_need_matplotlib(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert "needs matplotlib" in failure(capsys, "solve", "--plot", str(tmp_path / "court.png"))
 
 
 @pytest.mark.parametrize("command", ["evaluate", "best-response", "crossplay"])

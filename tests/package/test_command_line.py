@@ -140,7 +140,7 @@ def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: required)
     assert extras.install_hint("train") == "`pip install 'torch>=2.6' 'lightgbm>=4.3'` installs it"
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: None)
-    assert extras.install_hint("plot") == "install the package again with its extra plot"
+    assert extras.install_hint("ray") == "install the package again with its extra ray"
 
 
 def test_another_missing_module_is_a_defect_and_not_hidden() -> None:

@@ -14,7 +14,6 @@ from rich.console import Console
 from shuttle_marl import exact, runs
 from shuttle_marl.analysis.pictures import figure, save
 from shuttle_marl.cluster import Cluster, open_cluster
-from shuttle_marl.extras import install_hint
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
@@ -309,12 +308,7 @@ class _League:
                 "evaluation": _figures(curve, state.best.name),
             }
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
-        try:
-            draw_exploitability(curve, self.folder / PICTURE)
-        except ModuleNotFoundError:
-            self.console.print(
-                f"the learning curve was not drawn: matplotlib is not installed; {install_hint('plot')}", markup=False
-            )
+        draw_exploitability(curve, self.folder / PICTURE)
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)
@@ -335,7 +329,6 @@ def draw_exploitability(curve: Sequence[Mapping[str, Any]], path: Path) -> None:
         path: file of the picture.
 
     Raises:
-        ModuleNotFoundError: matplotlib is not installed.
         FileWriteError: the file cannot be written.
     """
     seconds = [float(line["seconds"]) for line in curve]
