@@ -15,7 +15,7 @@ from shuttle_marl.arrays import I32
 from shuttle_marl.errors import whole_number
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import RallyBatch, VersusBatch
+from shuttle_marl.kernel import LearnerBatch, RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
@@ -39,7 +39,7 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: Game, batch: RallyBatch | VersusBatch, seed: int) -> None:
+    def __init__(self, game: Game, batch: RallyBatch | LearnerBatch, seed: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, whose __setattr__ wants the call above first.
@@ -190,15 +190,15 @@ class VersusEnv(_BatchedEnv):
         threads: int = 1,
     ) -> None:
         resolved = resolve_game(game, profile)
-        versus = VersusBatch(
+        versus = LearnerBatch(
             resolved, batch, opponents=tabulated(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
         )
         super().__init__(resolved, versus, seed)
 
     @property
-    def versus(self) -> VersusBatch:
+    def versus(self) -> LearnerBatch:
         """The batch of the kernel, to assign and replace opponents."""
-        return cast(VersusBatch, self._batch)
+        return cast(LearnerBatch, self._batch)
 
     @property
     def unseen(self) -> tuple[int, int]:

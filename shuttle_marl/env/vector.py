@@ -19,7 +19,7 @@ from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, as_shares
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import MatchVersusBatch, VersusBatch
+from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
@@ -41,7 +41,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     def __init__(
         self,
         game: Game,
-        batch: VersusBatch | MatchVersusBatch,
+        batch: LearnerBatch | LearnerMatchBatch,
         vector: spaces.Box,
         mask: MaskView,
         info: InfoView | None,
@@ -219,7 +219,7 @@ class RallyVectorEnv(VersusVectorEnv):
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_game(game, profile)
-        self._batch = VersusBatch(
+        self._batch = LearnerBatch(
             tables, num_envs, opponents=tabulated(opponent, tables), seat=seat, server=server, threads=threads
         )
         self._features = tables_of(tables).rows if observation == "features" else None
@@ -229,7 +229,7 @@ class RallyVectorEnv(VersusVectorEnv):
         super().__init__(tables, self._batch, vector if observation == "features" else tokens, mask, info)
 
     @property
-    def versus(self) -> VersusBatch:
+    def versus(self) -> LearnerBatch:
         """The batch of the kernel, to assign and replace opponents."""
         return self._batch
 
@@ -302,7 +302,7 @@ class MatchVectorEnv(VersusVectorEnv):
         tables = resolve_game(game, profile)
         self.rules = rules
         self._features = tables_of(tables).rows
-        self._batch = MatchVersusBatch(
+        self._batch = LearnerMatchBatch(
             tables,
             num_envs,
             opponents=tabulated(opponent, tables),
@@ -315,7 +315,7 @@ class MatchVectorEnv(VersusVectorEnv):
         super().__init__(tables, self._batch, spaces.Box(0.0, 1.0, (RALLY_WIDTH + SCORE_WIDTH,), np.float32), mask, info)
 
     @property
-    def versus(self) -> MatchVersusBatch:
+    def versus(self) -> LearnerMatchBatch:
         """The batch of the kernel, to assign and replace opponents."""
         return self._batch
 

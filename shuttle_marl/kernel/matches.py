@@ -1,14 +1,14 @@
-"""Whole matches between tabulated policies, side by side, compiled.
+"""Whole matches between tabulated policies, compiled.
 
-Bit for bit what :func:`shuttle_marl.kernel.lockstep.play` does with the same tables and keys; there the policies may also
-read the score, here they may not, and a stroke costs a small part of it.
+Same results, bit for bit, as :func:`shuttle_marl.kernel.lockstep.play` with the same tables and keys; there policies may read the
+score.
 """
 
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,47 +20,43 @@ from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
-    Players,
     Tables,
-    check_players,
-    draw_strokes,
+    choose_stroke,
     extend,
-    find_pair,
-    first_pair,
+    int64,
+    legal_strokes,
     list_where,
     new_block,
-    pack,
-    play,
     read_limits,
-    table_choice,
     tables_of,
 )
 from shuttle_marl.kernel.lockstep import Matches, MatchResults
-from shuttle_marl.kernel.rows import Rows, new_rows, part_of
+from shuttle_marl.kernel.players import Players, check_players, pack, table_choice
+from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of, play
 from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 _STROKES_A_MATCH: Final = 1600
-"""First guess of the most strokes of a match; a block that needs more gets more room. No power of two, so that the strokes of
-different matches do not compete for the same places of the first cache."""
+"""Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do
+not compete for the same cache lines."""
 
 
 _count_rally = inlined(count_rally)
 
 
 class _Log(NamedTuple):
-    """Room for the rallies and the strokes of M matches; rally r of match m stands at ``[m, r]``.
+    """Rallies and strokes of M matches; rally r of match m is stored at ``[m, r]``.
 
     Attributes:
-        begun: ``[M]`` int32 rallies begun.
+        begun: ``[M]`` int32 number of rallies that have started.
         length: ``[M]`` int32 strokes.
         points: ``[M, 2]`` int32 points of the seats in the current game.
         games: ``[M, 2]`` int32 games of the seats.
         server: ``[M, R]`` uint8 seat that served each rally.
         winner: ``[M, R]`` uint8 seat that won it.
-        reason: ``[M, R]`` uint8 how it ended.
+        reason: ``[M, R]`` uint8 outcome of its last stroke.
         score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
-        strokes: ``[M, R]`` int32 its strokes.
-        stroke: ``[M, N]`` catalogue index of every stroke; no columns where strokes are not kept.
+        strokes: ``[M, R]`` int32 its number of strokes.
+        stroke: ``[M, N]`` catalogue index of every stroke; N = 0 if strokes are not recorded.
     """
 
     begun: I32
@@ -75,9 +71,18 @@ class _Log(NamedTuple):
     stroke: UInts
 
 
+class _Setup(NamedTuple):
+    """Constants of M matches: policies, ``[M, 2]`` entrants, ``[M]`` keys of the draws, and rules."""
+
+    players: Players
+    entrant: I32
+    key: U64
+    rules: Numbers
+
+
 @inlined
-def _begin_rally(lanes: Any, lane: Any, log: Any, match: Any, key: Any, server: Any) -> None:
-    """Serve the next rally of a match that is played in a lane."""
+def _begin_rally(lanes: Rows, lane: int, log: _Log, match: int, key: np.uint64, server: int) -> None:
+    """Start the next rally of the match in a lane."""
     r = log.begun[match]
     log.server[match, r] = server
     log.score[match, r, 0], log.score[match, r, 1] = log.points[match, 0], log.points[match, 1]
@@ -93,27 +98,17 @@ def _begin_rally(lanes: Any, lane: Any, log: Any, match: Any, key: Any, server: 
 def _begin(lanes: Rows, log: _Log, match_key: U64, first_server: I8) -> None:
     for m in range(match_key.size):
         lanes.rally[m] = m
-        _begin_rally(lanes, m, log, m, match_key[m], np.int64(first_server[m]))
+        _begin_rally(lanes, m, log, m, match_key[m], int64(first_server[m]))
 
 
 @compiled
-def _play(
-    tables: Tables,
-    players: Players,
-    entrant: I32,
-    match_key: U64,
-    rules: Numbers,
-    keep: bool,
-    lanes: Rows,
-    live: int,
-    log: _Log,
-    step: int,
-) -> tuple[int, int]:
-    """Play one stroke after the other in the first ``live`` lanes, until all matches are over or the room for strokes is full.
+def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: _Log, step: int) -> tuple[int, int]:
+    """Play in the first ``live`` lanes until all matches are over or the capacity for strokes is reached.
 
-    The number of its match is the ``rally`` of a lane. All matches begin together and never wait, so stroke n of each is
-    played in step n. Returns how many lanes are live, and the next step.
+    ``lanes.rally`` is the index of the match. All matches start together and never wait, so stroke n of each match is played in
+    step n. Returns the number of lanes that are still live, and the next step.
     """
+    players, entrant, keep = setup.players, setup.entrant, log.stroke.shape[1] > 0
     block = new_block()
     while live > 0 and (not keep or step < log.stroke.shape[1]):
         part = part_of(lanes, 0, live)
@@ -121,28 +116,28 @@ def _play(
         for j in range(live):
             s = part.state[j]
             player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
-            k = table_choice(players, player, s, first_pair(tables, s), block.bits[j])
-            find_pair(tables, block, j, s, k)
+            legal = legal_strokes(tables, s)
+            choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]))
         read_limits(tables, block, live)
         play(part, block)
         if keep:
             for j in range(live):
                 log.stroke[np.uint64(part.rally[j]), step] = tables.stroke[np.uint64(block.reply[j])]
         step += 1
-        # From the last to the first, because a lane whose match is over is filled with the last one.
+        # From the last to the first, because a lane whose match is over is refilled with the last lane.
         for i in range(list_where(block, live, over=True) - 1, -1, -1):
             j = block.listed[i]
             m = lanes.rally[j]
             r = log.begun[m] - 1
             outcome = block.outcome[j]
-            winner = 1 - lanes.striker[j] if outcome == 1 else np.int64(lanes.striker[j])
+            winner = 1 - lanes.striker[j] if outcome == 1 else int64(lanes.striker[j])
             log.winner[m, r], log.reason[m, r], log.strokes[m, r] = winner, outcome, lanes.stroke[j]
-            counted = _count_rally(log.points[m, winner], log.points[m, 1 - winner], log.games[m, winner], rules)
+            counted = _count_rally(log.points[m, winner], log.points[m, 1 - winner], log.games[m, winner], setup.rules)
             log.points[m, winner], log.games[m, winner] = counted.points, counted.games
             if counted.game_won:
                 log.points[m, 0] = log.points[m, 1] = 0
             if not counted.match_won:
-                _begin_rally(lanes, j, log, m, match_key[m], winner)
+                _begin_rally(lanes, j, log, m, setup.key[m], winner)
                 continue
             log.length[m] = step
             live -= 1
@@ -151,14 +146,9 @@ def _play(
     return live, step
 
 
-def _play_block(
-    tables: Tables,
-    players: Players,
-    matches: Matches,
-    rules: Rules,
-    keep: bool,
-) -> MatchResults:
+def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules, *, keep: bool) -> MatchResults:
     size, rallies = len(matches), rules.max_rallies
+    setup = _Setup(players, matches.entrant, matches.key, rules.numbers)
     log = _Log(
         begun=np.zeros(size, np.int32),
         length=np.zeros(size, np.int32),
@@ -174,7 +164,7 @@ def _play_block(
     lanes, live, step = new_rows(max(1, size)), size, 0
     _begin(lanes, log, matches.key, matches.first_server)
     while True:
-        live, step = _play(tables, players, matches.entrant, matches.key, rules.numbers, keep, lanes, live, log, step)
+        live, step = _play(tables, setup, lanes, live, log, step)
         if live == 0:
             break
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
@@ -228,7 +218,7 @@ def play_matches(
 
     def play_from(first: int) -> MatchResults:
         part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})
-        return _play_block(tables, players, part, rules, keep_strokes)
+        return _play_block(tables, players, part, rules, keep=keep_strokes)
 
     games: list[I32] = []
     rallies: list[Rallies] = []

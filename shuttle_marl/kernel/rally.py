@@ -1,7 +1,6 @@
-"""Thousands of rallies at once, both players' strokes given from outside: the striker's view."""
+"""Thousands of rallies at once in which every stroke of both players is given."""
 
 import dataclasses
-from typing import Final
 
 import numpy as np
 
@@ -12,94 +11,76 @@ from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import (
     BLOCK,
-    Players,
     Tables,
-    check_players,
+    choose_stroke,
     draw,
-    draw_strokes,
-    find_pair,
-    first_pair,
-    legal_count,
+    legal_strokes,
     list_where,
     new_block,
-    pack,
-    play,
     read_limits,
-    reply_of,
-    strike,
-    table_choice,
+    stroke_of,
     uniform_choice,
 )
-from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Batch, Observations, Rows, Server, begin, in_slices, part_of, show
-
-_NO_PLAYERS: Final = Players(np.empty((0, 0), np.uint16), np.empty((0, 0, 0), np.uint8))
+from shuttle_marl.kernel.players import Players, check_players, empty_players, pack, table_choice
+from shuttle_marl.kernel.rows import (
+    Batch,
+    Observations,
+    Output,
+    Rows,
+    Server,
+    Serving,
+    begin,
+    draw_strokes,
+    in_slices,
+    observe,
+    part_of,
+    play,
+    reward_strikers,
+    strike,
+)
 
 
 @compiled
-def _reset(rows: Rows, which: Bools, seed_key: np.uint64, server: int) -> None:
+def _reset(rows: Rows, which: Bools, serving: Serving) -> None:
     for i in range(rows.state.size):
         if which[i]:
-            begin(rows, i, seed_key, server)
+            begin(rows, i, serving)
 
 
 @compiled
 def _choose(tables: Tables, rows: Rows, players: Players, stroke: I64, first: int, last: int) -> None:
     for i in range(first, last):
         s = rows.state[i]
-        k = table_choice(players, rows.striker[i], s, first_pair(tables, s), draw(rows.key[i], rows.stroke[i]))
-        stroke[i] = tables.stroke[reply_of(tables, s, k)]
+        legal = legal_strokes(tables, s)
+        k = table_choice(players, rows.striker[i], s, legal.pair, draw(rows.key[i], rows.stroke[i]))
+        stroke[i] = stroke_of(tables, legal, k)
 
 
 @compiled
-def _step(
-    tables: Tables,
-    rows: Rows,
-    rank: I16,
-    reward: F32,
-    done: Bools,
-    observed: Observations,
-    seed_key: np.uint64,
-    server: int,
-    reset: bool,
-    first: int,
-    last: int,
-) -> None:
+def _step(tables: Tables, rows: Rows, rank: I16, output: Output, serving: Serving, first: int, last: int) -> None:
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
-        count = end_block - begin_block
-        rewards, over = reward[begin_block:end_block], done[begin_block:end_block]
+        over = output.done[begin_block:end_block]
         strike(tables, part, rank[begin_block:end_block], block)
-        for j in range(count):
-            ends = block.outcome[j] < 2
-            part.live[j] = not ends
-            over[j] = ends
-            rewards[j] = (2 * block.outcome[j] - 1) * ends
-        if reset:
-            for j in range(list_where(block, count, over=True)):
-                begin(rows, begin_block + block.listed[j], seed_key, server)
-        if observed.mask.shape[0] > 0:
-            show(tables, rows, observed, begin_block, end_block)
+        reward_strikers(block, output.reward[begin_block:end_block], over)
+        for j in range(over.size):
+            part.live[j] = not over[j]
+        if serving.reset:
+            for j in range(list_where(block, over.size, over=True)):
+                begin(rows, begin_block + block.listed[j], serving)
+        if output.observed.mask.shape[0] > 0:
+            observe(tables, rows, output.observed, begin_block, end_block)
 
 
 @compiled
-def _run(
-    tables: Tables,
-    rows: Rows,
-    players: Players,
-    tally: I64,
-    seed_key: np.uint64,
-    server: int,
-    strokes: int,
-    first: int,
-    last: int,
-) -> None:
+def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serving, strokes: int, first: int, last: int) -> None:
     """Let rows play by themselves; ``tally`` counts rallies won by the striker, lost by the striker, won by seat 0.
 
-    A block of rows stays in the first cache while it plays all its strokes.
+    A block of rows plays all its strokes while it is in the first-level cache.
     """
-    tabulated = players.cumulative.shape[1] > 0
+    tabulated = players.cumulative.shape[0] > 0
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
@@ -109,12 +90,12 @@ def _run(
             if tabulated:
                 for j in range(count):
                     s = part.state[j]
-                    k = table_choice(players, part.striker[j], s, first_pair(tables, s), block.bits[j])
-                    find_pair(tables, block, j, s, k)
+                    legal = legal_strokes(tables, s)
+                    choose_stroke(tables, block, j, legal, table_choice(players, part.striker[j], s, legal.pair, block.bits[j]))
             else:
                 for j in range(count):
-                    s = part.state[j]
-                    find_pair(tables, block, j, s, uniform_choice(legal_count(tables, s), block.bits[j]))
+                    legal = legal_strokes(tables, part.state[j])
+                    choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]))
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):
@@ -123,12 +104,12 @@ def _run(
                 tally[0] += won
                 tally[1] += 1 - won
                 tally[2] += part.striker[j] == won
-                begin(rows, begin_block + j, seed_key, server)
+                begin(rows, begin_block + j, serving)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tally:
-    """Results of a batch that played by itself.
+    """Results of :meth:`RallyBatch.run`.
 
     Attributes:
         winners: rallies that ended on a winner.
@@ -142,17 +123,17 @@ class Tally:
 
 
 class RallyBatch(Batch):
-    """B rallies in which every stroke is given from outside.
+    """B rallies in which every stroke is given.
 
-    Row b plays the rallies b, b + B, b + 2 B, … of its seed; the draws of rally r are those of episode r of
-    ``rally_v0`` with that seed, so what happens in a rally depends on its number and its strokes alone.
+    Row b plays rallies b, b + B, b + 2 B, … of the seed. Rally r has the draws of episode r of ``rally_v0`` with the same seed,
+    so it depends on its number and its strokes alone.
 
     Args:
-        game: the tables.
+        game: the game.
         batch: number of rows B.
-        seed: names all draws.
-        server: seat that serves, 0 or 1; None: at random.
-        threads: threads that share the rows; never changes a result.
+        seed: random seed.
+        server: seat that serves, 0 or 1; None: random.
+        threads: number of threads; does not change results.
     """
 
     def __init__(self, game: Game, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
@@ -163,18 +144,18 @@ class RallyBatch(Batch):
         """Start the next rally in some rows.
 
         Args:
-            seed: begin again, with rally 0 of this seed; None: continue.
-            rows: ``[B]`` which ones; None: all.
+            seed: restart with rally 0 of this seed; None: continue.
+            rows: ``[B]`` mask of rows; None: all.
         """
         if seed is not None:
             self.reseed(seed)
-        _reset(self.rows, self._chosen_rows(rows), self._seed_key, self._server)
+        _reset(self.rows, self._chosen_rows(rows), self._serving())
 
     def policy_strokes(self, players: Players) -> I64:
-        """``[B]`` the stroke of each row that a tabulated policy plays, by the draw of the stroke that is due.
+        """``[B]`` stroke of each row by tabulated policies and the draw of its next stroke.
 
         Args:
-            players: those at seats 0 and 1, as :func:`~shuttle_marl.kernel.pack` packs them.
+            players: policies at seats 0 and 1, packed by :func:`~shuttle_marl.kernel.pack`.
 
         Raises:
             KernelError: not two policies of this game.
@@ -189,39 +170,35 @@ class RallyBatch(Batch):
 
         Args:
             stroke: ``[B]`` catalogue index of each striker's stroke.
-            reset: whether rows whose rally is over begin their next one at once.
-            observed: room for what each striker then sees; see :meth:`~shuttle_marl.kernel.rows.Batch.observe`.
+            reset: whether rows whose rally is over start the next one in the same step.
+            observed: output arrays for the observations after the step; None: not wanted.
 
         Returns:
             ``[B]`` float32 reward of the striker (+1 winner, -1 fault, 0 returned) and ``[B]`` whether the rally is over.
 
         Raises:
-            IllegalStrokeError: a stroke is not legal, or a row is over; nothing has changed.
-            KernelError: a wrong number of strokes, or room of another shape; nothing has changed.
+            IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
+            KernelError: arrays of wrong shape or dtype; the batch is unchanged.
         """
-        if observed is not None:
-            self._check(observed)
-        rank = self._ranks(stroke)
-        reward, done = np.empty(len(self), np.float32), np.empty(len(self), np.bool_)
-        args = (self._tables, self.rows, rank, reward, done, observed or NO_OBSERVATIONS, self._seed_key, self._server, reset)
-        in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
-        return reward, done
+        output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
+        in_slices(lambda a, b: _step(self._tables, self.rows, rank, output, serving, a, b), len(self), self.threads)
+        return output.reward, output.done
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
-        """Let every row play a number of strokes by itself, beginning rallies as they end.
+        """Let every row play a number of strokes by itself; rallies that end are followed by the next.
 
         Args:
-            strokes: strokes a row.
-            policies: who plays at seats 0 and 1; None: both choose equally among the legal strokes.
+            strokes: number of strokes per row.
+            policies: policies at seats 0 and 1; None: both play random legal strokes.
         """
         strokes = checked_number("strokes", strokes, 0)
-        players = pack(policies, self.game) if policies else _NO_PLAYERS
-        tallies: list[I64] = []
+        players = pack(policies, self.game) if policies else empty_players(self.game, 0)
+        tallies, serving = list[I64](), self._serving()
 
         def work(first: int, last: int) -> None:
             tally = np.zeros(3, np.int64)
             tallies.append(tally)
-            _run(self._tables, self.rows, players, tally, self._seed_key, self._server, strokes, first, last)
+            _run(self._tables, self.rows, players, tally, serving, strokes, first, last)
 
         in_slices(work, len(self), self.threads)
         winners, faults, seat_0 = np.sum(tallies, axis=0).tolist()

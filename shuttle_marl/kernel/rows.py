@@ -1,4 +1,4 @@
-"""A batch of rallies: its rows, how a row begins its next rally, and what the strikers observe."""
+"""A batch of rallies: its rows, their next rallies, and the observations of the strikers."""
 
 import itertools
 import os
@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import Game
@@ -17,37 +17,42 @@ from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, c
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
+    OPEN,
+    Block,
     Tables,
     base_of,
     block_of,
+    choose_stroke,
     draw,
-    draw_strokes,
     extend,
     first_server,
-    legal_count,
+    legal_strokes,
     new_block,
-    reply_of,
+    next_state,
+    outcome_of,
+    read_limits,
     row_of,
+    stroke_of,
     tables_of,
     uniform_choice,
 )
 
 DRAWN: Final = -1
-"""The seat that serves is drawn at random."""
+"""The server is random."""
 _LEAST_ROWS: Final = 1024
-"""A slice of fewer rows costs less than handing it to a thread."""
+"""Fewest rows for which a thread is worthwhile."""
 
 Server = Literal[0, 1] | None
 
 
 class Rows(NamedTuple):
-    """B rallies, each at a stroke of its own.
+    """B rallies, each at its own stroke.
 
     Attributes:
-        state: ``[B]`` int32 state of the striker; where a rally is over, the state after its last stroke, contact below.
+        state: ``[B]`` int32 state of the striker; after the end of a rally the state that follows its last stroke, contact below.
         striker: ``[B]`` int8 seat of the striker.
         stroke: ``[B]`` int32 strokes played in this rally.
-        rally: ``[B]`` int64 number of the rally, which with the seed names its draws.
+        rally: ``[B]`` int64 number of the rally; its draws follow from the seed and this number.
         key: ``[B]`` uint64 key of the rally's draws.
         live: ``[B]`` bool whether the rally continues.
     """
@@ -60,8 +65,22 @@ class Rows(NamedTuple):
     live: Bools
 
 
+class Serving(NamedTuple):
+    """Start of the next rallies.
+
+    Attributes:
+        seed_key: key of the seed.
+        server: seat that serves, or :data:`DRAWN`.
+        reset: whether rows whose rally is over start the next one in the same step.
+    """
+
+    seed_key: np.uint64
+    server: int
+    reset: bool
+
+
 def new_rows(batch: int) -> Rows:
-    """Rows before their first rally: row b plays the rallies b, b + B, b + 2 B, …
+    """Rows before their first rally: row b plays rallies b, b + B, b + 2 B, …
 
     Raises:
         KernelError: fewer than one row.
@@ -78,8 +97,8 @@ def new_rows(batch: int) -> Rows:
 
 
 @inlined
-def part_of(rows: Any, first: Any, last: Any) -> Any:
-    """The rows ``first`` up to ``last``, in place."""
+def part_of(rows: Rows, first: int, last: int) -> Rows:
+    """Views of rows ``first`` up to ``last``."""
     return Rows(
         rows.state[first:last],
         rows.striker[first:last],
@@ -91,22 +110,59 @@ def part_of(rows: Any, first: Any, last: Any) -> Any:
 
 
 @inlined
-def begin(rows: Any, i: Any, seed_key: Any, server: Any) -> Any:
+def begin(rows: Rows, i: int, serving: Serving) -> np.uint64:
     """Start the next rally of row i; returns its first draw."""
     rows.rally[i] += rows.rally.size
-    key = extend(seed_key, rows.rally[i])
+    key = extend(serving.seed_key, rows.rally[i])
     bits = draw(key, 0)
     rows.key[i] = key
     rows.state[i] = 0
     rows.stroke[i] = 0
     rows.live[i] = True
-    rows.striker[i] = server if server >= 0 else first_server(bits)
+    rows.striker[i] = serving.server if serving.server >= 0 else first_server(bits)
     return bits
+
+
+@inlined
+def draw_strokes(part: Rows, bits: U64) -> None:
+    """Write the draw of the next stroke of each row."""
+    for j in range(part.key.size):
+        bits[j] = draw(part.key[j], part.stroke[j])
+
+
+@inlined
+def play(part: Rows, block: Block) -> None:
+    """Decide the chosen stroke of every row and move on to the next stroke."""
+    for j in range(part.state.size):
+        outcome = outcome_of(block.limits[j], block.bits[j])
+        block.outcome[j] = outcome
+        part.state[j] = next_state(block.arrival[j], outcome)
+        part.stroke[j] += 1
+        part.striker[j] ^= 1
+
+
+@inlined
+def strike(tables: Tables, part: Rows, rank: I16, block: Block) -> None:
+    """Play the legal stroke of position ``rank`` in every row."""
+    draw_strokes(part, block.bits)
+    for j in range(rank.size):
+        choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j])
+    read_limits(tables, block, rank.size)
+    play(part, block)
+
+
+@inlined
+def reward_strikers(block: Block, reward: F32, over: Bools) -> None:
+    """Write the reward of each striker, and whether the rally is over."""
+    for j in range(reward.size):
+        ends = block.outcome[j] < OPEN
+        over[j] = ends
+        reward[j] = (2 * block.outcome[j] - 1) * ends
 
 
 @compiled
 def find_ranks(tables: Tables, rows: Rows, stroke: I64, rank: I16, first: int, last: int) -> int:
-    """Position of each stroke among the legal ones; returns the first row where it has none or is over, else -1."""
+    """Write the rank of each stroke among the legal strokes; returns the first row without a legal stroke or over, or -1."""
     n = tables.rank.shape[1]
     for i in range(first, last):
         if not rows.live[i] or stroke[i] < 0 or stroke[i] >= n:
@@ -118,16 +174,16 @@ def find_ranks(tables: Tables, rows: Rows, stroke: I64, rank: I16, first: int, l
 
 
 TOKENS: Final = 6
-"""Numbers in an observation."""
+"""Number of tokens of an observation."""
 
 
 class Observations(NamedTuple):
-    """Observations of the strikers of B rows; without rows where no one asks.
+    """Observations of the strikers of B rows.
 
     Attributes:
         tokens: ``[B, 6]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net), net shots
             in a row, own effort, the opponent's effort.
-        mask: ``[B, n]`` bool legal strokes.
+        mask: ``[B, n]`` bool legal strokes; ``[0, 0]`` if observations are not wanted.
     """
 
     tokens: I32
@@ -135,12 +191,26 @@ class Observations(NamedTuple):
 
 
 NO_OBSERVATIONS: Final = Observations(np.empty((0, TOKENS), np.int32), np.empty((0, 0), np.bool_))
-"""For steps whose observations no one asks for."""
+"""Observations that are not wanted."""
+
+
+class Output(NamedTuple):
+    """Results of a step.
+
+    Attributes:
+        reward: ``[B]`` float32.
+        done: ``[B]`` bool whether the rally or match is over.
+        observed: observations after the step, or :data:`NO_OBSERVATIONS`.
+    """
+
+    reward: F32
+    done: Bools
+    observed: Observations
 
 
 @inlined
-def show(tables: Any, rows: Any, observed: Any, first: Any, last: Any) -> None:
-    """Write what the strikers of rows ``first`` up to ``last`` see."""
+def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+    """Write the observations of rows ``first`` up to ``last``."""
     n = observed.mask.shape[1]
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
@@ -152,35 +222,34 @@ def show(tables: Any, rows: Any, observed: Any, first: Any, last: Any) -> None:
         observed.tokens[i, 3] = tables.duel[edge]
         observed.tokens[i, 4] = tables.efforts[block, 0]
         observed.tokens[i, 5] = tables.efforts[block, 1]
-    # Whole vectors, of which the next row overwrites what is too much; what lies behind the last row is not ours to write.
+    # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)
     for i in range(first, exact):
         legal = tables.mask[row_of(tables, rows.state[i])]
-        place = flat[i * n : i * n + width]
+        row = flat[i * n : i * n + width]
         for j in range(width):
-            place[j] = legal[j]
+            row[j] = legal[j]
     for i in range(exact, last):
         flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
 
 
 @compiled
-def _show(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
-    show(tables, rows, observed, first, last)
+def _observe(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+    observe(tables, rows, observed, first, last)
 
 
 @compiled
 def choose_uniform(tables: Tables, rows: Rows, stroke: I64, first: int, last: int) -> None:
-    """A legal stroke for each of the rows ``first`` up to ``last``, equally likely."""
+    """Write a random legal stroke of each of rows ``first`` up to ``last``."""
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
         chosen = stroke[begin_block : begin_block + part.state.size]
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
-            s = part.state[j]
-            k = uniform_choice(legal_count(tables, s), block.bits[j])
-            chosen[j] = tables.stroke[reply_of(tables, s, k)]
+            legal = legal_strokes(tables, part.state[j])
+            chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
 
 
 @lru_cache(maxsize=4)
@@ -189,7 +258,7 @@ def _pool(threads: int, process: int) -> ThreadPoolExecutor:  # noqa: ARG001  th
 
 
 def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
-    """Call ``work(first, last)`` on slices of ``size`` rows, side by side on as many threads."""
+    """Call ``work(first, last)`` on slices of ``size`` rows, in up to ``threads`` threads."""
     threads = min(threads, size // _LEAST_ROWS)
     if threads <= 1:
         work(0, size)
@@ -203,11 +272,11 @@ def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
 
 
 class Batch:
-    """Base of :class:`~shuttle_marl.kernel.RallyBatch` and :class:`~shuttle_marl.kernel.VersusBatch`."""
+    """Base of the batches of rallies and matches."""
 
     def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
         if server not in (None, 0, 1):
-            raise KernelError(f"server {server!r}: expected 0, 1, or None to draw it at random")
+            raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.game = game
         self._tables = tables_of(game)
         self.rows = new_rows(batch)
@@ -217,58 +286,71 @@ class Batch:
     def __len__(self) -> int:
         return len(self.rows.state)
 
+    def _serving(self, *, reset: bool = True) -> Serving:
+        return Serving(self._seed_key, self._server, reset)
+
+    def _output(self, observed: Observations | None = None) -> Output:
+        """Allocate the results of a step.
+
+        Raises:
+            KernelError: observations of wrong shape or dtype.
+        """
+        if observed is not None:
+            self._check(observed)
+        return Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
+
     def reseed(self, seed: int) -> None:
-        """Let every row begin with the first of its rallies of another seed when it begins its next one."""
+        """Restart the numbers of the rallies with another seed; rows continue their current rally."""
         self._seed_key = draws.stream(seed)[0]
         self.rows.rally[:] = np.arange(len(self)) - len(self)
 
     def new_observations(self) -> Observations:
-        """Room for what the strikers see."""
+        """Allocate observations."""
         return Observations(np.empty((len(self), TOKENS), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
 
     def observe(self, observed: Observations) -> None:
-        """Write what each striker sees now.
+        """Write the observation of each striker.
 
         Raises:
-            KernelError: room of another shape or type.
+            KernelError: arrays of wrong shape or dtype.
         """
         self._check(observed)
-        in_slices(lambda a, b: _show(self._tables, self.rows, observed, a, b), len(self), self.threads)
+        in_slices(lambda a, b: _observe(self._tables, self.rows, observed, a, b), len(self), self.threads)
 
     def _check(self, observed: Observations) -> None:
         check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
         check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
 
     def _chosen_rows(self, rows: Bools | None) -> Bools:
-        """``[B]`` which rows were asked for, all for None.
+        """``[B]`` mask of rows; None: all.
 
         Raises:
-            KernelError: no mask of the rows.
+            KernelError: not a mask of shape ``[B]``.
         """
         return np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
 
     def random_strokes(self) -> I64:
-        """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
+        """``[B]`` a random legal stroke of each row, by the draw of its next stroke."""
         stroke = np.empty(len(self), np.int64)
         in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
         return stroke
 
     def _ranks(self, stroke: Ints) -> I16:
-        """``[B]`` position of each stroke among the legal ones.
+        """``[B]`` position of each stroke among the legal strokes.
 
         Raises:
-            KernelError: a wrong number of strokes, or numbers that are not whole.
-            IllegalStrokeError: a stroke that is not legal.
+            KernelError: wrong shape, or not integers.
+            IllegalStrokeError: an illegal stroke.
         """
         wanted = checked_array("strokes", stroke, np.int64, (len(self),))
         rank = np.empty(len(self), np.int16)
-        found: list[int] = []
+        wrong: list[int] = []
 
         def find(first: int, last: int) -> None:
-            found.append(find_ranks(self._tables, self.rows, wanted, rank, first, last))
+            if (row := find_ranks(self._tables, self.rows, wanted, rank, first, last)) >= 0:
+                wrong.append(row)
 
         in_slices(find, len(self), self.threads)
-        wrong = [row for row in found if row >= 0]
         if wrong:
             self._refuse(min(wrong), int(wanted[min(wrong)]))
         return rank

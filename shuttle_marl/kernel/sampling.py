@@ -1,13 +1,13 @@
 """Whole rallies of a learner that acts from a table, summed up by state and stroke: millions of strokes a second.
 
-A network need not be asked at every stroke: few states make up most of what is played, so it is asked once for each of them and
-its answers are kept in a table. Rallies are then played from tables alone. Where one comes to a state whose entry is missing or
-too old, it is put aside; when all rallies are played or aside, the network is asked about those states together, and the rallies
-are played again: from the same draws and the same entries they come to the same states and on.
+The network is not evaluated at every stroke: few states make up most of the play, so it is evaluated once for each of them, and
+its outputs are stored in a table. Rallies are played from tables alone. A rally that reaches a state whose entry is missing or
+stale is set aside; when all rallies are played or set aside, the network is evaluated in these states together, and the rallies
+are played again: with the same draws and entries they reach the same states and continue.
 
-A rally is played to its end, so its advantages (Schulman et al. 2016) follow on the spot, with the values of the table. They are
-summed up for each state and stroke, the positive and the negative ones apart: the clipped objective of PPO is linear in each of
-the two, so its gradient over distinct pairs is that over all strokes.
+A rally is played to its end, so its advantages (Schulman et al. 2016) follow at once from the values of the table. They are
+summed for each state and stroke, positive and negative ones apart: the clipped objective of PPO is linear in each of the two, so
+its gradient over distinct pairs is that over all strokes.
 """
 
 import dataclasses
@@ -22,54 +22,61 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
-from shuttle_marl.kernel.core import Players, Tables, pack, put, tables_of
+from shuttle_marl.kernel.core import Tables, tables_of
+from shuttle_marl.kernel.players import Players, empty_players, pack, put_player
 from shuttle_marl.kernel.table_play import (
-    NO_ROOM,
-    Learned,
-    Strokes,
+    FULL,
+    Collected,
+    Credit,
+    DistinctArrays,
+    Pending,
+    StrokeList,
     Sums,
     Tape,
     collect,
-    longer,
-    no_strokes,
+    doubled,
+    new_stroke_list,
+    new_tape,
     read_tape,
     replay,
     take,
-    tape_for,
     write,
 )
-from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Room, Starts, no_starts, room_for
+from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Learned, Schedule, Starts, Workspace, new_workspace, no_starts
 from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 Assess = Callable[[I32], tuple[F32, F32]]
-"""``[U]`` states to ``[U, n]`` logits of all strokes and ``[U]`` values to the striker."""
+"""Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``."""
 
 _WHOLE: Final = 1 << 16
 _GUESS: Final = 4.0
-"""Strokes of the learner in a rally, before the first is played."""
+"""Initial guess of the learner's strokes per rally."""
 _LONG: Final = 256
-"""Strokes of a rally for which there is room at first."""
+"""Initial capacity for the strokes of a rally."""
+_STALE: Final = -(1 << 30)
+"""``Schedule.oldest`` with which no entry is stale."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Distinct:
-    """N strokes of a learner as U distinct states and R distinct strokes in them, one or two rows for each: that of its positive
-    advantages and that of its negative ones.
+    """N strokes of a learner as U distinct states and R rows of distinct strokes.
+
+    A stroke has one row for its positive advantages and one for its negative advantages.
 
     Attributes:
         state: ``[U]`` int32 states.
-        visits: ``[U]`` float32 how many strokes were played in each.
-        returns: ``[U]`` float32 mean of the lambda-returns there.
+        visits: ``[U]`` float32 number of strokes in each state.
+        returns: ``[U]`` float32 mean lambda-return in each state.
         start: ``[U + 1]`` int64 first row of each state.
-        row: ``[R]`` int64 which of the states a row belongs to.
+        row: ``[R]`` int64 index of the state of each row.
         stroke: ``[R]`` int64 catalogue index.
-        log_probability: ``[R]`` float32 of the stroke when it was played.
+        log_probability: ``[R]`` float32 log-probability of the stroke when it was played.
         advantage: ``[R]`` float32 sum of the advantages.
         strokes: N.
         deviation: standard deviation of the N advantages.
-        rallies: rallies that ended.
-        won: of those the learner won, where it has an opponent.
-        played: strokes of both players.
+        rallies: number of rallies.
+        won: number of rallies that the learner won against opponents.
+        played: number of strokes of both players.
     """
 
     state: I32
@@ -90,18 +97,18 @@ class Distinct:
 class RallySampler:
     """Plays a learner's rallies against tabulated opponents, or against itself.
 
-    Rally k of a seed has the draws of rally k in :class:`~shuttle_marl.kernel.VersusBatch` and
-    :class:`~shuttle_marl.kernel.RallyBatch`; the learner sits at seat 0.
+    Rally k of a seed has the draws of rally k in :class:`~shuttle_marl.kernel.LearnerBatch` and
+    :class:`~shuttle_marl.kernel.RallyBatch`; the learner plays at seat 0.
 
     Args:
-        game: the tables.
-        opponents: tabulated; none: both players are the learner.
+        game: the game.
+        opponents: tabulated opponents; none: self-play.
         decay: lambda of the advantages.
-        age: iterations for which an entry of the table may be used.
-        shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
+        age: iterations for which cached network outputs are reused.
+        shaping: ``[L * base pairs]`` addition to the learner's reward, by own effort and base pair; None: no shaping.
 
     Raises:
-        KernelError: an opponent of another game, or a number out of its range.
+        KernelError: an opponent of another game, or a number out of range.
     """
 
     def __init__(
@@ -117,15 +124,11 @@ class RallySampler:
             raise KernelError(f"decay {decay}, age {age}: expected 0 to 1, and 1 iteration or more")
         self.game, self._decay, self._age = game, float(decay), age
         self._tables = tables_of(game)
-        learner = Players(np.zeros((1, game.n_pairs), np.uint16), np.zeros((1, game.n_states, 16), np.uint8))
-        players = learner
+        players = empty_players(game, 1)
         if opponents:
             packed = pack(opponents, game)
-            players = Players(
-                np.concatenate([learner.cumulative, packed.cumulative]), np.concatenate([learner.guide, packed.guide])
-            )
-        elif np.diff(game.pair_start).max() > 256:
-            raise KernelError("a state has more than 256 legal strokes, more than the kernel's tables can count")
+            cumulative = np.concatenate([players.cumulative, packed.cumulative])
+            players = Players(cumulative, np.concatenate([players.guide, packed.guide]))
         states, pairs = game.n_states, game.n_pairs
         self._learned = Learned(players, np.zeros(pairs, np.float32), np.zeros(states, np.float32), np.zeros(states, np.int32))
         self._sums = Sums(
@@ -133,30 +136,30 @@ class RallySampler:
         )
         none = np.zeros(0, np.float32)
         self._shaping = none if shaping is None else checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))
-        self._room = room_for(_LONG)
+        self._workspace = new_workspace(_LONG)
         self._opponents = np.arange(1, len(opponents) + 1, dtype=np.int32) if opponents else np.full(1, -1, np.int32)
         self._starts = no_starts()
         self._now = 0
         self._known = np.zeros(0, np.int32)
         self._untaken = False
-        self.strokes = no_strokes()
-        self._tape, self._note_next = tape_for(), False
+        self.strokes = new_stroke_list()
+        self._tape, self._tape_next = new_tape(), False
         self.reset(0)
 
     @property
     def known(self) -> I32:
-        """The states of the last iteration, whose entries are written again at the beginning of the next one."""
+        """States of the last iteration, whose entries are refreshed at the start of the next one."""
         return self._known
 
     def reset(self, seed: int, known: Ints | None = None) -> None:
-        """Begin again with rally 0 of a seed. From here on, what is played depends on it, on ``known`` and on the network alone.
+        """Restart with rally 0 of a seed. All later rallies depend on the seed, ``known`` and the network alone.
 
         Args:
-            seed: names all draws.
-            known: ``[U]`` states as :attr:`known` gave them; None: those it gives now.
+            seed: random seed.
+            known: ``[U]`` earlier value of :attr:`known`; None: the present value.
 
         Raises:
-            KernelError: a state that does not exist.
+            KernelError: a state that does not exist or has no legal strokes.
         """
         self._discard()
         self._seed_key = draws.stream(seed)[0]
@@ -167,57 +170,57 @@ class RallySampler:
             self._known = self._playable(known)
 
     def assign(self, opponents: Ints) -> None:
-        """Say whom the learner meets.
+        """Set the opponents of the rallies.
 
         Args:
-            opponents: ``[K]`` of rally r the opponent is number r modulo K: from 0 on those given, -1 the learner itself.
+            opponents: ``[K]`` opponent of rally r is entry r modulo K: an index into the opponents, or -1: the learner itself.
 
         Raises:
-            KernelError: a number that is none of an opponent.
+            KernelError: an invalid index.
         """
         number = checked_array("opponents", opponents, np.int32, (len(opponents),), -1, len(self._learned.players.guide) - 2)
         self._opponents = np.where(number < 0, -1, number + 1).astype(np.int32)
 
-    def restart(self, states: Ints, share: float) -> None:
-        """Let some rallies of self-play begin in other states than the serve.
+    def restart(self, states: Ints, fraction: float) -> None:
+        """Let some rallies of self-play start in other states than the serve.
 
         Args:
-            states: ``[M]`` one of them, equally likely.
-            share: of the rallies, from 0 to 1.
+            states: ``[M]`` initial states, drawn with equal probabilities.
+            fraction: fraction of the rallies, from 0 to 1.
 
         Raises:
-            KernelError: a state that does not exist or has no legal strokes, or a share out of its range.
+            KernelError: a state that does not exist or has no legal strokes, or a fraction out of range.
         """
-        if not 0 <= share <= 1:
-            raise KernelError(f"share {share}: expected 0 to 1")
-        self._starts = Starts(self._playable(states), np.full(1, round(share * _WHOLE), np.int64))
+        if not 0 <= fraction <= 1:
+            raise KernelError(f"fraction {fraction}: expected 0 to 1")
+        self._starts = Starts(self._playable(states), np.full(1, round(fraction * _WHOLE), np.int64))
 
     def _playable(self, states: Ints) -> I32:
-        found = checked_array("states", states, np.int32, (len(states),), 0, self.game.n_states - 1)
-        if not self.game.playable[found].all():
+        checked = checked_array("states", states, np.int32, (len(states),), 0, self.game.n_states - 1)
+        if not self.game.playable[checked].all():
             raise KernelError("states: one has no legal strokes")
-        return found
+        return checked
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Put another policy in the place of an opponent.
+        """Replace an opponent.
 
         Raises:
-            KernelError: a policy of another game, or no such opponent.
+            KernelError: a policy of another game, or an invalid number.
         """
         if number < 0:
             raise KernelError(f"opponent number {number}: expected 0 or more")
-        put(self._learned.players, number + 1, policy, self.game)
+        put_player(self._learned.players, number + 1, policy, self.game)
 
     def collect(self, count: int, assess: Assess, *, keep: bool = False) -> None:
-        """Play rallies to their end until the learner has played a number of strokes; drops what was not taken before.
+        """Play whole rallies until the learner has played a number of strokes; strokes that were not taken are dropped.
 
         Args:
             count: least number of strokes.
             assess: the network.
-            keep: whether to keep the strokes one by one in :attr:`strokes`.
+            keep: whether to list the strokes one by one in :attr:`strokes`.
 
         Raises:
-            KernelError: the network gives numbers that are not finite.
+            KernelError: the outputs of the network are not finite.
         """
         self._discard()
         self._now += 1
@@ -237,7 +240,7 @@ class RallySampler:
         self._end()
 
     def _discard(self) -> None:
-        """Drop what was collected and not taken, also by a network that failed."""
+        """Drop strokes that were collected but not taken, also after an error of the network."""
         if self._untaken:
             visited = self._sums.visited[: int(self._sums.total[6])]
             self._sums.state[visited] = 0
@@ -245,58 +248,48 @@ class RallySampler:
             self._untaken = False
 
     def _begin(self, count: int, *, keep: bool) -> None:
-        """Make room for an iteration of about ``count`` strokes."""
+        """Allocate the results of an iteration of about ``count`` strokes."""
         self._sums.total[:] = 0
-        self.strokes, self._used = no_strokes(count + count // 8 + 1024 if keep else 0), 0
-        if not self._note_next:
-            self._tape = tape_for()
+        self.strokes, self._listed = new_stroke_list(count + count // 8 + 1024 if keep else 0), np.zeros(1, np.int64)
+        if not self._tape_next:
+            self._tape = new_tape()
         elif not len(self._tape.rally):
-            self._tape = tape_for(1024 + count // 4, 1024 + 2 * count)
+            self._tape = new_tape(1024 + count // 4, 1024 + 2 * count)
         self._tape.used[:] = 0
-        self._note_next = False
+        self._tape_next = False
+
+    @property
+    def _schedule(self) -> Schedule:
+        return Schedule(self._opponents, self._starts, self._seed_key, self._oldest)
 
     @property
     def _oldest(self) -> int:
-        """Iteration from which on an entry may be used."""
+        """First iteration whose entries may be used."""
         return max(1, self._now - self._age + 1)
 
     def _finish(self, numbers: I64, assess: Assess) -> None:
-        """Play these rallies, whatever entries they need, and add them up."""
+        """Play these rallies to their end and add them up."""
         while len(numbers):
-            aside, asked = np.empty_like(numbers), np.empty(len(numbers), np.int32)
-            waiting, states, self._used, small = collect(
-                self._tables,
-                self._learned,
-                self._opponents,
-                self._starts,
-                self._seed_key,
-                numbers,
-                self._oldest,
-                self._decay,
-                self._shaping,
-                self._room,
-                self._sums,
-                self.strokes,
-                self._used,
-                self._tape,
-                aside,
-                asked,
-            )
-            if small == TOO_LONG:
-                self._room = room_for(2 * self._room.rallies.state.shape[1])
-            if small == NO_ROOM:
-                self.strokes = Strokes._make([np.resize(column, 2 * len(column)) for column in self.strokes])
-                self._tape = longer(self._tape)
-            self._refresh(asked[:states], assess)
-            numbers = aside[:waiting]
+            pending = Pending(np.empty_like(numbers), np.empty(len(numbers), np.int32))
+            collected = Collected(self._sums, self.strokes, self._listed, self._tape)
+            credit = Credit(self._decay, self._shaping)
+            args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
+            shortage = collect(*args)
+            if shortage.small == TOO_LONG:
+                self._workspace = new_workspace(2 * self._workspace.rallies.state.shape[1])
+            if shortage.small == FULL:
+                self.strokes = StrokeList._make([np.resize(column, 2 * len(column)) for column in self.strokes])
+                self._tape = doubled(self._tape)
+            self._refresh(pending.state[: shortage.states], assess)
+            numbers = pending.rally[: shortage.rallies]
 
     def _end(self) -> None:
-        """Note what was played in the iteration."""
-        self.strokes = Strokes._make([column[: self._used] for column in self.strokes])
+        """Finish an iteration."""
+        self.strokes = StrokeList._make([column[: self._listed[0]] for column in self.strokes])
         self._known = self._sums.visited[: int(self._sums.total[6])].copy()
 
     def _refresh(self, states: I32, assess: Assess) -> None:
-        self._learned.written[states] = 0  # what is asked for is asked for again should the network fail
+        self._learned.written[states] = 0  # requested again if the network fails
         for first in range(0, len(states), 1 << 13):
             part = np.ascontiguousarray(states[first : first + (1 << 13)])
             logits, value = assess(part)
@@ -304,37 +297,32 @@ class RallySampler:
             value = checked_array("values", value, np.float32, (len(part),))
             wrong = write(self._tables, self._learned, part, logits, value, self._now)
             if wrong >= 0:
-                raise KernelError(f"the network gives no finite numbers in state: {self.game.describe(int(part[wrong]))}")
+                raise KernelError(f"outputs of the network are not finite in state: {self.game.describe(int(part[wrong]))}")
 
     def take(self, order: Ints | None = None) -> Distinct:
-        """Hand over the strokes as distinct states; the sums begin again at zero.
+        """Return the strokes as distinct states, and reset the sums.
 
         Args:
-            order: ``[U]`` numbers from 0 to U - 1, the order in which the states of :attr:`known` come; None: by number of state.
+            order: ``[U]`` permutation in which the states of :attr:`known` are returned; None: ascending.
         """
         known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
         room = 2 * min(int(self.game.legal_count(states).sum()), int(self._sums.total[0]))
-        row, stroke = np.empty(room, np.int64), np.empty(room, np.int64)
-        log_probability, advantage = np.empty(room, np.float32), np.empty(room, np.float32)
-        start = np.empty(len(states) + 1, np.int64)
-        visits, returns = np.empty(len(states), np.float32), np.empty(len(states), np.float32)
-        args = (states, start, row, stroke, log_probability, advantage, visits, returns)
-        rows = take(self._tables, self._learned, self._sums, *args)
-        return Distinct(
-            state=states,
-            visits=visits,
-            returns=returns,
-            start=start,
-            row=row[:rows],
-            stroke=stroke[:rows],
-            log_probability=log_probability[:rows],
-            advantage=advantage[:rows],
-            **self._counted(),
+        out = DistinctArrays(
+            start=np.empty(len(states) + 1, np.int64),
+            row=np.empty(room, np.int64),
+            stroke=np.empty(room, np.int64),
+            log_probability=np.empty(room, np.float32),
+            advantage=np.empty(room, np.float32),
+            visits=np.empty(len(states), np.float32),
+            returns=np.empty(len(states), np.float32),
         )
+        rows = take(self._tables, self._learned, self._sums, states, out)
+        by_row = {name: getattr(out, name)[:rows] for name in ("row", "stroke", "log_probability", "advantage")}
+        return Distinct(state=states, visits=out.visits, returns=out.returns, start=out.start, **by_row, **self._counted())
 
     def _counted(self) -> dict[str, Any]:
-        """The numbers of :class:`Distinct` that are about all strokes."""
+        """Totals of :class:`Distinct`."""
         count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
         return {
             "strokes": int(count),
@@ -355,18 +343,18 @@ class RallySampler:
         return np.arange(self._first, self._next, dtype=np.int64)
 
     def usual(self, numbers: Ints) -> Bools:
-        """``[R]`` which rallies begin with a serve, and in self-play are played by the learner alone."""
+        """``[R]`` whether rallies start with a serve and, in self-play, are played by the learner alone."""
         opponent = self._opponents[numbers % len(self._opponents)]
         if not (self._opponents < 0).any():
             return np.ones(len(numbers), np.bool_)
         if not len(self._starts.states):
             return opponent < 0
-        bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), int(START))
-        return (opponent < 0) & ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.share[0])
+        bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), START)
+        return (opponent < 0) & ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.fraction[0])
 
     def note_next(self) -> None:
-        """Note the rallies of the next iteration while they are played, so that :meth:`record` need not play them again."""
-        self._note_next = True
+        """Record the next iteration on a tape, so that :meth:`record` need not replay it."""
+        self._tape_next = True
 
     def record(self, numbers: Ints, *, figures: bool = False) -> Rallies:
         """Rallies of the last iteration, for a log; to be called before the next iteration.
@@ -386,10 +374,10 @@ class RallySampler:
         return _rallies_of(self._tables, self._learned, self._opponents, tape, number, figures=figures)
 
     def _replayed(self, numbers: I64) -> Tape:
-        """Rallies of the last iteration, played again."""
         mean = self._sums.total[5] / max(1.0, self._sums.total[1])
-        tape = tape_for(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
-        tape, self._room = _played_again(self._tables, self._learned, self._opponents, self._seed_key, numbers, self._room, tape)
+        tape = new_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
+        schedule = self._schedule._replace(starts=no_starts(), oldest=_STALE)
+        tape, self._workspace = _replayed(self._tables, self._learned, schedule, numbers, self._workspace, tape)
         return tape
 
 
@@ -411,20 +399,20 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
     numbers = np.arange(checked_number("rallies", n, 1), dtype=np.int64)
     none = np.empty(0, np.float32)
     learned = Learned(pack(policies, game), none, none, np.zeros(game.n_states, np.int32))
-    tables, opponents, room, tape = tables_of(game), np.ones(1, np.int32), room_for(_LONG), tape_for(n, 16 * n)
-    tape, _ = _played_again(tables, learned, opponents, draws.stream(seed)[0], numbers, room, tape)
-    return _rallies_of(tables, learned, opponents, tape, numbers, figures=False)
+    schedule = Schedule(np.ones(1, np.int32), no_starts(), draws.stream(seed)[0], _STALE)
+    tape, _ = _replayed(tables_of(game), learned, schedule, numbers, new_workspace(_LONG), new_tape(n, 16 * n))
+    return _rallies_of(tables_of(game), learned, schedule.opponents, tape, numbers, figures=False)
 
 
-def _played_again(
-    tables: Tables, learned: Learned, opponents: I32, seed_key: np.uint64, numbers: I64, room: Room, tape: Tape
-) -> tuple[Tape, Room]:
-    """Play rallies onto a tape; both the tape and the room grow as needed."""
+def _replayed(
+    tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, workspace: Workspace, tape: Tape
+) -> tuple[Tape, Workspace]:
+    """Play rallies onto a tape; tape and workspace grow as needed."""
     while len(numbers):
-        numbers = numbers[replay(tables, learned, opponents, no_starts(), seed_key, numbers, room, tape) :]
+        numbers = numbers[replay(tables, learned, schedule, numbers, workspace, tape) :]
         if len(numbers):
-            tape, room = longer(tape), room_for(2 * room.rallies.state.shape[1])
-    return tape, room
+            tape, workspace = doubled(tape), new_workspace(2 * workspace.rallies.state.shape[1])
+    return tape, workspace
 
 
 def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, number: I64, *, figures: bool) -> Rallies:

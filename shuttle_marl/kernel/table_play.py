@@ -1,9 +1,9 @@
-"""Passes over whole rallies of a learner that acts from a table, compiled: to play them, to add them up, and to take the sums.
+"""Play and sum up whole rallies of a learner that acts from a table, compiled.
 
-:mod:`shuttle_marl.kernel.sampling` says what they are for and calls them; it checks every array that comes from outside.
+:mod:`shuttle_marl.kernel.sampling` explains their use and calls them; it checks every array from outside.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -11,38 +11,23 @@ from shuttle_marl.arrays import F32, F64, I32, I64, U8, UInts
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.core import BLOCK, Players, Tables, block_of
-from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, Room, Starts, play
+from shuttle_marl.kernel.core import BLOCK, Tables, legal_strokes, stroke_of
+from shuttle_marl.kernel.players import write_guide
+from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, BlockRallies, Learned, Schedule, Workspace, play
 
-NO_ROOM: Final = -3
+FULL: Final = -3
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
 
 
-class Learned(NamedTuple):
-    """The learner's table, filled where play leads.
-
-    Attributes:
-        players: the learner, and behind it its opponents.
-        log_probability: ``[P]`` of the legal pairs.
-        value: ``[S]`` to the striker.
-        written: ``[S]`` int32 when an entry was written; 0 for never, -1 where it is asked for.
-    """
-
-    players: Players
-    log_probability: F32
-    value: F32
-    written: I32
-
-
 class Sums(NamedTuple):
-    """Sums of an iteration, by state and stroke.
+    """Sums of an iteration by state and stroke.
 
     Attributes:
         pair: ``[P, 3]`` number of strokes, sum of their positive advantages, and of their negative ones.
         state: ``[S, 2]`` number of strokes, and sum of the returns.
-        visited: ``[S]`` the states that were visited, in the order of their first visit.
+        visited: ``[S]`` visited states in the order of their first visit.
         total: ``[7]`` strokes of the learner, rallies, rallies won, sum of the advantages, sum of their squares, strokes of both
-            players, and states visited.
+            players, and number of visited states.
     """
 
     pair: F32
@@ -51,15 +36,15 @@ class Sums(NamedTuple):
     total: F64
 
 
-class Strokes(NamedTuple):
-    """The learner's strokes one by one, in the order of the rallies; no room where no one asks.
+class StrokeList(NamedTuple):
+    """The learner's strokes in the order of the rallies; N = 0 if they are not wanted.
 
     Attributes:
-        state: ``[N]`` where it was played.
+        state: ``[N]`` state in which it was played.
         pair: ``[N]`` legal pair.
-        following: ``[N]`` the next state of the learner (in self-play: of the opponent), -1 where the rally ends before.
-        reward: ``[N]`` with what shaping adds.
-        advantage: ``[N]`` lambda-weighted, by the values of the table.
+        following: ``[N]`` next state of the learner (in self-play: of the opponent), -1 if the rally ends before.
+        reward: ``[N]`` reward, including shaping.
+        advantage: ``[N]`` lambda-weighted advantage with the values of the table.
     """
 
     state: I32
@@ -69,21 +54,21 @@ class Strokes(NamedTuple):
     advantage: F32
 
 
-def no_strokes(room: int = 0) -> Strokes:
-    """Room for a list of strokes."""
-    return Strokes(*(np.empty(room, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
+def new_stroke_list(size: int = 0) -> StrokeList:
+    """Allocate a list of strokes."""
+    return StrokeList(*(np.empty(size, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
 
 
 class Tape(NamedTuple):
-    """Rallies as they were played, in the order in which they ended; no room where no one asks.
+    """Rallies in the order in which they ended; R = N = 0 if they are not wanted.
 
     Attributes:
-        rally: ``[R]`` number.
-        length: ``[R]`` strokes.
-        ended: ``[3, R]`` who served, who won, and how it ended.
-        state: ``[N]`` of every stroke of both players, rally after rally.
-        pair: ``[N]`` legal pair.
-        used: ``[2]`` places of ``[R]`` and of ``[N]`` that are used.
+        rally: ``[R]`` number of the rally.
+        length: ``[R]`` number of strokes.
+        ended: ``[3, R]`` server, winner, and outcome of the last stroke.
+        state: ``[N]`` state of every stroke of both players, rally after rally.
+        pair: ``[N]`` legal pair of every stroke.
+        used: ``[2]`` number of rallies and of strokes on the tape.
     """
 
     rally: I64
@@ -94,8 +79,8 @@ class Tape(NamedTuple):
     used: I64
 
 
-def tape_for(rallies: int = 0, strokes: int = 0) -> Tape:
-    """Room for so many rallies and strokes; for none: nothing is noted."""
+def new_tape(rallies: int = 0, strokes: int = 0) -> Tape:
+    """Allocate a tape of a capacity; with capacity 0 nothing is recorded."""
     return Tape(
         np.empty(rallies, np.int64),
         np.empty(rallies, np.int32),
@@ -106,21 +91,80 @@ def tape_for(rallies: int = 0, strokes: int = 0) -> Tape:
     )
 
 
-def longer(tape: Tape) -> Tape:
-    """The same rallies with twice the room."""
+def doubled(tape: Tape) -> Tape:
+    """The same rallies with twice the capacity."""
     columns = [np.concatenate([column, np.empty_like(column)], axis=-1) for column in tape[:-1]]
     return Tape._make([*columns, tape.used])
 
 
-@inlined
-def _fits(tape: Any, length: Any) -> Any:
-    """Whether there is room for another rally."""
-    return tape.used[0] < tape.rally.size and tape.used[1] + length <= tape.state.size
+class Credit(NamedTuple):
+    """Rewards and advantages of the learner.
+
+    Attributes:
+        decay: lambda of the advantages.
+        shaping: ``[L * base pairs]`` addition to the reward of a stroke, or ``[0]``.
+    """
+
+    decay: float
+    shaping: F32
+
+
+class Collected(NamedTuple):
+    """Results of an iteration.
+
+    Attributes:
+        sums: sums by state and stroke.
+        strokes: the strokes one by one, if they are wanted.
+        listed: ``[1]`` int64 number of entries of ``strokes`` in use.
+        tape: the rallies, if they are wanted.
+    """
+
+    sums: Sums
+    strokes: StrokeList
+    listed: I64
+    tape: Tape
+
+
+class Pending(NamedTuple):
+    """Rallies that could not be played to their end.
+
+    Attributes:
+        rally: ``[R]`` their numbers.
+        state: ``[R]`` states whose entries are missing or stale.
+    """
+
+    rally: I64
+    state: I32
+
+
+class Shortage(NamedTuple):
+    """Number of entries of :class:`Pending`, and the arrays that are too small: TOO_LONG (workspace), FULL (results) or 0."""
+
+    rallies: int
+    states: int
+    small: int
+
+
+class _Stroke(NamedTuple):
+    """One row of :class:`StrokeList`."""
+
+    state: int
+    pair: int
+    following: int
+    reward: float
+    advantage: float
 
 
 @inlined
-def _note(tape: Any, rallies: Any, i: Any, number: Any) -> None:
-    """Note a rally."""
+def _fits(tape: Tape, length: int) -> bool:
+    """Whether a rally fits onto the tape."""
+    fits: bool = tape.used[0] < tape.rally.size and tape.used[1] + length <= tape.state.size
+    return fits
+
+
+@inlined
+def _write(tape: Tape, rallies: BlockRallies, i: int, number: int) -> None:
+    """Write rally i of a block onto the tape."""
     at, first = tape.used[0], tape.used[1]
     length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
     tape.rally[at], tape.length[at] = number, length
@@ -134,8 +178,9 @@ def _note(tape: Any, rallies: Any, i: Any, number: Any) -> None:
 
 
 @inlined
-def _add(learned: Any, sums: Any, strokes: Any, at: Any, s: Any, pair: Any, following: Any, reward: Any, a: Any) -> None:
-    """Add a stroke with its advantage to the sums, and to the list at a place if there is one."""
+def _add(learned: Learned, collected: Collected, at: int, stroke: _Stroke) -> None:
+    """Add a stroke to the sums, and to the list at index ``at`` unless that is negative."""
+    sums, strokes, s, pair, a = collected.sums, collected.strokes, stroke.state, stroke.pair, stroke.advantage
     if sums.state[s, 0] == 0:
         sums.visited[np.int64(sums.total[6])] = s
         sums.total[6] += 1
@@ -150,35 +195,39 @@ def _add(learned: Any, sums: Any, strokes: Any, at: Any, s: Any, pair: Any, foll
     sums.total[3] += a
     sums.total[4] += a * a
     if at >= 0:
-        strokes.state[at], strokes.pair[at], strokes.following[at] = s, pair, following
-        strokes.reward[at], strokes.advantage[at] = reward, a
+        strokes.state[at], strokes.pair[at], strokes.following[at] = s, pair, stroke.following
+        strokes.reward[at], strokes.advantage[at] = stroke.reward, a
 
 
 @inlined
-def _credit_both(learned: Any, sums: Any, strokes: Any, first: Any, rallies: Any, i: Any, reward: Any, decay: Any) -> None:
-    """Add all strokes of a rally in which both players learn; each value is that of its striker."""
+def _credit_both(
+    learned: Learned, collected: Collected, first: int, rallies: BlockRallies, i: int, reward: float, credit: Credit
+) -> None:
+    """Add all strokes of a rally of self-play; each value is that of its striker."""
     a, after, following, won = 0.0, 0.0, -1, reward
     for t in range(rallies.length[i] - 1, -1, -1):
         s = rallies.state[i, t]
-        a = won - after - learned.value[s] - decay * a
-        _add(learned, sums, strokes, first + t if first >= 0 else -1, s, rallies.pair[i, t], following, won, a)
+        a = won - after - learned.value[s] - credit.decay * a
+        at = first + t if first >= 0 else -1
+        _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
         after, following, won = learned.value[s], s, 0.0
 
 
 @inlined
-def _credit(
-    learned: Any, sums: Any, strokes: Any, first: Any, rallies: Any, i: Any, reward: Any, decay: Any, shaping: Any
+def _credit_learner(
+    learned: Learned, collected: Collected, first: int, rallies: BlockRallies, i: int, reward: float, credit: Credit
 ) -> None:
-    """Add the learner's strokes of a rally, every other one: from the second on where the opponent serves."""
+    """Add the learner's strokes of a rally, every other one: from the second on if the opponent serves."""
     a, after, following, won = 0.0, 0.0, -1, reward
     begin = rallies.server[i]
     for j in range((rallies.length[i] - 1 - begin) // 2, -1, -1):
         t = begin + 2 * j
         s = rallies.state[i, t]
-        if shaping.size > 0:
-            won += shaping[rallies.limit[i, t]]
-        a = won + after - learned.value[s] + decay * a
-        _add(learned, sums, strokes, first + j if first >= 0 else -1, s, rallies.pair[i, t], following, won, a)
+        if credit.shaping.size > 0:
+            won += credit.shaping[rallies.limit[i, t]]
+        a = won + after - learned.value[s] + credit.decay * a
+        at = first + j if first >= 0 else -1
+        _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
         after, following, won = learned.value[s], s, 0.0
 
 
@@ -186,178 +235,148 @@ def _credit(
 def collect(
     tables: Tables,
     learned: Learned,
-    opponents: I32,
-    starts: Starts,
-    seed_key: np.uint64,
+    schedule: Schedule,
     numbers: I64,
-    oldest: int,
-    decay: float,
-    shaping: F32,
-    room: Room,
-    sums: Sums,
-    strokes: Strokes,
-    used: int,
-    tape: Tape,
-    aside: I64,
-    asked: I32,
-) -> tuple[int, int, int, int]:
-    """Play rallies and add them up; returns how many were put aside, how many states are asked for, how many places of the
-    list are used, and what room is too small: TOO_LONG, NO_ROOM or 0."""
+    credit: Credit,
+    workspace: Workspace,
+    collected: Collected,
+    pending: Pending,
+) -> Shortage:
+    """Play the rallies with these numbers and add them to ``collected``; those that cannot be added go to ``pending``."""
     waiting, states, small = 0, 0, 0
-    listed, noted = strokes.state.size > 0, tape.rally.size > 0
-    rallies = room.rallies
+    sums, strokes, tape = collected.sums, collected.strokes, collected.tape
+    listed, taped, used = strokes.state.size > 0, tape.rally.size > 0, collected.listed[0]
+    rallies = workspace.rallies
     for first in range(0, numbers.size, BLOCK):
         block = numbers[first : first + BLOCK]
-        play(tables, learned, opponents, starts, seed_key, block, oldest, room)
+        play(tables, learned, schedule, block, workspace)
         for i in range(block.size):
             number, length, server = block[i], rallies.length[i], rallies.server[i]
-            opponent = opponents[number % opponents.size]
+            opponent = schedule.opponents[number % schedule.opponents.size]
             own = length if opponent < 0 else (length - server + 1) // 2
-            if length < 0 or (listed and used + own > strokes.state.size) or (noted and not _fits(tape, length)):
-                aside[waiting] = number
+            if length < 0 or (listed and used + own > strokes.state.size) or (taped and not _fits(tape, length)):
+                pending.rally[waiting] = number
                 waiting += 1
                 if length == STALE:
                     if learned.written[server] >= 0:
-                        asked[states] = server
+                        pending.state[states] = server
                         states += 1
                         learned.written[server] = -1
                 else:
-                    small = TOO_LONG if length == TOO_LONG else NO_ROOM
+                    small = TOO_LONG if length == TOO_LONG else FULL
                 continue
             reward = 2.0 * rallies.outcome[i] - 1.0
             sums.total[1] += 1
             sums.total[5] += length
             at = used if listed else -1
             if opponent < 0:
-                _credit_both(learned, sums, strokes, at, rallies, i, reward, decay)
+                _credit_both(learned, collected, at, rallies, i, reward, credit)
             else:
                 if (server + length - 1) & 1:
                     reward = -reward
                 sums.total[2] += reward > 0
-                _credit(learned, sums, strokes, at, rallies, i, reward, decay, shaping)
+                _credit_learner(learned, collected, at, rallies, i, reward, credit)
             used += own if listed else 0
-            if noted:
-                _note(tape, rallies, i, number)
-    return waiting, states, used, small
+            if taped:
+                _write(tape, rallies, i, number)
+    collected.listed[0] = used
+    return Shortage(waiting, states, small)
 
 
 @compiled
 def write(tables: Tables, learned: Learned, states: I32, logits: F32, value: F32, now: int) -> int:
-    """Write the entries of some states; returns the first whose numbers are not finite, or -1."""
+    """Write the entries of some states; returns the index of the first whose numbers are not finite, or -1."""
+    cumulative = learned.players.cumulative[0]
     for i in range(states.size):
         s = states[i]
-        of = block_of(tables, s)
-        head = tables.head[np.uint64(s - tables.first[of, 0])]
-        start, count = head[0] + tables.first[of, 1], head[1]
+        legal = legal_strokes(tables, s)
+        start, count = legal.pair, legal.n
         highest = np.float32(-np.inf)
         for k in range(count):
-            highest = max(highest, logits[i, tables.stroke[np.uint64(head[2] + k)]])
+            highest = max(highest, logits[i, stroke_of(tables, legal, k)])
         total = np.float32(0)
         for k in range(count):
-            weight = np.exp(logits[i, tables.stroke[np.uint64(head[2] + k)]] - highest)
+            weight = np.exp(logits[i, stroke_of(tables, legal, k)] - highest)
             learned.log_probability[start + k] = weight
             total += weight
         if not (np.isfinite(total) and np.isfinite(highest) and np.isfinite(value[i])):
             return i
         part, scale, sum_log = np.float32(0), _CHOICE_ONE / total, np.log(total) + highest
-        cumulative = learned.players.cumulative[0]
         for k in range(count):
             part += learned.log_probability[start + k]
             cumulative[start + k] = np.uint16(min(part * scale, _CHOICE_ONE) + np.float32(0.5))
-            learned.log_probability[start + k] = logits[i, tables.stroke[np.uint64(head[2] + k)]] - sum_log
+            learned.log_probability[start + k] = logits[i, stroke_of(tables, legal, k)] - sum_log
         cumulative[start + count - 1] = draws.CHOICE_ONE
-        guide, k = learned.players.guide[0, s], 0
-        for high in range(guide.size):
-            while cumulative[start + k] <= high << 12:
-                k += 1
-            guide[high] = k
+        write_guide(cumulative, start, learned.players.guide[0, s])
         learned.value[s], learned.written[s] = value[i], now
     return -1
 
 
+class DistinctArrays(NamedTuple):
+    """Arrays of :class:`shuttle_marl.kernel.sampling.Distinct`, with capacity for all rows."""
+
+    start: I64
+    row: I64
+    stroke: I64
+    log_probability: F32
+    advantage: F32
+    visits: F32
+    returns: F32
+
+
 @compiled
-def take(
-    tables: Tables,
-    learned: Learned,
-    sums: Sums,
-    states: I32,
-    start: I64,
-    row: I64,
-    stroke: I64,
-    log_probability: F32,
-    advantage: F32,
-    visits: F32,
-    returns: F32,
-) -> int:
-    """Move the sums of some states out; returns the number of rows, two for a pair with advantages of both signs."""
+def take(tables: Tables, learned: Learned, sums: Sums, states: I32, out: DistinctArrays) -> int:
+    """Move the sums of some states to ``out``; returns the number of rows, two for a pair with advantages of both signs."""
     rows = 0
     for i in range(states.size):
         s = states[i]
-        start[i] = rows
-        visits[i], returns[i] = sums.state[s, 0], sums.state[s, 1] / sums.state[s, 0]
+        out.start[i] = rows
+        out.visits[i], out.returns[i] = sums.state[s, 0], sums.state[s, 1] / sums.state[s, 0]
         sums.state[s, :] = 0
-        of = block_of(tables, s)
-        head = tables.head[np.uint64(s - tables.first[of, 0])]
-        first = head[0] + tables.first[of, 1]
-        for k in range(head[1]):
-            pair = first + k
+        legal = legal_strokes(tables, s)
+        for k in range(legal.n):
+            pair = legal.pair + k
             if sums.pair[pair, 0] == 0:
                 continue
             for sign in range(1, 3):
                 if sums.pair[pair, sign] != 0:
-                    row[rows], stroke[rows] = i, tables.stroke[np.uint64(head[2] + k)]
-                    log_probability[rows], advantage[rows] = learned.log_probability[pair], sums.pair[pair, sign]
+                    out.row[rows], out.stroke[rows] = i, stroke_of(tables, legal, k)
+                    out.log_probability[rows], out.advantage[rows] = learned.log_probability[pair], sums.pair[pair, sign]
                     rows += 1
             sums.pair[pair, :] = 0
-    start[states.size] = rows
+    out.start[states.size] = rows
     return rows
 
 
 @compiled
-def replay(
-    tables: Tables,
-    learned: Learned,
-    opponents: I32,
-    starts: Starts,
-    seed_key: np.uint64,
-    numbers: I64,
-    room: Room,
-    tape: Tape,
-) -> int:
-    """Play rallies again, to note them; returns for how many there was room."""
+def replay(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, workspace: Workspace, tape: Tape) -> int:
+    """Play rallies onto a tape; returns the number of rallies that fit."""
     for first in range(0, numbers.size, BLOCK):
         block = numbers[first : first + BLOCK]
-        play(tables, learned, opponents, starts, seed_key, block, np.int32(-(1 << 30)), room)
+        play(tables, learned, schedule, block, workspace)
         for i in range(block.size):
-            length = room.rallies.length[i]
+            length = workspace.rallies.length[i]
             if length < 0 or not _fits(tape, length):
                 return first + i
-            _note(tape, room.rallies, i, block[i])
+            _write(tape, workspace.rallies, i, block[i])
     return numbers.size
 
 
 @compiled
 def read_tape(
-    tables: Tables,
-    learned: Learned,
-    opponents: I32,
-    tape: Tape,
-    rows: I64,
-    start: I64,
-    stroke: UInts,
-    figures: F32,
+    tables: Tables, learned: Learned, opponents: I32, tape: Tape, rows: I64, start: I64, stroke: UInts, figures: F32
 ) -> None:
-    """Name the strokes of some rallies of a tape, one rally after the other, with the learner's figures of them.
+    """Write the strokes of some rallies of a tape, rally after rally, and the learner's figures of them.
 
     Args:
-        tables: of the game.
+        tables: tables of the game.
         learned: the learner.
-        opponents: by number of the rally.
+        opponents: see :class:`Schedule`.
         tape: the rallies.
-        rows: ``[R]`` which of them.
-        start: ``[R]`` first stroke of each in the tape.
-        stroke: ``[N]`` for the strokes.
-        figures: ``[2, N]`` for log-probability and value, NaN where another player strikes; ``[0, N]`` for neither.
+        rows: ``[R]`` rows of the tape.
+        start: ``[R]`` index of their first stroke on the tape.
+        stroke: ``[N]`` output: catalogue indices.
+        figures: ``[2, N]`` output: log-probability and value of the learner's strokes, NaN for others; ``[0, N]``: not wanted.
     """
     n = 0
     for i in range(rows.size):
@@ -365,9 +384,8 @@ def read_tape(
         both, server = opponents[tape.rally[row] % opponents.size] < 0, tape.ended[0, row]
         for t in range(tape.length[row]):
             s, pair = tape.state[start[i] + t], tape.pair[start[i] + t]
-            of = block_of(tables, s)
-            head = tables.head[np.uint64(s - tables.first[of, 0])]
-            stroke[n] = tables.stroke[np.uint64(head[2] + pair - head[0] - tables.first[of, 1])]
+            legal = legal_strokes(tables, s)
+            stroke[n] = stroke_of(tables, legal, pair - legal.pair)
             if figures.shape[0] > 0:
                 own = both or (server + t) & 1 == 0
                 figures[0, n] = learned.log_probability[pair] if own else np.nan

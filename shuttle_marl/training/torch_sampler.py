@@ -21,7 +21,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Distinct, RallySampler
 from shuttle_marl.kernel.sampling import Assess
-from shuttle_marl.kernel.table_play import Strokes, no_strokes
+from shuttle_marl.kernel.table_play import StrokeList, new_stroke_list
 from shuttle_marl.kernel.table_rallies import START
 
 _WAITS: Final = 0
@@ -243,9 +243,9 @@ class TorchSampler(RallySampler):
         serve, states = torch.zeros_like(key), self._starts.states
         if not len(states):
             return serve
-        bits = draw(key, int(START))
+        bits = draw(key, START)
         drawn = self._there(states)[(shifted(bits, 32) * len(states)) >> 32].long()
-        return torch.where((opponent < 0) & ((bits & (ONE - 1)) < int(self._starts.share[0])), drawn, serve)
+        return torch.where((opponent < 0) & ((bits & (ONE - 1)) < int(self._starts.fraction[0])), drawn, serve)
 
     def _chosen(self, state: torch.Tensor, player: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
         """``[R]`` legal pairs that players choose: the first entry above the draw.
@@ -313,8 +313,8 @@ class TorchSampler(RallySampler):
         self._sums.total[6] = len(self._known)
         if self._keep:
             columns = (played.state, played.pair, played.following, played.gain, played.advantage)
-            kinds = (column.dtype for column in no_strokes())
-            self.strokes = Strokes(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
+            kinds = (column.dtype for column in new_stroke_list())
+            self.strokes = StrokeList(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
 
     def take(self, order: Ints | None = None) -> Distinct:
         """Take what was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""

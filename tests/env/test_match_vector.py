@@ -13,8 +13,8 @@ from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import Rules
-from shuttle_marl.kernel import KernelError, MatchVersusBatch
-from shuttle_marl.kernel.versus import VersusBatch
+from shuttle_marl.kernel import KernelError, LearnerMatchBatch
+from shuttle_marl.kernel.learner import LearnerBatch
 from tests.exact.exact_games import random_policy, tiring_game
 
 NAME = "shuttle_marl/Match-v0"
@@ -81,7 +81,7 @@ def test_batch_and_threads_change_nothing() -> None:
     """Row 0 of one is what all rows of many play in turn."""
     opponent = random_policy(GAME, 3)
     batches = [
-        MatchVersusBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)
+        LearnerMatchBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)
         for threads in (1, 2)
     ]
     for _ in range(40):
@@ -166,4 +166,4 @@ def test_what_cannot_be_asked_for() -> None:
         batch.play(np.zeros(2, np.int64))
     with pytest.raises(KernelError, match="strokes: "):
         batch.play(np.zeros(3, np.int64))
-    assert not isinstance(batch, VersusBatch), "its step is not that of rallies"
+    assert not isinstance(batch, LearnerBatch), "its step is not that of rallies"

@@ -9,7 +9,7 @@ import pytest
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, VersusBatch, pack, play_matches
+from shuttle_marl.kernel import KernelError, LearnerBatch, Matches, Players, RallyBatch, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.reduced import reduced_game
 
@@ -18,11 +18,11 @@ TABLE = tabulate(UniformPolicy(), GAME)
 PLAYERS = pack([TABLE, TABLE], GAME)
 ROWS = 64
 
-Batch = RallyBatch | VersusBatch
+Batch = RallyBatch | LearnerBatch
 
 
 def a_batch(kind: str) -> Batch:
-    return RallyBatch(GAME, ROWS) if kind == "rally" else VersusBatch(GAME, ROWS, opponents=[TABLE])
+    return RallyBatch(GAME, ROWS) if kind == "rally" else LearnerBatch(GAME, ROWS, opponents=[TABLE])
 
 
 def state_of(batch: Batch) -> list[bytes]:
@@ -118,7 +118,7 @@ def test_room_for_observations_is_checked(kind: str, change: Callable[[Observati
     [np.ones(ROWS), np.zeros(ROWS - 1, int), np.full(ROWS, 1), np.full(ROWS, -1), np.full(ROWS, 2**40), np.zeros(ROWS, bool)],
 )
 def test_assigned_opponents_are_checked(opponents: np.ndarray) -> None:
-    batch = VersusBatch(GAME, ROWS, opponents=[TABLE])
+    batch = LearnerBatch(GAME, ROWS, opponents=[TABLE])
     with pytest.raises(KernelError, match="opponents: "):
         batch.assign(opponents)
     assert (batch.opponents.following == 0).all()

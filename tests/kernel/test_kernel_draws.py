@@ -14,6 +14,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Players, core, pack
+from shuttle_marl.kernel import players as packed
 from shuttle_marl.kernel.compiling import compiled
 from tests.exact.exact_games import random_game, random_policy
 
@@ -34,7 +35,7 @@ def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tup
 
 @compiled
 def _choice(players: Players, player: int, state: int, start: int, bits: np.uint64) -> int:
-    return core.table_choice(players, player, state, start, bits)
+    return packed.table_choice(players, player, state, start, bits)
 
 
 @settings(deadline=None)
@@ -59,7 +60,7 @@ def _every_choice(players: Players, state: int, start: int, chosen: npt.NDArray[
     for u in range(len(chosen)):
         # The least upper half of a draw that gives u.
         upper = (np.uint64(u) << np.uint64(32)) // np.uint64(CHOICE_ONE) + np.uint64(u > 0)
-        chosen[u] = core.table_choice(players, 0, state, start, upper << np.uint64(32))
+        chosen[u] = packed.table_choice(players, 0, state, start, upper << np.uint64(32))
 
 
 @pytest.mark.parametrize("sharpness", [0.05, 0.2, 1.0, 30.0])

@@ -220,7 +220,7 @@ def test_some_rallies_may_begin_anywhere() -> None:
     assert sum(counted.get(s, 0) for s in states.tolist()) >= (~usual).sum()
     played = sampler.record(sampler.numbers[usual])
     assert (played.stroke[np.cumsum(played.length) - played.length] < GAME.n_strokes).all()
-    with pytest.raises(KernelError, match="share"):
+    with pytest.raises(KernelError, match="fraction"):
         sampler.restart(states, 1.5)
     with pytest.raises(KernelError, match="no legal strokes"):
         sampler.restart(np.array([1]), 0.5)
@@ -231,14 +231,14 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
     opponents: tuple[TabulatedPolicy, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from shuttle_marl.kernel import sampling
-    from shuttle_marl.kernel.table_play import tape_for
+    from shuttle_marl.kernel.table_play import new_tape
 
     found = []
-    for room in (None, tape_for, lambda rallies=0, strokes=0: tape_for(min(rallies, 7), min(strokes, 50))):
+    for room in (None, new_tape, lambda rallies=0, strokes=0: new_tape(min(rallies, 7), min(strokes, 50))):
         sampler = RallySampler(GAME, opponents)
         for iteration in range(2):
             if room is not None:
-                monkeypatch.setattr(sampling, "tape_for", room)
+                monkeypatch.setattr(sampling, "new_tape", room)
                 sampler.note_next()
             sampler.collect(2000, network(iteration))
             monkeypatch.undo()
@@ -265,7 +265,7 @@ def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sampling, "_LONG", 1)
     narrow = RallySampler(GAME, [RANDOM])
     monkeypatch.setattr(
-        sampling, "no_strokes", lambda room=0: sampling.Strokes._make([np.empty(min(room, 9), t) for t in "iiiff"])
+        sampling, "new_stroke_list", lambda room=0: sampling.StrokeList._make([np.empty(min(room, 9), t) for t in "iiiff"])
     )
     narrow.collect(4000, network(0), keep=True)
     assert narrow.take().strokes == usual.take().strokes
@@ -280,7 +280,7 @@ def test_numbers_that_cannot_be_meant_are_refused() -> None:
     with pytest.raises(KernelError, match="shaping"):
         RallySampler(GAME, shaping=np.zeros(3, np.float32))
     sampler = RallySampler(GAME)
-    with pytest.raises(KernelError, match="no finite numbers"):
+    with pytest.raises(KernelError, match="are not finite"):
         sampler.collect(
             10, lambda states: (np.full((len(states), GAME.n_strokes), np.nan, np.float32), np.zeros(len(states), "f4"))
         )

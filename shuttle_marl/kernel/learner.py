@@ -1,0 +1,273 @@
+"""Thousands of rallies against tabulated opponents: a step is the learner's stroke and the opponent's reply."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from shuttle_marl.arrays import F32, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import KernelError, checked_array
+from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.kernel.core import (
+    BLOCK,
+    OPEN,
+    Tables,
+    choose_stroke,
+    draw,
+    int64,
+    legal_strokes,
+    list_where,
+    new_block,
+    next_state,
+    outcome_of,
+    read_limits,
+    strike_one,
+)
+from shuttle_marl.kernel.players import Players, pack, put_player, table_choice
+from shuttle_marl.kernel.rows import (
+    Batch,
+    Observations,
+    Output,
+    Rows,
+    Server,
+    Serving,
+    begin,
+    in_slices,
+    observe,
+    part_of,
+    reward_strikers,
+    strike,
+)
+
+
+class Opponents(NamedTuple):
+    """Opponents of a learner, row by row.
+
+    Attributes:
+        players: the K opponents.
+        seat: ``[B]`` int8 seat of the learner.
+        opponent: ``[B]`` int32 opponent in the current rally or match.
+        following: ``[B]`` int32 opponent in those that start from now on.
+        unseen: ``[B, 2]`` int64 rallies or matches that ended before the learner's first stroke: won and lost by the learner.
+    """
+
+    players: Players
+    seat: I8
+    opponent: I32
+    following: I32
+    unseen: I64
+
+
+@inlined
+def _begin_rally(tables: Tables, rows: Rows, opponents: Opponents, i: int, serving: Serving) -> int:
+    """Start the next rally of a row, up to the learner's first stroke; returns the outcome of the opponent's serve, or OPEN."""
+    bits = begin(rows, i, serving)
+    opponents.opponent[i] = opponents.following[i]
+    if rows.striker[i] == opponents.seat[i]:
+        return int64(OPEN)
+    k = table_choice(opponents.players, opponents.opponent[i], 0, legal_strokes(tables, 0).pair, bits)
+    outcome, rows.state[i] = strike_one(tables, 0, k, bits)
+    rows.stroke[i] = 1
+    rows.striker[i] = opponents.seat[i]
+    rows.live[i] = outcome >= OPEN
+    if outcome < OPEN:
+        opponents.unseen[i, outcome] += 1
+    return outcome
+
+
+@inlined
+def _begin_learner(tables: Tables, rows: Rows, opponents: Opponents, i: int, serving: Serving) -> None:
+    """Start rallies until the learner strikes in one."""
+    while _begin_rally(tables, rows, opponents, i, serving) < OPEN:
+        pass
+
+
+@compiled
+def _reset(tables: Tables, rows: Rows, opponents: Opponents, which: Bools, serving: Serving) -> None:
+    for i in range(rows.state.size):
+        if which[i]:
+            _begin_learner(tables, rows, opponents, i, serving)
+
+
+@compiled
+def _step(
+    tables: Tables, rows: Rows, opponents: Opponents, rank: I16, output: Output, serving: Serving, first: int, last: int
+) -> None:
+    block = new_block()
+    for begin_block in range(first, last, BLOCK):
+        end_block = min(begin_block + BLOCK, last)
+        part = part_of(rows, begin_block, end_block)
+        count = end_block - begin_block
+        opponent = opponents.opponent[begin_block:end_block]
+        reward, over = output.reward[begin_block:end_block], output.done[begin_block:end_block]
+        strike(tables, part, rank[begin_block:end_block], block)
+        reward_strikers(block, reward, over)
+        # From here on the first entries of the block belong to the listed rows, those with a reply.
+        replies = list_where(block, count, over=False)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            block.bits[r] = draw(part.key[at], part.stroke[at])
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            s = part.state[at]
+            legal = legal_strokes(tables, s)
+            choose_stroke(tables, block, r, legal, table_choice(opponents.players, opponent[at], s, legal.pair, block.bits[r]))
+        read_limits(tables, block, replies)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            outcome = outcome_of(block.limits[r], block.bits[r])
+            ends = outcome < OPEN
+            part.state[at] = next_state(block.arrival[r], outcome)
+            part.stroke[at] += 1
+            part.striker[at] ^= 1
+            over[at] = ends
+            reward[at] = (1 - 2 * outcome) * ends
+        for j in range(count):
+            part.live[j] = not over[j]
+            if serving.reset and over[j]:
+                _begin_learner(tables, rows, opponents, begin_block + j, serving)
+        if output.observed.mask.shape[0] > 0:
+            observe(tables, rows, output.observed, begin_block, end_block)
+
+
+class OpponentBatch(Batch):
+    """Base of the batches of a learner against tabulated opponents.
+
+    Args:
+        game: the game.
+        batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K.
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
+        server: seat that serves, 0 or 1; None: random.
+        threads: number of threads; does not change results.
+
+    Raises:
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy],
+        seat: int | Ints,
+        server: Server,
+        threads: int,
+    ) -> None:
+        super().__init__(game, batch, server=server, threads=threads)
+        seats = np.asarray(seat)
+        if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
+            raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
+        players = pack(opponents, game)
+        assigned = (np.arange(batch) % len(opponents)).astype(np.int32)
+        self.opponents = Opponents(
+            players=players,
+            seat=np.broadcast_to(seats, batch).astype(np.int8),
+            opponent=assigned.copy(),
+            following=assigned,
+            unseen=np.zeros((batch, 2), np.int64),
+        )
+
+    @property
+    def n_opponents(self) -> int:
+        """Number of opponents K."""
+        return len(self.opponents.players.cumulative)
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Rallies or matches that ended before the learner's first stroke, since the last seed: won and lost by the learner."""
+        won, lost = self.opponents.unseen.sum(axis=0).tolist()
+        return won, lost
+
+    def assign(self, opponent: Ints) -> None:
+        """Set the opponent of each row in the rallies that start from now on.
+
+        Args:
+            opponent: ``[B]`` numbers from 0 to K - 1.
+
+        Raises:
+            KernelError: an invalid number.
+        """
+        self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
+
+    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
+        """Replace an opponent, also in rallies that have started.
+
+        Raises:
+            KernelError: a policy of another game, or an invalid number.
+        """
+        put_player(self.opponents.players, number, policy, self.game)
+
+
+class LearnerBatch(OpponentBatch):
+    """B rallies of a learner against tabulated opponents.
+
+    Row b plays rallies b, b + B, b + 2 B, … of the seed, with the draws of ``rally_v0``: the lower half of a draw decides the
+    outcome of a stroke, the upper half the opponent's choice. A rally that ends on the opponent's serve is counted in
+    :attr:`unseen`, and the row continues with its next rally.
+
+    Args:
+        game: the game.
+        batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K.
+        seed: random seed.
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
+        server: seat that serves, 0 or 1; None: random.
+        threads: number of threads; does not change results.
+
+    Raises:
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy],
+        seed: int = 0,
+        seat: int | Ints = 0,
+        server: Server = None,
+        threads: int = 1,
+    ) -> None:
+        super().__init__(game, batch, opponents=opponents, seat=seat, server=server, threads=threads)
+        self.reset(seed)
+
+    def reseed(self, seed: int) -> None:
+        """Restart the numbers of the rallies with another seed; rows continue their current rally."""
+        super().reseed(seed)
+        self.opponents.unseen[:] = 0
+
+    def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
+        """Start the next rally in some rows, up to the learner's first stroke.
+
+        Args:
+            seed: restart with rally 0 of this seed; None: continue.
+            rows: ``[B]`` mask of rows; None: all.
+        """
+        if seed is not None:
+            self.reseed(seed)
+        _reset(self._tables, self.rows, self.opponents, self._chosen_rows(rows), self._serving())
+
+    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
+        """Play the learner's stroke and the opponent's reply in every row.
+
+        Args:
+            stroke: ``[B]`` catalogue index of the learner's stroke.
+            reset: whether rows whose rally is over start the next one in the same step.
+            observed: output arrays for the learner's observations after the step; None: not wanted.
+
+        Returns:
+            ``[B]`` float32 reward of the learner (+1 won, -1 lost, 0 the rally continues) and ``[B]`` whether it is over.
+
+        Raises:
+            IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
+            KernelError: arrays of wrong shape or dtype; the batch is unchanged.
+        """
+        output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
+        args = (self._tables, self.rows, self.opponents, rank, output, serving)
+        in_slices(lambda a, b: _step(*args, a, b), len(self), self.threads)
+        return output.reward, output.done

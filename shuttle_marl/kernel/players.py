@@ -1,0 +1,155 @@
+"""Tabulated policies packed for the kernel, and the choice of a stroke by one of them."""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from shuttle_marl.arrays import I32, U8, U16
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.checks import KernelError, checked_array
+from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.kernel.core import int64
+
+GUIDES: Final = 16
+"""Entries of the guide of a state: one for each value of the highest four bits of a choice."""
+_GUIDE_SHIFT: Final = np.uint16(12)
+_MOST_LEGAL: Final = 256
+"""Most legal strokes of a state: positions are stored as uint8."""
+_CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
+
+
+class Players(NamedTuple):
+    """K tabulated policies.
+
+    Attributes:
+        cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
+        guide: ``[K, S, GUIDES]`` uint8 position among the legal strokes at which the search of a choice starts, indexed by the
+            highest four bits of the choice.
+    """
+
+    cumulative: U16
+    guide: U8
+
+
+@inlined
+def choice_of(bits: np.uint64) -> np.uint16:
+    """Choice from 0 to 65534, by the upper half of a draw; see :func:`shuttle_marl.game.draws.choice_draw`."""
+    return np.uint16(((bits >> np.uint64(32)) * _CHOICE_ONE) >> np.uint64(32))
+
+
+@inlined
+def first_guess(players: Players, player: int, s: int, bits: np.uint64) -> int:
+    """Position at which the search of :func:`find_rank` starts."""
+    return int64(players.guide[np.uint64(player), np.uint64(s), choice_of(bits) >> _GUIDE_SHIFT])
+
+
+@inlined
+def find_rank(players: Players, player: int, start: int, guess: int, bits: np.uint64) -> int:
+    """Position of the first cumulative probability above the choice, searched from ``guess``.
+
+    Args:
+        players: the policies.
+        player: index of the policy.
+        start: first legal pair of the state.
+        guess: result of :func:`first_guess`.
+        bits: draw of the stroke.
+    """
+    choice, k = choice_of(bits), np.uint64(guess)
+    # Unsigned indices need no check for counting from the end.
+    row, first = np.uint64(player), np.uint64(start)
+    # Seven in eight searches take two steps or fewer; additions avoid their mispredicted branches.
+    k += np.uint64(players.cumulative[row, first + k] <= choice)
+    k += np.uint64(players.cumulative[row, first + k] <= choice)
+    while players.cumulative[row, first + k] <= choice:
+        k += np.uint64(1)
+    return int64(k)
+
+
+@inlined
+def table_choice(players: Players, player: int, s: int, start: int, bits: np.uint64) -> int:
+    """Position of the stroke that a tabulated policy chooses in state ``s``, whose first legal pair is ``start``."""
+    return find_rank(players, player, start, first_guess(players, player, s, bits), bits)
+
+
+@inlined
+def write_guide(cumulative: U16, start: int, guide: U8) -> None:
+    """Write the guide ``[GUIDES]`` of one state, whose first legal pair is ``start``."""
+    k = start
+    for part in range(guide.size):
+        while cumulative[k] <= part << _GUIDE_SHIFT:
+            k += 1
+        guide[part] = k - start
+
+
+@compiled
+def _write_guides(cumulative: U16, pair_start: I32, guide: U8) -> None:
+    for s in range(len(pair_start) - 1):
+        if pair_start[s + 1] > pair_start[s]:
+            write_guide(cumulative, pair_start[s], guide[s])
+
+
+def empty_players(game: Game, count: int) -> Players:
+    """Tables of ``count`` policies, filled with zeros.
+
+    Raises:
+        KernelError: more than 256 legal strokes in a state.
+    """
+    most = int(np.diff(game.pair_start).max())
+    if most > _MOST_LEGAL:
+        raise KernelError(f"a state has {most} legal strokes; the kernel supports up to {_MOST_LEGAL}")
+    return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8))
+
+
+def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
+    """Pack policies that are tabulated for one game.
+
+    Raises:
+        KernelError: no policy, a policy of another game, or more than 256 legal strokes in a state.
+    """
+    if not policies:
+        raise KernelError("no policy: expected one or more that are tabulated")
+    players = empty_players(game, len(policies))
+    for number, policy in enumerate(policies):
+        put_player(players, number, policy, game)
+    return players
+
+
+def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> None:
+    """Replace one of the packed policies.
+
+    Raises:
+        KernelError: a policy of another game or without a table of its states, or an invalid number.
+    """
+    if policy.game.hash != game.hash:
+        raise KernelError("a policy was tabulated for another game; tabulate it for this one")
+    if not 0 <= number < len(players.cumulative):
+        raise KernelError(f"policy number {number}: expected 0 to {len(players.cumulative) - 1}")
+    cumulative = checked_array("table of a policy", policy.cumulative, np.uint16, (game.n_pairs,))
+    if (cumulative[game.last_pairs] != CHOICE_ONE).any():
+        raise KernelError("table of a policy: the last legal stroke of each state needs the cumulative probability 65535")
+    players.cumulative[number] = cumulative
+    _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
+
+
+def check_players(players: Players, game: Game, count: int | None = None) -> None:
+    """Check that packed policies only choose strokes that exist.
+
+    Args:
+        players: result of :func:`pack`.
+        game: game for which they were packed.
+        count: required number of policies; None: any.
+
+    Raises:
+        KernelError: another number of policies, another game, or tables that :func:`pack` does not produce.
+    """
+    number = len(players.cumulative) if count is None else count
+    cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
+    guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, GUIDES))
+    if cumulative is not players.cumulative or guide is not players.guide:
+        raise KernelError("packed policies: arrays are not C-contiguous; make them with pack()")
+    last = np.maximum(np.diff(game.pair_start) - 1, 0).astype(np.uint8)  # fits: see empty_players()
+    if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any():
+        raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")
