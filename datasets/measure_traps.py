@@ -19,10 +19,11 @@ from rich.table import Table
 from shuttle_marl.arrays import I64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.data import split_of, upstream
-from shuttle_marl.data.inference import (
+from shuttle_marl.data.cleaning import (
     MIRRORED,
     arrange,
     broken_rallies,
+    clean_game,
     corrected_label,
     heights_unreliable,
     outcomes,
@@ -32,7 +33,6 @@ from shuttle_marl.data.inference import (
 )
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
-from shuttle_marl.data.table import clean_game
 from shuttle_marl.game import court
 
 Measures = dict[str, Bools]

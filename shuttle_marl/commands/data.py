@@ -13,13 +13,14 @@ from rich.table import Table
 
 from shuttle_marl.commands import cli
 from shuttle_marl.data import upstream
+from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
 from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import DROP_REASONS, Account
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import DROP_REASONS, Account, clean_matches, load_account, provenance_of, write_parquet
+from shuttle_marl.data.table import Report, load_account, provenance_of, write_parquet
+from shuttle_marl.data.table import validate as check
 from shuttle_marl.data.upstream import SPLITS, Split
-from shuttle_marl.data.validate import Report
-from shuttle_marl.data.validate import validate as check
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 

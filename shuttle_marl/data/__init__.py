@@ -1,11 +1,12 @@
-"""Annotated matches: one schema, readers, cleaning, splits, download, and simulated games.
+"""Annotated matches: schema of strokes, readers, cleaning, splits, and download.
 
-``load_strokes`` is all that most users need; the rest is for those who make or check data.
+Most users only need :func:`load_strokes`.
 """
 
-from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Outcome
+from shuttle_marl.data.cleaning import clean_matches
+from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import Account, Cleaned, clean_matches, load_account, load_strokes
+from shuttle_marl.data.table import load_account, load_strokes
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [

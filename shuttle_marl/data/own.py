@@ -16,9 +16,8 @@ import pyarrow as pa
 from shuttle_marl import __version__
 from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.column_map import FAULTS, WINNERS, WORDS, ColumnMap
-from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, STROKES, Outcome, violations
+from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, STROKES, Account, Cleaned, Outcome, violations
 from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
-from shuttle_marl.data.table import Account, Cleaned
 from shuttle_marl.data.upstream import discipline as discipline_of
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.game import court

@@ -1,275 +1,31 @@
-"""Tables of clean strokes: made from the raw rows of a match, written with their account and provenance, read back strictly.
-
-Cleaning infers sides, areas and outcomes; every dropped row is counted by its reason.
-
-What is known to be wrong in the files, and what is done about it (measured on the 82 public matches; ``docs/datasheet.md``
-tells more):
-
-* Eight matches stand in both data sets; the second copy is not read.
-* Ends swap between games and in mid game 3: the side is inferred for every rally from all coordinates. In two rallies of
-  games 2 the letters A and B are exchanged: the ends tell, and the outcome makes sense once they are put right.
-* Area labels of ShuttleSet's matches 9 to 20 are mirrored for strokes that land in the lower half (39 % agree with the
-  coordinates there, 98.7 % once flipped): areas are computed from the coordinates; the corrected label is kept beside them
-  only for comparison. In game 1 of ShuttleSet's match 3 only 86 % agree: 91 % of the others are labels mirrored by slips of
-  the annotators, the coordinates are sound.
-* A row of unknown shot type (2,345 of 77,653, nearly always a serve that the camera missed) is dropped, the rest of its
-  rally is kept. The column ``flaw`` says nearly the same; its 44 rows with a known shot type are judged like all others.
-* A game whose homography is broken puts both players in one half: it is dropped as a whole.
-* Contact heights are noise in some games. In ShuttleSet's match 1 they agree with the height at which the receiver of the
-  stroke before met the shuttle in 49 % of rows (elsewhere in 95 % or more, where both are known). In three more games over
-  a tenth of the drops, smashes, half smashes, lifts and net shots is struck from the wrong height (median of all games
-  2 %). Those games are dropped.
-* The winner of a rally is missing in 245 rallies (3.6 %): it follows from the score in all but two. One annotated winner
-  contradicts score and reason: the score decides.
-* Two games hold a rally at the end of the file that was played early, one stroke stands there twice, and one rally bears the
-  number of the one before: rows are put in order, the repeated row is dropped, and the second rally counts as broken.
-* Frames run backwards or stand still between 0.7 % of consecutive strokes: times that do not fit are null.
-* The contact point of a few strokes lies far in the opponent's half (nearly always the reply to a missed serve): it is null.
-"""
+"""Stroke tables: cleaned from the raw files or read from Parquet, written with account and provenance, and validated."""
 
 import collections
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
+import pooch
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shuttle_marl import __version__, table_files
 from shuttle_marl.data import upstream
-from shuttle_marl.data.inference import (
-    arrange,
-    broken_rallies,
-    corrected_label,
-    heights_unreliable,
-    outcomes,
-    rally_starts,
-    sides,
-    timed,
-    with_letters_fixed,
-)
-from shuttle_marl.data.schema import REACH_OVER, STROKES, Outcome
-from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.cleaning import clean_matches
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import STROKES, Account, Cleaned, violations
+from shuttle_marl.data.shuttleset import list_matches, read_game
+from shuttle_marl.data.strict_csv import DataError, Problem
+from shuttle_marl.data.upstream import SPLITS, Split, split_of
 from shuttle_marl.files import problem
-from shuttle_marl.game import court
-from shuttle_marl.game.stroke import N_SERVES
 
-_COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
-
-DROP_REASONS: Final = {
-    "repeated row": "The same stroke of the same player stands there twice.",
-    "unreadable value": "A value that cannot be what it should be, in a published file.",
-    "broken homography": "More than a fifth of the rows of the game put both players in one half.",
-    "contact heights unreliable": "Those of the whole game contradict each other, or the shot types.",
-    "broken rally": "Strokes are not numbered 1, 2, …, players do not alternate, or the rally's number is taken.",
-    "unknown shot type": "Nearly always a serve that the camera missed; the rest of the rally is kept.",
-    "serve type inside a rally": "A serve that is not the first stroke.",
-    "first stroke is no serve": "A rally that starts with another shot type.",
-    "contact height missing": "Above or below the net is not known.",
-    "side of the court unknown": "No coordinate tells the striker's half, or they contradict the rest of the rally.",
-    "landing missing": "No landing point, of a stroke that is no fault.",
-    "landing on the striker's side": "A returned or winning stroke that seems to have landed in the striker's own half.",
-}
-"""Reasons to drop a row, in the order in which they are tried."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Account:
-    """Counts of a stroke table, totals after deduplication of matches.
-
-    Attributes:
-        matches: matches read.
-        rallies, strokes: numbers before dropping.
-        rallies_kept: rallies of which at least one stroke was kept.
-        strokes_kept: rows of the table.
-        dropped: rows dropped by reason, keys of :data:`DROP_REASONS`; reasons that never applied are left out.
-        area_agreement: share of kept strokes with an in-court label whose label is the area computed from the
-            coordinates; None where there are no labels.
-    """
-
-    matches: int
-    rallies: int
-    rallies_kept: int
-    strokes: int
-    strokes_kept: int
-    dropped: dict[str, int]
-    area_agreement: float | None
-
-    def as_json(self) -> dict[str, Any]:
-        """The account as plain values."""
-        return {
-            "matches": self.matches,
-            "rallies": {"total": self.rallies, "kept": self.rallies_kept},
-            "strokes": {"total": self.strokes, "kept": self.strokes_kept},
-            "dropped": self.dropped,
-            "area_agreement": self.area_agreement,
-        }
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> "Account":
-        """Read what :meth:`as_json` gave.
-
-        Raises:
-            KeyError, TypeError: it is something else.
-        """
-        return cls(
-            matches=values["matches"],
-            rallies=values["rallies"]["total"],
-            rallies_kept=values["rallies"]["kept"],
-            strokes=values["strokes"]["total"],
-            strokes_kept=values["strokes"]["kept"],
-            dropped=dict(values["dropped"]),
-            area_agreement=values["area_agreement"],
-        )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Cleaned:
-    """Clean strokes and the account of what was left out.
-
-    Attributes:
-        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
-        account: what was read and what was dropped.
-        files: the files of games that were read, in order.
-    """
-
-    strokes: pa.Table
-    account: Account
-    files: tuple[Path, ...]
-
-
-def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
-    """Read and clean the matches below ``root`` whose files are there.
-
-    Args:
-        root: folder of the download.
-        names: only these matches; default all that are there.
-
-    Raises:
-        DataError: unreadable input, or a named match that is not there.
-    """
-    wanted = None if names is None else set(names)
-    matches = [m for m in list_matches(root) if m.present and (wanted is None or m.name in wanted)]
-    absent = (wanted or set()) - {m.name for m in matches}
-    if absent or not matches:
-        missing = ", ".join(sorted(absent)) or "any match"
-        raise DataError(root, f"no files of {missing}; get them with `python -m shuttle_marl.data download`")
-    games = [read_game(match, path) for match in matches for path in match.games()]
-    cleaned = [clean_game(game) for game in games]
-    strokes = pa.concat_tables([table for table, _ in cleaned])
-    dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
-    account = Account(
-        matches=len(matches),
-        rallies=sum(len(np.unique(game.rally)) for game in games),
-        rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=sum(len(game.line) for game in games),
-        strokes_kept=strokes.num_rows,
-        dropped={reason: dropped[reason] for reason in DROP_REASONS if dropped[reason]},
-        area_agreement=_area_agreement(strokes),
-    )
-    return Cleaned(strokes=strokes, account=account, files=tuple(game.path for game in games))
-
-
-def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
-    """Clean the rows of one game.
-
-    Returns:
-        The strokes kept, and the number of rows dropped by reason.
-    """
-    raw, repeated = arrange(raw)
-    first = rally_starts(raw)
-    raw = with_letters_fixed(raw, first)
-    side, contradicted = sides(raw, first)
-    outcome, reason = outcomes(raw, first)
-    # In the image x points right and y down: the lower player's right is +x and the upper player's right is -x.
-    facing = np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])
-    ego = {name: (raw.point[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
-    is_serve = (raw.shot >= 0) & (raw.shot < N_SERVES)
-    # The receiver meets a serve, not the server; and no one reaches far over the net or stands beyond it.
-    ego["contact"][is_serve | (ego["contact"][:, 1] > REACH_OVER)] = np.nan
-    ego["striker"][ego["striker"][:, 1] > 0] = np.nan
-    ego["receiver"][ego["receiver"][:, 1] < 0] = np.nan
-    landing_x, landing_y = ego["landing"].T
-    area = court.area_of(landing_x, landing_y)
-    label = corrected_label(raw, own_half=landing_y < 0)
-    tests = {
-        "unreadable value": raw.unreadable,
-        "broken homography": np.full(len(first), raw.broken_homography),
-        "contact heights unreliable": np.full(len(first), heights_unreliable(raw, first)),
-        "broken rally": broken_rallies(raw, first),
-        "unknown shot type": raw.shot < 0,
-        "serve type inside a rally": is_serve & (raw.stroke > 1),
-        "first stroke is no serve": ~is_serve & (raw.stroke == 1),
-        "contact height missing": (raw.height < 0) & ~is_serve,
-        "side of the court unknown": (side == 0) | contradicted,
-        "landing missing": (area < 0) & (outcome != Outcome.FAULT),
-        "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
-    }
-    keep = np.ones(len(first), dtype=bool)
-    counts = {"repeated row": repeated}
-    for name, test in tests.items():
-        counts[name] = int((keep & test).sum())
-        keep &= ~test
-    rows = np.flatnonzero(keep)
-    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # of a rally: that of its last row
-    n = len(first)
-    players = pa.array(raw.match.players)
-    texts = {
-        "match": pa.repeat(raw.match.name, len(rows)),
-        "source": pa.repeat(raw.match.source, len(rows)),
-        "discipline": pa.repeat(raw.match.discipline, len(rows)),
-        "player": players.take(pa.array(np.where(raw.by_a, 0, 1)[rows])),
-        "opponent": players.take(pa.array(np.where(raw.by_a, 1, 0)[rows])),
-    }
-    columns: dict[str, npt.NDArray[Any]] = {
-        "game": np.full(n, raw.game),
-        "rally": raw.rally,
-        "stroke": raw.stroke,
-        "shot": raw.shot,
-        "height": np.where(is_serve, 0, raw.height),  # the laws demand it; two serves are annotated as above the net
-        "technique": np.where(raw.backhand, 1, np.where(raw.around_head, 2, 0)),
-        "area": area,
-        "in_court": court.in_court(landing_x, landing_y),
-        **{f"{name}_{axis}": xy[:, i] for name, xy in ego.items() for i, axis in enumerate("xy")},
-        "clock": raw.clock,
-        "frame": raw.frame,
-        "outcome": outcome,
-        "reason": reason,
-        "points": np.where(raw.by_a, score[:, 0], score[:, 1]),
-        "points_opponent": np.where(raw.by_a, score[:, 1], score[:, 0]),
-        "label_area": label,
-    }
-    untimed = ~timed(raw, first)
-    missing = {
-        "area": area < 0,
-        "in_court": area < 0,
-        "label_area": label < 0,
-        "clock": untimed,
-        "frame": untimed,
-        **{name: columns[name] < 0 for name in ("points", "points_opponent")},
-        **{name: np.isnan(values) for name, values in columns.items() if values.dtype == np.float32},
-    }
-    arrays = dict(texts)
-    for name, values in columns.items():
-        mask = missing.get(name)
-        arrays[name] = pa.array(values[rows], STROKES.field(name).type, mask=None if mask is None else mask[rows])
-    return pa.table([arrays[name] for name in STROKES.names], schema=STROKES), counts
-
-
-def _area_agreement(strokes: pa.Table) -> float | None:
-    labelled = strokes["label_area"].is_valid().to_numpy()
-    if not labelled.any():
-        return None
-    agrees = strokes["area"].to_numpy() == strokes["label_area"].to_numpy()
-    return float(agrees[labelled].mean())
-
-
+_ADVICE: Final = (
+    "`python -m shuttle_marl.data download` fetches them, and matches of your own become a Parquet file with "
+    "`python -m shuttle_marl.data import`"
+)
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -382,3 +138,127 @@ def _open(path: Path) -> pq.ParquetFile:
 
 def _kind(field: pa.Field) -> str:
     return f"{field.type}{'' if field.nullable else ' not null'}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Report:
+    """Findings of a check.
+
+    Attributes:
+        problems: everything that is wrong; empty if all is well.
+        notes: what is worth knowing but not wrong.
+        splits: of each split, how many of its files are there and unaltered, and how many there should be; empty for a
+            table.
+        account: the account of the strokes, where they can be read.
+    """
+
+    problems: tuple[Problem, ...]
+    notes: tuple[str, ...]
+    splits: dict[Split, tuple[int, int]]
+    account: Account | None
+
+
+def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
+    """Check a folder with the raw files, a Parquet file made by ``convert`` or ``import``, or a CSV file of one's own.
+
+    Args:
+        path: folder or file.
+        splits: only the files of these splits must be there.
+        columns: the map of the columns of a CSV file.
+    """
+    try:
+        if columns is not None:
+            return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
+        if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
+            nothing = Problem(path, f"holds none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
+            return Report(problems=(nothing,), notes=(), splits=_compare(path, ())[0], account=None)
+        return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
+    except DataError as error:
+        return Report(problems=error.problems, notes=(), splits={}, account=None)
+
+
+def _validate_table(path: Path) -> Report:
+    strokes = read_parquet(path)
+    account = load_account(path)
+    problems = [Problem(path, str(violation)) for violation in violations(strokes)]
+    rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+    for name, told, found in (
+        ("strokes", account.strokes_kept, strokes.num_rows),
+        ("rallies", account.rallies_kept, rallies),
+        ("matches", account.matches, len(strokes["match"].unique())),
+    ):
+        if told != found:
+            problems.append(Problem(path, f"the account tells of {told} {name}, the table holds {found}"))
+    if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
+        problems.append(Problem(path, "the account does not add up: strokes kept and dropped are not all strokes"))
+    return Report(problems=tuple(problems), notes=(), splits={}, account=account)
+
+
+def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
+    counts, problems = _compare(root, splits)
+    notes: list[str] = []
+    compared = len(problems)
+    matches = _read_all(root, problems, notes)
+    readable = matches and len(problems) == compared
+    return Report(
+        problems=tuple(problems),
+        notes=tuple(notes),
+        splits=counts,
+        account=clean_matches(root).account if readable else None,
+    )
+
+
+def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int, int]], list[Problem]]:
+    """Compare the files with the manifest: files whole and files listed by split, and what is missing or altered."""
+    whole: collections.Counter[Split] = collections.Counter()
+    listed: collections.Counter[Split] = collections.Counter()
+    missing: dict[tuple[Path, Split | None], list[str]] = {}
+    problems: list[Problem] = []
+    for name, digest in upstream.manifest().items():
+        match = upstream.match_of(name)
+        split = None if match is None else split_of(match)
+        file = root / name
+        if split is not None:
+            listed[split] += 1
+        if not file.is_file():
+            missing.setdefault((file.parent, split), []).append(file.name)
+        elif (got := pooch.file_hash(str(file))) != digest:
+            problems.append(Problem(file, f"altered: SHA-256 is {got}, expected {digest}; delete it and download it again"))
+        elif split is not None:
+            whole[split] += 1
+    for (folder, split), names in missing.items():
+        if split is None or split in splits:
+            of_split = "" if split is None else f" ({split} split)"
+            advice = "get them with `python -m shuttle_marl.data download`"
+            problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
+    return {split: (whole[split], listed[split]) for split in SPLITS}, problems
+
+
+def _read_all(root: Path, problems: list[Problem], notes: list[str]) -> int:
+    """Read every game strictly; add problems, and as notes those of published files, which no one can fix.
+
+    Returns:
+        Number of matches that are there.
+    """
+    try:
+        matches = list_matches(root, problems)
+    except DataError as error:
+        problems.extend(error.problems)
+        return 0
+    present = [match for match in matches if match.present]
+    for match in present:
+        try:
+            for path in match.games():
+                found: list[Problem] = []
+                read_game(match, path, found)
+                if found and upstream.is_published(path.read_bytes()):
+                    notes.extend(f"{problem} (so it was published: the row is dropped)" for problem in found)
+                else:
+                    problems.extend(found)
+        except DataError as error:
+            problems.extend(error.problems)
+    listed = {match.name for match in matches}
+    for source in upstream.SOURCES.values():
+        strangers = sorted(child for child in (root / source).glob("*") if child.is_dir() and child.name not in listed)
+        notes.extend(f"{child}: not in match.csv, so it is not read" for child in strangers)
+    return len(present)

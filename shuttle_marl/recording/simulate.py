@@ -10,9 +10,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.arrays import I64, Bools, Floats
-from shuttle_marl.data import placing
-from shuttle_marl.data.schema import STROKES, Outcome, outcome_of
-from shuttle_marl.data.table import Account
+from shuttle_marl.data import positions
+from shuttle_marl.data.schema import STROKES, Account, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court, draws
@@ -31,7 +30,7 @@ def stroke_table(
     """Write every stroke of rallies down as an annotated match would have it.
 
     Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
-    (:mod:`shuttle_marl.data.placing`): a good stroke lands in its target area, and flight times are medians of the annotated
+    (:mod:`shuttle_marl.data.positions`): a good stroke lands in its target area, and flight times are medians of the annotated
     matches. A match is filed under the discipline of its first player who has one (:mod:`shuttle_marl.data.upstream`), or
     under men's singles; its time begins with the first of its rallies that is there.
 
@@ -55,8 +54,8 @@ def stroke_table(
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)
     new_match = np.diff(rallies.pairing.astype(np.int64) << 32 | rallies.match, prepend=-1) != 0
     new_game = new_match | (np.diff(game, prepend=-1) != 0)
-    placed = placing.place(
-        placing.Strokes(
+    placed = positions.sample_positions(
+        positions.SimulatedStrokes(
             shot=catalogue.shot[stroke].astype(np.int64),
             area=catalogue.area[stroke].astype(np.int64),
             outcome=outcome,
@@ -88,7 +87,7 @@ def stroke_table(
         "area": court.area_of(landing_x, landing_y),
         "in_court": court.in_court(landing_x, landing_y),
         **{f"{name}_{axis}": xy[:, i].astype(np.float32) for name, xy in places.items() for i, axis in enumerate("xy")},
-        "clock": frame // placing.FRAME_RATE,
+        "clock": frame // positions.FRAME_RATE,
         "frame": frame,
         "outcome": outcome,
         "reason": placed.reason,

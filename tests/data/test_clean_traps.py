@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.data import clean_matches
-from shuttle_marl.data.schema import OUTCOMES, REASONS, Outcome, violations
-from shuttle_marl.data.table import Cleaned
+from shuttle_marl.data.schema import OUTCOMES, REASONS, Cleaned, Outcome, violations
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.upstream_layout import (

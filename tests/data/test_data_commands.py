@@ -35,7 +35,7 @@ def published(root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(root.rglob("*.csv"))
     }
     monkeypatch.setattr(upstream, "manifest", lambda: manifest)
-    monkeypatch.setattr("shuttle_marl.data.validate.split_of", lambda name: "train" if name == NAME else None)
+    monkeypatch.setattr("shuttle_marl.data.table.split_of", lambda name: "train" if name == NAME else None)
     return root
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl.data import matches_of, upstream
-from shuttle_marl.data.schema import STROKES
-from shuttle_marl.data.table import DROP_REASONS
+from shuttle_marl.data.schema import DROP_REASONS, STROKES
 from shuttle_marl.game import court
 
 DATASHEET = Path(__file__).parents[2] / "docs" / "datasheet.md"

@@ -9,9 +9,8 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.data import clean_matches, matches_of, split_of
-from shuttle_marl.data.schema import violations
+from shuttle_marl.data.schema import DROP_REASONS, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches
-from shuttle_marl.data.table import DROP_REASONS, Cleaned
 
 ROOT = os.environ.get("SHUTTLESET")
 pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow]

@@ -1,10 +1,10 @@
-"""The published data sets: where they are, the hash of every file, licence, citations, players, and the fixed splits.
+"""The published data sets: addresses, hash of every file, licence, citations, players, and the fixed splits.
 
-Hashes are not data: none of the files themselves comes with this package.
+The package contains the hashes, not the files.
 
-**Splits.** Test is the twelve matches of ShuttleSet22 named in ``splits.json``; nothing is fitted or chosen on them. Validation
-was drawn once, by match, from the rest: within each stratum (data set x discipline) the matches were ordered by the SHA-256
-of their names and the first of them taken, 14 in all. Train is what remains.
+**Splits.** The test split is the twelve matches of ShuttleSet22 in ``splits.json``; nothing is fitted or chosen on them. The
+validation split was sampled once from the others, by match: the first of each stratum (data set x discipline) in the order of the
+SHA-256 of their names, 14 in all. The training split is the rest.
 """
 
 import functools
@@ -18,7 +18,7 @@ from typing import Final, Literal, get_args
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
 BASE_URL: Final = f"https://raw.githubusercontent.com/{REPOSITORY}/{COMMIT}"
-"""Address from which the files are fetched; the path of a file below the root is appended."""
+"""Base URL of the files; the path of a file below the root is appended."""
 SOURCES: Final = {
     "ShuttleSet": PurePosixPath("ShuttleSet/set"),
     "ShuttleSet22": PurePosixPath("CoachAI-Challenge-IJCAI2023/ShuttleSet22/set"),
@@ -34,72 +34,17 @@ CITATIONS: Final = (
 )
 LICENCE_NOTE: Final = "MIT License, Copyright (c) 2022 Wei-Yao Wang; the notice must stay with every copy of the data."
 
-WOMEN: Final = frozenset(
-    {
-        "aakarshi-kashyap",
-        "akane-yamaguchi",
-        "an-se-young",
-        "busanan-ongbamrungphan",
-        "carolina-marin",
-        "chen-yufei",
-        "evgeniya-kosetskaya",
-        "gregoria-mariska-tunjung",
-        "he-bingjiao",
-        "mia-blichfeldt",
-        "michelle-li",
-        "neslihan-yigit",
-        "pornpawee-chochuwong",
-        "pusarla-v-sindhu",
-        "ratchanok-intanon",
-        "supanida-katethong",
-        "wang-zhi-yi",
-    }
-)
-"""Identifiers of the players of women's singles."""
-
-MEN: Final = frozenset(
-    {
-        "anders-antonsen",
-        "anthony-sinisuka-ginting",
-        "chen-long",
-        "chico-aura-dwi-wardoyo",
-        "chou-tien-chen",
-        "hans-kristian-solberg-vittinghus",
-        "jonatan-christie",
-        "kenta-nishimoto",
-        "kento-momota",
-        "kidambi-srikanth",
-        "kodai-naraoka",
-        "kunlavut-vitidsarn",
-        "lakshya-sen",
-        "lee-cheuk-yiu",
-        "lee-zii-jia",
-        "li-shi-feng",
-        "liew-daren",
-        "loh-kean-yew",
-        "lu-guang-zu",
-        "ng-ka-long-angus",
-        "prannoy-h-s",
-        "rasmus-gemke",
-        "sameer-verma",
-        "shi-yuqi",
-        "viktor-axelsen",
-        "zhao-jun-peng",
-    }
-)
-"""Identifiers of the players of men's singles."""
-
 
 @functools.cache
 def manifest() -> dict[str, str]:
-    """SHA-256 (hexadecimal) of every published file by its path below the root, in the order of the paths."""
+    """SHA-256 (hexadecimal) of every published file, by its path below the root, ordered by path."""
     lines = files(__name__).joinpath("MANIFEST.sha256").read_text(encoding="utf-8").splitlines()
     pairs = (line.split("  ", maxsplit=1) for line in lines)
     return {path: digest for digest, path in pairs}
 
 
 def licence() -> str:
-    """The licence of the data sets, word for word."""
+    """Text of the licence of the data sets."""
     return files(__name__).joinpath("LICENSE").read_text(encoding="utf-8")
 
 
@@ -109,12 +54,12 @@ def _published() -> frozenset[str]:
 
 
 def is_published(content: bytes) -> bool:
-    """Test whether these bytes are one of the published files."""
+    """Whether the content is that of a published file."""
     return hashlib.sha256(content).hexdigest() in _published()
 
 
 def match_of(path: str) -> str | None:
-    """Name of the match to which a file of the manifest belongs, None for the lists."""
+    """Name of the match of a file of the manifest, None for the lists."""
     folder = PurePosixPath(path).parent
     return None if folder in SOURCES.values() else folder.name
 
@@ -125,8 +70,15 @@ def _by_match() -> dict[str, Split]:
     return {match: split for split in SPLITS for match in names[split]}
 
 
+@functools.cache
+def players() -> dict[str, str]:
+    """Discipline, ``MS`` or ``WS``, of every published player by identifier."""
+    names = json.loads(files(__name__).joinpath("players.json").read_text(encoding="utf-8"))
+    return {player: kind for kind, group in names.items() for player in group}
+
+
 def split_of(match: str) -> Split | None:
-    """Split of a match, None for a match that is in neither data set."""
+    """Split of a match, None for an unpublished match."""
     return _by_match().get(match)
 
 
@@ -136,13 +88,11 @@ def matches_of(split: Split) -> Sequence[str]:
 
 
 def player_id(name: str) -> str:
-    """Identifier of a player as the data sets spell them: ``'CHEN Yufei'`` and ``'Chen Yufei'`` give ``chen-yufei``."""
+    """Identifier of a player: ``chen-yufei`` for ``'CHEN Yufei'`` and ``'Chen Yufei'``."""
     words = name.replace(".", " ").replace("-", " ").lower().split()
     return "-".join(words)
 
 
 def discipline(player: str) -> str | None:
-    """``MS``, ``WS``, or None for a player of neither list."""
-    if player in WOMEN:
-        return "WS"
-    return "MS" if player in MEN else None
+    """``MS``, ``WS``, or None for an unpublished player."""
+    return players().get(player)

@@ -1,15 +1,27 @@
-"""Corrections of what the files of a game do not say, or say wrongly: order of rows, sides, outcomes, contact heights, times."""
+"""Cleaning of the raw rows of ShuttleSet and ShuttleSet22: order, sides, outcomes, areas, contact heights and times.
 
+``docs/datasheet.md`` lists the known errors of the files with their frequencies. Every dropped row is counted by its reason
+(:data:`shuttle_marl.data.schema.DROP_REASONS`).
+"""
+
+import collections
 import dataclasses
-from typing import Final
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
 
 from shuttle_marl.arrays import I8, I64, Bools
-from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.data.shuttleset import RawGame
-from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
+from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
+from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.game import court
+from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
+_COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
 HEIGHTS_AGREE: Final = 0.7
 """The contact heights of a game mean nothing where its two records of them agree less often than this."""
 HEIGHTS_PLAUSIBLE: Final = 0.9
@@ -25,6 +37,132 @@ MIRRORED: Final = ("ShuttleSet", range(9, 21))
 _LABEL_AREA: Final = np.array([-1, 0, 2, 6, 8, 3, 5, 1, 4, 7] + [-1] * 7, dtype=np.int8)
 _OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "short", "foul"))
 _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
+
+
+def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
+    """Read and clean the matches below ``root`` whose files are there.
+
+    Args:
+        root: folder of the download.
+        names: only these matches; default all that are there.
+
+    Raises:
+        DataError: unreadable input, or a named match that is not there.
+    """
+    wanted = None if names is None else set(names)
+    matches = [m for m in list_matches(root) if m.present and (wanted is None or m.name in wanted)]
+    absent = (wanted or set()) - {m.name for m in matches}
+    if absent or not matches:
+        missing = ", ".join(sorted(absent)) or "any match"
+        raise DataError(root, f"no files of {missing}; get them with `python -m shuttle_marl.data download`")
+    games = [read_game(match, path) for match in matches for path in match.games()]
+    cleaned = [clean_game(game) for game in games]
+    strokes = pa.concat_tables([table for table, _ in cleaned])
+    dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
+    account = Account(
+        matches=len(matches),
+        rallies=sum(len(np.unique(game.rally)) for game in games),
+        rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
+        strokes=sum(len(game.line) for game in games),
+        strokes_kept=strokes.num_rows,
+        dropped={reason: dropped[reason] for reason in DROP_REASONS if dropped[reason]},
+        area_agreement=_area_agreement(strokes),
+    )
+    return Cleaned(strokes=strokes, account=account, files=tuple(game.path for game in games))
+
+
+def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
+    """Clean the rows of one game.
+
+    Returns:
+        The strokes kept, and the number of rows dropped by reason.
+    """
+    raw, repeated = arrange(raw)
+    first = rally_starts(raw)
+    raw = with_letters_fixed(raw, first)
+    side, contradicted = sides(raw, first)
+    outcome, reason = outcomes(raw, first)
+    # In the image x points right and y down: the lower player's right is +x and the upper player's right is -x.
+    facing = np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])
+    ego = {name: (raw.point[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
+    is_serve = (raw.shot >= 0) & (raw.shot < N_SERVES)
+    # The receiver meets a serve, not the server; and no one reaches far over the net or stands beyond it.
+    ego["contact"][is_serve | (ego["contact"][:, 1] > REACH_OVER)] = np.nan
+    ego["striker"][ego["striker"][:, 1] > 0] = np.nan
+    ego["receiver"][ego["receiver"][:, 1] < 0] = np.nan
+    landing_x, landing_y = ego["landing"].T
+    area = court.area_of(landing_x, landing_y)
+    label = corrected_label(raw, own_half=landing_y < 0)
+    tests = {
+        "unreadable value": raw.unreadable,
+        "broken homography": np.full(len(first), raw.broken_homography),
+        "contact heights unreliable": np.full(len(first), heights_unreliable(raw, first)),
+        "broken rally": broken_rallies(raw, first),
+        "unknown shot type": raw.shot < 0,
+        "serve type inside a rally": is_serve & (raw.stroke > 1),
+        "first stroke is no serve": ~is_serve & (raw.stroke == 1),
+        "contact height missing": (raw.height < 0) & ~is_serve,
+        "side of the court unknown": (side == 0) | contradicted,
+        "landing missing": (area < 0) & (outcome != Outcome.FAULT),
+        "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
+    }
+    keep = np.ones(len(first), dtype=bool)
+    counts = {"repeated row": repeated}
+    for name, test in tests.items():
+        counts[name] = int((keep & test).sum())
+        keep &= ~test
+    rows = np.flatnonzero(keep)
+    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # of a rally: that of its last row
+    n = len(first)
+    players = pa.array(raw.match.players)
+    texts = {
+        "match": pa.repeat(raw.match.name, len(rows)),
+        "source": pa.repeat(raw.match.source, len(rows)),
+        "discipline": pa.repeat(raw.match.discipline, len(rows)),
+        "player": players.take(pa.array(np.where(raw.by_a, 0, 1)[rows])),
+        "opponent": players.take(pa.array(np.where(raw.by_a, 1, 0)[rows])),
+    }
+    columns: dict[str, npt.NDArray[Any]] = {
+        "game": np.full(n, raw.game),
+        "rally": raw.rally,
+        "stroke": raw.stroke,
+        "shot": raw.shot,
+        "height": np.where(is_serve, 0, raw.height),  # the laws demand it; two serves are annotated as above the net
+        "technique": np.where(raw.backhand, 1, np.where(raw.around_head, 2, 0)),
+        "area": area,
+        "in_court": court.in_court(landing_x, landing_y),
+        **{f"{name}_{axis}": xy[:, i] for name, xy in ego.items() for i, axis in enumerate("xy")},
+        "clock": raw.clock,
+        "frame": raw.frame,
+        "outcome": outcome,
+        "reason": reason,
+        "points": np.where(raw.by_a, score[:, 0], score[:, 1]),
+        "points_opponent": np.where(raw.by_a, score[:, 1], score[:, 0]),
+        "label_area": label,
+    }
+    untimed = ~timed(raw, first)
+    missing = {
+        "area": area < 0,
+        "in_court": area < 0,
+        "label_area": label < 0,
+        "clock": untimed,
+        "frame": untimed,
+        **{name: columns[name] < 0 for name in ("points", "points_opponent")},
+        **{name: np.isnan(values) for name, values in columns.items() if values.dtype == np.float32},
+    }
+    arrays = dict(texts)
+    for name, values in columns.items():
+        mask = missing.get(name)
+        arrays[name] = pa.array(values[rows], STROKES.field(name).type, mask=None if mask is None else mask[rows])
+    return pa.table([arrays[name] for name in STROKES.names], schema=STROKES), counts
+
+
+def _area_agreement(strokes: pa.Table) -> float | None:
+    labelled = strokes["label_area"].is_valid().to_numpy()
+    if not labelled.any():
+        return None
+    agrees = strokes["area"].to_numpy() == strokes["label_area"].to_numpy()
+    return float(agrees[labelled].mean())
 
 
 def arrange(raw: RawGame) -> tuple[RawGame, int]:

@@ -1,7 +1,6 @@
-"""Places and times of simulated strokes: points on the court, positions of the players, times.
+"""Random coordinates and times of simulated strokes, given shot, target area and outcome.
 
-The game decides shot, target area and outcome; this draws the rest. Flight times and the mix of faults are medians and
-shares of the training matches of ShuttleSet and ShuttleSet22; the rest is plain geometry.
+Flight times and the mix of faults are medians and frequencies of the training matches of ShuttleSet and ShuttleSet22.
 """
 
 import dataclasses
@@ -21,7 +20,7 @@ FAULT_MIX: Final = np.array([
     [0.63, 0.37, 0.00], [0.57, 0.40, 0.03], [0.49, 0.35, 0.16], [0.84, 0.16, 0.00], [0.40, 0.59, 0.01],
     [0.09, 0.59, 0.32], [0.14, 0.43, 0.43], [0.28, 0.43, 0.29],
 ])  # fmt: skip
-"""``[13, 3]`` shares of out, net and short among the faults of a shot type."""
+"""``[13, 3]`` probabilities of out, net and short, by shot type of the fault."""
 FRAME_RATE: Final = 30
 BREAK: Final = 23.0
 """Median time between two rallies [s]."""
@@ -29,25 +28,25 @@ INTERVAL: Final = 120.0
 """Time between two games [s]."""
 
 _BASE: Final = np.array([0.0, -3.7])
-"""Place at which a player waits between strokes, in the own frame [m]."""
+"""Mean base position of a player between strokes, in the own frame [m]."""
 _BASE_SPREAD: Final = 0.35
-"""Standard deviation of that place [m]: it follows the stroke just played."""
+"""Standard deviation of the base position [m]."""
 _RECOVERY: Final = 1.5
-"""Speed of the way back to it [m/s]."""
+"""Speed of recovery to the base position [m/s]."""
 _NEAR_NET: Final = 0.3
-"""No player stands nearer to the net than this [m], and no good stroke lands nearer."""
+"""Minimum distance of players and of the landings of good strokes from the net [m]."""
 _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "short", "landed"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Strokes:
-    """The n strokes of simulated rallies, in playing order, without points and times.
+class SimulatedStrokes:
+    """n strokes of simulated rallies, in playing order, without coordinates and times.
 
     Attributes:
-        shot, area: ``[n]`` indices of the stroke played; the area is its target.
+        shot, area: ``[n]`` shot type and target area.
         outcome: ``[n]`` index into ``schema.OUTCOMES``.
-        stroke: ``[n]`` number of the stroke in its rally; rows of a rally stand together.
-        new_game: ``[n]`` whether a stroke is the first of a game.
+        stroke: ``[n]`` number of the stroke in its rally; the strokes of a rally are consecutive.
+        new_game: ``[n]`` whether the stroke is the first of a game.
         right: ``[n]`` whether the server of the rally serves from the right service court (an even score).
     """
 
@@ -60,13 +59,13 @@ class Strokes:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Placed:
-    """Places and times from :func:`place`; points are egocentric metres, NaN where there is none.
+class Positions:
+    """Coordinates and times; points are in the striker's frame [m], NaN for none.
 
     Attributes:
         landing, contact, striker, receiver: ``[n, 2]``, as in the schema.
         reason: ``[n]`` index into ``schema.REASONS``.
-        frame: ``[n]`` frame, at :data:`FRAME_RATE` a second.
+        frame: ``[n]`` video frame, at :data:`FRAME_RATE` per second.
     """
 
     landing: F64
@@ -77,8 +76,8 @@ class Placed:
     frame: I64
 
 
-def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
-    """Draw points and times for strokes.
+def sample_positions(strokes: SimulatedStrokes, rng: np.random.Generator) -> Positions:
+    """Sample coordinates and times of strokes.
 
     A good stroke lands in its target area, an out fault just beyond the line next to it, a net or short fault on the
     striker's side of the net. The contact point of a returned stroke is the landing of the stroke before.
@@ -96,7 +95,7 @@ def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
     _fall_short(landing, np.where(np.isnan(contact), striker, contact), reason, rng)
     pause = np.where(strokes.new_game, INTERVAL, BREAK) * rng.lognormal(0.0, 0.3, n)
     step = np.where(strokes.stroke == 1, pause, np.r_[0.0, flight[:-1]])
-    return Placed(
+    return Positions(
         landing=landing,
         contact=contact,
         striker=striker,
@@ -106,20 +105,20 @@ def place(strokes: Strokes, rng: np.random.Generator) -> Placed:
     )
 
 
-def _reasons(strokes: Strokes, rng: np.random.Generator) -> I64:
+def _reasons(strokes: SimulatedStrokes, rng: np.random.Generator) -> I64:
     mix = FAULT_MIX[strokes.shot]
-    no_line = np.isin(strokes.area, (1, 4))  # front and middle centre: no line to miss
+    no_line = np.isin(strokes.area, (1, 4))  # front and middle centre are not next to a line
     mix = np.where(no_line[:, None] & (np.arange(3) == 0), 0.0, mix)
     mix[mix.sum(axis=1) == 0] = [0.0, 1.0, 0.0]
     cumulative = np.cumsum(mix / mix.sum(axis=1, keepdims=True), axis=1)
-    which = (rng.random(len(mix))[:, None] >= cumulative[:, :2]).sum(axis=1)
-    fault = np.array([_OUT, _NET, _SHORT])[which]
+    index = (rng.random(len(mix))[:, None] >= cumulative[:, :2]).sum(axis=1)
+    fault = np.array([_OUT, _NET, _SHORT])[index]
     ended = np.where(strokes.outcome == Outcome.FAULT, fault, _LANDED)
     return np.where(strokes.outcome == Outcome.RETURNED, REASONS.index("returned"), ended)
 
 
-def _inside(strokes: Strokes, rng: np.random.Generator) -> F64:
-    """Points in the target areas, denser towards their middle, a hand's breadth away from the lines."""
+def _inside(strokes: SimulatedStrokes, rng: np.random.Generator) -> F64:
+    """Points in the target areas, denser towards their centre, at least 5 cm from the lines."""
     side, depth = strokes.area % 3, strokes.area // 3
     x_cuts = np.array([-court.HALF_WIDTH, -court.SIDE_CUT, court.SIDE_CUT, court.HALF_WIDTH])
     y_cuts = np.array([_NEAR_NET, court.MIDDLE_CUT, court.BACK_CUT, court.HALF_LENGTH])
@@ -131,7 +130,7 @@ def _inside(strokes: Strokes, rng: np.random.Generator) -> F64:
 
 
 def _beyond_the_line(area: I64, inside: F64, rng: np.random.Generator) -> F64:
-    """Points moved straight over the line next to the target area; of a corner over one of its two lines."""
+    """Points moved across the line next to the target area; for a corner, across one of its two lines."""
     side, depth = area % 3, area // 3
     by = np.minimum(0.03 + rng.exponential(0.2, len(area)), 1.0)
     behind = (depth == 2) & ((side == 1) | (rng.random(len(area)) < 0.5))
@@ -142,7 +141,7 @@ def _beyond_the_line(area: I64, inside: F64, rng: np.random.Generator) -> F64:
 
 
 def _fall_short(landing: F64, start: F64, reason: I64, rng: np.random.Generator) -> None:
-    """Move net and short faults to the striker's side, where the line from the contact to the target meets the net."""
+    """Move net and short faults to the striker's side, on the line from the contact to the target."""
     share = start[:, 1] / (start[:, 1] - landing[:, 1])
     across = start[:, 0] + share * (landing[:, 0] - start[:, 0])
     for kind, mean in ((_NET, 0.25), (_SHORT, 0.6)):
@@ -151,8 +150,8 @@ def _fall_short(landing: F64, start: F64, reason: I64, rng: np.random.Generator)
         landing[rows] = np.stack([across, -fallen], axis=1)[rows]
 
 
-def _positions(strokes: Strokes, contact: F64, flight: F64, rng: np.random.Generator) -> tuple[F64, F64]:
-    """``[n, 2]`` each: where striker and receiver stand when the shuttle is struck."""
+def _positions(strokes: SimulatedStrokes, contact: F64, flight: F64, rng: np.random.Generator) -> tuple[F64, F64]:
+    """``[n, 2]`` positions of striker and receiver at the hit."""
     n = len(flight)
     striker, receiver = np.empty((n, 2)), np.empty((n, 2))
     serves = np.flatnonzero(strokes.stroke == 1)
@@ -166,13 +165,13 @@ def _positions(strokes: Strokes, contact: F64, flight: F64, rng: np.random.Gener
     for number in range(2, int(strokes.stroke.max(initial=1)) + 1):
         rows = np.flatnonzero(strokes.stroke == number)
         striker[rows] = _towards(contact[rows], base[rows], reach[rows])
-        # Who struck before is the receiver now: on the way back to the base, seen from the other side of the net.
+        # The previous striker is the receiver, on the way back to the base; coordinates change to the other frame.
         receiver[rows] = -_towards(striker[rows - 1], base[rows - 1], _RECOVERY * flight[rows - 1])
     striker[:, 1] = np.minimum(striker[:, 1], -_NEAR_NET)
     return striker, receiver
 
 
 def _towards(points: F64, goal: F64, distance: F64) -> F64:
-    way = goal - points
-    length = np.linalg.norm(way, axis=1)
-    return points + way * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]
+    offset = goal - points
+    length = np.linalg.norm(offset, axis=1)
+    return points + offset * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]
