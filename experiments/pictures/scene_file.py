@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pygltflib as gltf
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -20,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.arrays import F64, U8
 from shuttle_marl.scene import SceneError
-from shuttle_marl.scene.mesh import Mesh, lathe, read_glb
+from shuttle_marl.scene.mesh import Mesh, lathe, read_array
 from shuttle_marl.scene.topics import BOARDS, WORLD
 from shuttle_marl.staging.rotation import exponential, matrix
 
@@ -247,3 +248,26 @@ def _cylinder(cylinder: Any) -> Mesh:
     x, z = cylinder.size.x / 2, cylinder.size.z / 2
     profile = [(0.0, -z), (x * cylinder.bottom_scale, -z), (x * cylinder.top_scale, z), (0.0, z)]
     return lathe(profile, (1, 1, 1), 24)
+
+
+def read_glb(content: bytes) -> list[Mesh]:
+    """The meshes of a file from :func:`glb`."""
+    document = gltf.GLTF2().load_from_bytes(content)
+    out = []
+    for primitive in document.meshes[0].primitives:
+        material = document.materials[primitive.material]
+        red, green, blue, _ = material.pbrMetallicRoughness.baseColorFactor
+        out.append(
+            Mesh(
+                vertices=_z_up(read_array(document, primitive.attributes.POSITION).astype(np.float64)),
+                normals=_z_up(read_array(document, primitive.attributes.NORMAL).astype(np.float64)),
+                triangles=read_array(document, primitive.indices).reshape(-1, 3).astype(np.int64),
+                colour=(red, green, blue),
+                two_sided=material.doubleSided,
+            )
+        )
+    return out
+
+
+def _z_up(v: F64) -> F64:
+    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)

@@ -1,7 +1,7 @@
-"""Triangle meshes and their binary glTF: what viewers are given as models.
+"""Triangle meshes, and binary glTF 2.0 files of them.
 
-Meshes have the axes of the staging, z up. glTF has y up, and viewers turn it back by a quarter turn about x. The container
-and the document of glTF 2.0 are known to :mod:`pygltflib`; here arrays go in and out of it.
+Meshes have the axes of the staging, z up. glTF has y up, and viewers rotate models by a quarter turn about x. :mod:`pygltflib`
+reads and writes the document; this module converts arrays.
 """
 
 import dataclasses
@@ -34,7 +34,7 @@ _ROUGHNESS: Final = 0.8
 
 
 class GlbWriter:
-    """Collects the arrays of a file, then writes it."""
+    """Collects the arrays of a glTF file and writes it."""
 
     def __init__(self) -> None:
         self._data = bytearray()
@@ -42,14 +42,14 @@ class GlbWriter:
         self._accessors: list[gltf.Accessor] = []
 
     def add(self, array: Array, target: int | None = None, *, bounds: bool = False, normalized: bool = False) -> int:
-        """Append an array; returns the number of its accessor.
+        """Append an array and return the index of its accessor.
 
         Args:
-            array: ``[N]`` or ``[N, k]``, k of 3, 4 or 16; 32-bit floats, 8-bit integers, or unsigned integers up to 32 bits.
-            target: ``pygltflib.ARRAY_BUFFER`` for attributes of vertices, whose rows are padded to four bytes,
+            array: ``[N]`` or ``[N, k]`` with k = 3, 4 or 16; float32, int8, or unsigned integers up to 32 bits.
+            target: ``pygltflib.ARRAY_BUFFER`` for vertex attributes, whose rows are padded to four bytes,
                 ``ELEMENT_ARRAY_BUFFER`` for indices.
-            bounds: write least and greatest values, as positions must have them.
-            normalized: whether integers stand for numbers of at most 1.
+            bounds: write minimum and maximum, which positions require.
+            normalized: whether integers represent numbers of at most 1.
         """
         rows = array.reshape(len(array), -1)
         width = rows.shape[1] * rows.itemsize
@@ -72,7 +72,7 @@ class GlbWriter:
         return len(self._accessors) - 1
 
     def content(self, document: gltf.GLTF2) -> bytes:
-        """The bytes of the file: a document that names accessors by number, and the arrays."""
+        """Bytes of the file: a document that refers to accessors by index, and the arrays."""
         document.accessors, document.bufferViews = self._accessors, self._views
         document.buffers = [gltf.Buffer(byteLength=len(self._data))]
         document.set_binary_blob(bytes(self._data))
@@ -81,12 +81,12 @@ class GlbWriter:
 
 @functools.cache
 def read_file(path: Path) -> gltf.GLTF2:
-    """The document of a file, with its arrays; to be looked at, not changed."""
+    """Document of a file with its arrays; shared, so do not modify it."""
     return gltf.GLTF2().load_binary(str(path))
 
 
 def read_array(document: gltf.GLTF2, number: int) -> Array:
-    """``[N]`` or ``[N, k]`` what an accessor stands for; normalized integers as 64-bit floats of at most 1."""
+    """``[N]`` or ``[N, k]`` values of an accessor; normalized integers become float64."""
     accessor = document.accessors[number]
     view = document.bufferViews[accessor.bufferView]
     dtype, width = _DTYPES[accessor.componentType], _WIDTHS[accessor.type]
@@ -105,9 +105,9 @@ class Mesh:
     Attributes:
         vertices: ``[V, 3]`` [m].
         normals: ``[V, 3]`` unit.
-        triangles: ``[T, 3]`` vertices, anticlockwise seen from outside.
-        colour: red, green, blue, linear, 0 to 1.
-        two_sided: whether the inside is seen too.
+        triangles: ``[T, 3]`` vertex indices, counterclockwise seen from outside.
+        colour: linear red, green, blue, 0 to 1.
+        two_sided: whether both sides are visible.
     """
 
     vertices: F64
@@ -122,8 +122,8 @@ def lathe(profile: Sequence[tuple[float, float]], colour: tuple[float, float, fl
 
     Args:
         profile: radius and height from bottom to top [m].
-        colour: of the body.
-        sides: of the polygon that stands for the circle.
+        colour: colour of the body.
+        sides: number of sides of the polygon that approximates the circle.
     """
     radius, height = np.array(profile, dtype=np.float64).T
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
@@ -133,37 +133,38 @@ def lathe(profile: Sequence[tuple[float, float]], colour: tuple[float, float, fl
     )
     slope = np.stack([np.gradient(height), -np.gradient(radius)], axis=-1)
     normals = np.concatenate([slope[:, None, :1] * ring, np.broadcast_to(slope[:, None, 1:], (len(radius), sides, 1))], axis=-1)
-    row, side = np.meshgrid(np.arange(len(radius) - 1), np.arange(sides), indexing="ij")
-    a, b = row * sides + side, row * sides + (side + 1) % sides
-    quads = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1)
     return Mesh(
         vertices=vertices.reshape(-1, 3),
         normals=unit(normals.reshape(-1, 3)),
-        triangles=quads.reshape(-1, 3),
+        triangles=_rings(len(radius), sides),
         colour=colour,
     )
 
 
 def tube(path: F64, radius: float, colour: tuple[float, float, float], sides: int = 6) -> Mesh:
-    """A tube of constant radius [m] along a path ``[P, 3]`` [m] that bends gently."""
+    """A tube of constant radius [m] along a smooth path ``[P, 3]`` [m]."""
     along = unit(np.gradient(path, axis=0))
     aside = np.array([0.0, 0.0, 1.0]) if abs(along[0, 2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     basis = frame(along, np.broadcast_to(aside, along.shape))
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     normals = np.cos(angle)[:, None] * basis[:, None, :, 1] + np.sin(angle)[:, None] * basis[:, None, :, 2]
-    row, side = np.meshgrid(np.arange(len(path) - 1), np.arange(sides), indexing="ij")
-    a, b = row * sides + side, row * sides + (side + 1) % sides
-    quads = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1)
     return Mesh(
         vertices=(path[:, None] + radius * normals).reshape(-1, 3),
         normals=normals.reshape(-1, 3),
-        triangles=quads.reshape(-1, 3),
+        triangles=_rings(len(path), sides),
         colour=colour,
     )
 
 
+def _rings(count: int, sides: int) -> I64:
+    """``[T, 3]`` triangles between consecutive rings of vertices."""
+    row, side = np.meshgrid(np.arange(count - 1), np.arange(sides), indexing="ij")
+    a, b = row * sides + side, row * sides + (side + 1) % sides
+    return np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1).reshape(-1, 3)
+
+
 def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
-    """The same triangles, one mesh for each colour."""
+    """The same triangles as one mesh per colour."""
     groups: dict[tuple[tuple[float, float, float], bool], list[Mesh]] = {}
     for mesh in meshes:
         groups.setdefault((mesh.colour, mesh.two_sided), []).append(mesh)
@@ -183,12 +184,12 @@ def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
 
 
 def moved(mesh: Mesh, turn: F64, offset: F64) -> Mesh:
-    """A mesh turned by ``[3, 3]``, then moved by ``[3]`` [m]."""
+    """A mesh rotated by a matrix ``[3, 3]``, then translated by ``[3]`` [m]."""
     return dataclasses.replace(mesh, vertices=mesh.vertices @ turn.T + offset, normals=mesh.normals @ turn.T)
 
 
 def normals_of(vertices: F64, triangles: I64) -> F64:
-    """``[V, 3]`` mean normal of the triangles around each vertex, by their area."""
+    """``[V, 3]`` area-weighted mean normal of the triangles around each vertex."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = cross(b - a, c - a)
     out = np.zeros_like(vertices)
@@ -198,7 +199,7 @@ def normals_of(vertices: F64, triangles: I64) -> F64:
 
 
 def glb(meshes: Sequence[Mesh]) -> bytes:
-    """The meshes as one binary glTF 2.0."""
+    """The meshes as one binary glTF 2.0 file."""
     writer = GlbWriter()
     primitives: list[gltf.Primitive] = []
     materials: list[gltf.Material] = []
@@ -222,28 +223,5 @@ def glb(meshes: Sequence[Mesh]) -> bytes:
     return writer.content(document)
 
 
-def read_glb(content: bytes) -> list[Mesh]:
-    """The meshes of a file that :func:`glb` wrote."""
-    document = gltf.GLTF2().load_from_bytes(content)
-    out = []
-    for primitive in document.meshes[0].primitives:
-        material = document.materials[primitive.material]
-        red, green, blue, _ = material.pbrMetallicRoughness.baseColorFactor
-        out.append(
-            Mesh(
-                vertices=_z_up(read_array(document, primitive.attributes.POSITION).astype(np.float64)),
-                normals=_z_up(read_array(document, primitive.attributes.NORMAL).astype(np.float64)),
-                triangles=read_array(document, primitive.indices).reshape(-1, 3).astype(np.int64),
-                colour=(red, green, blue),
-                two_sided=material.doubleSided,
-            )
-        )
-    return out
-
-
 def _y_up(v: F64) -> F64:
     return np.stack([v[:, 0], v[:, 2], -v[:, 1]], axis=1)
-
-
-def _z_up(v: F64) -> F64:
-    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)

@@ -1,17 +1,17 @@
-"""All that does not move by itself: court and net, and the models that follow their frames of reference.
+"""Court and net, and models of athletes, rackets and shuttle that follow frames of reference.
 
-Athletes come in rigid parts, one a bone, because viewers of scenes cannot bend a skin. A triangle belongs to the bone that
-moves it most, and to every other one that moves it noticeably, so that parts overlap around a joint and no gap opens when it
-bends.
+Athletes consist of rigid parts, one per bone, because viewers of scenes do not support skinning. A triangle belongs to the bone
+with the largest weight and to every other bone with a noticeable one, so parts overlap at joints and no gap opens when they bend.
 """
 
 import dataclasses
 import functools
-from typing import Final
+import itertools
+from typing import Any, Final
 
 import numpy as np
 import pygltflib as gltf
-from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, ModelPrimitive, SceneEntity, TextPrimitive
+from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity
 
 from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import (
@@ -63,12 +63,12 @@ from shuttle_marl.staging.trajectory import net_height
 Colour = tuple[float, float, float]
 
 _FROM_GLTF: Final = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
-"""From the axes of the athletes' files (y up, facing +z) to those of the staging (z up, facing +y)."""
+"""Rotation from the axes of athletes' files (y up, facing +z) to those of the staging (z up, facing +y)."""
 _SHARED: Final = 0.12
-"""Mean weight from which a bone has a triangle too that another one moves more."""
+"""Smallest mean weight for which a triangle also belongs to a bone that is not its main one."""
 
 _THICK: Final = 0.008
-"""Radius at which the shaft is drawn, twice a real one's, so that it is seen across the court [m]."""
+"""Radius of the shaft [m], twice the real one, to be visible across the court."""
 _GRIP: Final = (0.62, 0.62, 0.58)
 _SHAFT: Final = (0.70, 0.72, 0.75)
 _FRAME: Final = (0.55, 0.02, 0.02)
@@ -81,28 +81,28 @@ KITS: Final[tuple[tuple[Colour, Colour], ...]] = (
     ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),
     ((0.03, 0.16, 0.62), (0.80, 0.80, 0.82)),
 )
-"""Shirt and shorts of seats 0 and 1, linear."""
+"""Linear colours of shirt and shorts of seats 0 and 1."""
 NAME_COLOURS: Final = (colour(1.0, 0.55, 0.50), colour(0.55, 0.75, 1.0))
 
 _FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
 _SHADOW: Final = colour(0.0, 0.04, 0.02, 0.55)
 _SHADOW_SIZES: Final = (0.62, 0.62, 0.16)
-"""Widths of the shadows of seats 0 and 1 and of the shuttle [m]."""
+"""Diameters of the shadows of seats 0 and 1 and of the shuttle [m]."""
 _WHITE: Final = colour(0.96, 0.96, 0.94)
 
 
 @functools.cache
 def athlete(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> dict[str, list[Mesh]]:
-    """Meshes of an athlete, for each bone that moves skin or clothes, with the origin where the bone begins.
+    """Meshes of an athlete by bone, with the origin at the joint of the bone.
 
     Args:
-        name: of the athlete.
-        right_handed: which hand holds the racket.
-        shirt: colour, linear.
-        shorts: colour, linear.
+        name: name of the athlete.
+        right_handed: whether the right hand holds the racket.
+        shirt: linear colour of the shirt.
+        shorts: linear colour of the shorts.
 
     Raises:
-        StagingError: there is no such athlete.
+        StagingError: unknown athlete.
     """
     document = read_file(model_file(name))
     rest = load_skeleton(name).rest_pose(right_handed=right_handed)
@@ -139,7 +139,7 @@ def athlete(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> 
 
 
 def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: F64) -> tuple[I64, F64, F64]:
-    """Of each joint of the file: the bone of the staging that carries it, and the rotation and shift of bent fingers."""
+    """For each joint of the file: bone of the staging, and rotation and translation of bent fingers."""
     nodes = document.nodes
     parent = {child: i for i, node in enumerate(nodes) for child in node.children}
     pose = finger_pose(name, right_handed=right_handed)
@@ -159,11 +159,11 @@ def _fingers(document: gltf.GLTF2, name: str, right_handed: bool, rest: F64) -> 
 
 
 def racket(shaft: F64, normal: F64) -> list[Mesh]:
-    """A racket, its origin in the middle of the grip.
+    """A racket with the origin at the middle of the grip.
 
     Args:
-        shaft: ``[3]`` unit direction of the shaft.
-        normal: ``[3]`` unit normal of the strings.
+        shaft: ``[3]`` direction of the shaft, a unit vector.
+        normal: ``[3]`` normal of the strings, a unit vector.
     """
     neck = SWEET_SPOT - RACKET_HEAD[0]
     meshes = [
@@ -173,26 +173,20 @@ def racket(shaft: F64, normal: F64) -> list[Mesh]:
     angle = np.linspace(0, 2 * np.pi, 41)
     ring = np.stack([RACKET_HEAD[1] * np.sin(angle), np.zeros(41), SWEET_SPOT - RACKET_HEAD[0] * np.cos(angle)], axis=-1)
     meshes.append(tube(ring, 0.006, _FRAME))
-    for along, (reach, width) in enumerate((RACKET_HEAD, RACKET_HEAD[::-1])):
+    for axes, (reach, width) in (([0, 2], RACKET_HEAD), ([2, 0], RACKET_HEAD[::-1])):
         for side in np.linspace(-0.86, 0.86, 11) * width:
             half = reach * np.sqrt(1 - (side / width) ** 2)
-            ends = (
-                np.array([[side, 0.0, -half], [side, 0.0, half]])
-                if along == 0
-                else np.array([[-half, 0.0, side], [half, 0.0, side]])
-            )
-            meshes.append(tube(ends + np.array([0, 0, SWEET_SPOT]), 0.0009, _STRING, 4))
-    # Here the shaft is z and the normal y.
-    axes = frame(shaft, normal)
-    turn = np.stack([np.cross(axes[:, 1], axes[:, 0]), axes[:, 1], axes[:, 0]], axis=1)
+            string = np.zeros((2, 3))
+            string[:, axes] = [[side, -half], [side, half]]
+            meshes.append(tube(string + np.array([0, 0, SWEET_SPOT]), 0.0009, _STRING, 4))
+    # The meshes above have the shaft along z and the normal along y.
+    basis = frame(shaft, normal)
+    turn = np.stack([np.cross(basis[:, 1], basis[:, 0]), basis[:, 1], basis[:, 0]], axis=1)
     return [moved(mesh, turn, np.zeros(3)) for mesh in joined(meshes)]
 
 
 def shuttle() -> list[Mesh]:
-    """A feather shuttle flying along +z.
-
-    The origin lies in the cork; it is :data:`SHUTTLE_SCALE` times as large as a real one.
-    """
+    """A feather shuttle that flies along +z, with the origin in the cork; :data:`SHUTTLE_SCALE` times the real size."""
     bow = [(CORK * np.sin(a), 0.012 - CORK * (1 - np.cos(a))) for a in np.linspace(np.pi / 2, 0, 6)]
     meshes = [lathe([(CORK, -CORK), *bow], _CORK, 14), lathe([(1.02 * CORK, -0.014), (1.02 * CORK, -0.010)], _BAND, 14)]
     (near, narrow, ahead), (far, wide, behind) = FEATHER
@@ -207,7 +201,7 @@ def shuttle() -> list[Mesh]:
 
 
 def court(time: int) -> list[SceneEntity]:
-    """Court and net as the laws draw them (BWF Laws 1.1 to 1.10)."""
+    """Court and net (BWF Laws of Badminton, Laws 1.1 to 1.10)."""
     edge_x, edge_y = WIDTH / 2, HALF_LENGTH
     boxes = [
         box((0, 0, -0.065), (WIDTH + 4, LENGTH + 4, 0.1), _FLOOR),
@@ -230,12 +224,12 @@ def court(time: int) -> list[SceneEntity]:
 
 
 def _net(time: int) -> SceneEntity:
-    across = np.linspace(-WIDTH / 2, WIDTH / 2, 82)
-    top = net_height(across)
-    strands = [p for x, z in zip(across, top, strict=True) for p in ((x, 0, z), (x, 0, z - NET_DEPTH))]
+    x = np.linspace(-WIDTH / 2, WIDTH / 2, 82)
+    top = net_height(x)
+    spans = list(itertools.pairwise(range(0, 82, 9)))
+    strands = [p for i in range(82) for p in ((x[i], 0, top[i]), (x[i], 0, top[i] - NET_DEPTH))]
     for drop in np.linspace(0, NET_DEPTH, 11):
-        for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
-            strands += [(across[a], 0, top[a] - drop), (across[b], 0, top[b] - drop)]
+        strands += [(x[i], 0, top[i] - drop) for span in spans for i in span]
     mesh = LinePrimitive(
         type=LinePrimitiveLineType.LineList,
         pose=at((0, 0, 0)),
@@ -244,46 +238,30 @@ def _net(time: int) -> SceneEntity:
         points=[point(p) for p in strands],
         color=colour(0.75, 0.78, 0.80, 0.55),
     )
-    tape = []
-    for a, b in zip(range(0, 81, 9), range(9, 82, 9), strict=True):
-        middle = ((across[a] + across[b]) / 2, 0, (top[a] + top[b] - TAPE) / 2)
-        tape.append(box(middle, (across[b] - across[a] + 0.002, 0.02, TAPE), _WHITE))
+    tape = [
+        box(((x[a] + x[b]) / 2, 0, (top[a] + top[b] - TAPE) / 2), (x[b] - x[a] + 0.002, 0.02, TAPE), _WHITE) for a, b in spans
+    ]
     posts = [box((side * WIDTH / 2, 0, NET_HEIGHT / 2), (0.04, 0.04, NET_HEIGHT), colour(0.8, 0.8, 0.82)) for side in (-1, 1)]
     return SceneEntity(id="net", timestamp=stamp(time), frame_id=WORLD, frame_locked=True, lines=[mesh], cubes=tape + posts)
 
 
 def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEntity]:
-    """Models that follow the bones of both players and the shuttle, and the names over their heads."""
-    out = [_carried(time, SHUTTLE_FRAME, models=[model(shuttle())])]
-    out += [_shadow(time, frame, across) for frame, across in zip(SHADOWS, _SHADOW_SIZES, strict=True)]
+    """Models that follow the bones of both players and the shuttle, with names over the heads and shadows."""
+
+    def attached(to: str, **content: Any) -> SceneEntity:
+        return SceneEntity(id=to, timestamp=stamp(time), frame_id=to, frame_locked=True, **content)
+
+    out = [attached(SHUTTLE_FRAME, models=[model(shuttle())])]
+    for shadow, width in zip(SHADOWS, _SHADOW_SIZES, strict=True):
+        size = vector((width, width, 0.002))
+        disc = CylinderPrimitive(pose=at((0, 0, 0)), size=size, bottom_scale=1.0, top_scale=1.0, color=_SHADOW)
+        out.append(attached(shadow, cylinders=[disc]))
     for seat in (0, 1):
         right = motion.handedness[seat] == "right"
         shirt, shorts = KITS[seat]
-        found = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
-        found = {**found, "Racket": racket(*motion.racket(seat))}
-        out += [_carried(time, bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in found.items()]
-        out.append(
-            _carried(time, name_frame(seat), texts=[label("\n".join(name_lines(names[seat])), (0, 0, 0), 16, NAME_COLOURS[seat])])
-        )
+        parts = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
+        parts = {**parts, "Racket": racket(*motion.racket(seat))}
+        out += [attached(bone_frame(seat, bone), models=[model(meshes)]) for bone, meshes in parts.items()]
+        name = label("\n".join(name_lines(names[seat])), (0, 0, 0), 16, NAME_COLOURS[seat])
+        out.append(attached(name_frame(seat), texts=[name]))
     return out
-
-
-def _shadow(time: int, frame: str, across: float) -> SceneEntity:
-    """A dark disc on the floor, right below what throws it."""
-    disc = CylinderPrimitive(
-        pose=at((0, 0, 0)), size=vector((across, across, 0.002)), bottom_scale=1.0, top_scale=1.0, color=_SHADOW
-    )
-    return SceneEntity(id=frame, timestamp=stamp(time), frame_id=frame, frame_locked=True, cylinders=[disc])
-
-
-def _carried(
-    time: int, frame: str, *, models: list[ModelPrimitive] | None = None, texts: list[TextPrimitive] | None = None
-) -> SceneEntity:
-    return SceneEntity(
-        id=frame,
-        timestamp=stamp(time),
-        frame_id=frame,
-        frame_locked=True,
-        models=models or [],
-        texts=texts or [],
-    )

@@ -85,9 +85,6 @@ def place_frame(seat: int) -> str:
     return f"player_{seat}"
 
 
-_NUMBER: Final = {"type": "number"}
-_INTEGER: Final = {"type": "integer"}
-_TEXT: Final = {"type": "string"}
 Vector = Floats | tuple[float, float, float]
 _UPRIGHT: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 _HERE: Final = Vector3(x=0.0, y=0.0, z=0.0)
@@ -97,66 +94,52 @@ def _object(title: str, **properties: dict[str, Any]) -> dict[str, Any]:
     return {"title": title, "type": "object", "properties": properties}
 
 
-_POINT: Final = _object("point", x=_NUMBER, y=_NUMBER, z=_NUMBER, speed=_NUMBER)
+def _numbers(*names: str) -> dict[str, dict[str, Any]]:
+    return {name: {"type": "number"} for name in names}
+
+
+def _integers(*names: str) -> dict[str, dict[str, Any]]:
+    return {name: {"type": "integer"} for name in names}
+
+
+def _texts(*names: str) -> dict[str, dict[str, Any]]:
+    return {name: {"type": "string"} for name in names}
+
+
+def _array(items: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+_POINT: Final = _object("point", **_numbers("x", "y", "z", "speed"))
+_OPTION: Final = _object("shuttle_marl.Option", **_texts("stroke"), **_numbers("probability", "win_probability"))
 _STROKE: Final = _object(
     "shuttle_marl.Stroke",
-    number=_INTEGER,
-    seat=_INTEGER,
-    player=_TEXT,
-    stroke=_TEXT,
-    shot=_TEXT,
-    area=_TEXT,
-    height=_TEXT,
-    technique=_TEXT,
-    p_succ=_NUMBER,
-    p_ret=_NUMBER,
-    probability=_NUMBER,
-    win_probability=_NUMBER,
-    effort=_INTEGER,
-    opponent_effort=_INTEGER,
-    duel=_INTEGER,
-    contact_height=_NUMBER,
-    speed_kmh=_NUMBER,
-    flight_time=_NUMBER,
-    end=_TEXT,
+    **_integers("number", "seat"),
+    **_texts("player", "stroke", "shot", "area", "height", "technique"),
+    **_numbers("p_succ", "p_ret", "probability", "win_probability"),
+    **_integers("effort", "opponent_effort", "duel"),
+    **_numbers("contact_height", "speed_kmh", "flight_time"),
+    **_texts("end"),
 )
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {
     SCORE: _object(
         "shuttle_marl.Score",
-        rally=_INTEGER,
-        match=_INTEGER,
-        name_0=_TEXT,
-        name_1=_TEXT,
-        points_0=_INTEGER,
-        points_1=_INTEGER,
-        games_0=_INTEGER,
-        games_1=_INTEGER,
-        server=_INTEGER,
-        winner=_INTEGER,
-        reason=_TEXT,
+        **_integers("rally", "match"),
+        **_texts("name_0", "name_1"),
+        **_integers("points_0", "points_1", "games_0", "games_1", "server", "winner"),
+        **_texts("reason"),
     ),
     STROKE: _STROKE,
     POLICY: _object(
         "shuttle_marl.Policy",
-        seat=_INTEGER,
-        player=_TEXT,
-        top={
-            "type": "array",
-            "items": _object("shuttle_marl.Option", stroke=_TEXT, probability=_NUMBER, win_probability=_NUMBER),
-        },
-        shots=_object("shuttle_marl.Shots", **{shot.replace("-", "_"): _NUMBER for shot in SHOTS}),
+        **_integers("seat"),
+        **_texts("player"),
+        top=_array(_OPTION),
+        shots=_object("shuttle_marl.Shots", **_numbers(*(shot.replace("-", "_") for shot in SHOTS))),
     ),
-    VALUE: _object(
-        "shuttle_marl.Value",
-        rally_win_0=_NUMBER,
-        match_win_0=_NUMBER,
-        striker=_NUMBER,
-        chosen=_NUMBER,
-    ),
-    STATE: _object("shuttle_marl.State", phase=_TEXT, shuttle=_POINT, player_0=_POINT, player_1=_POINT),
-    SUMMARY: _object(
-        "shuttle_marl.Summary", rally=_INTEGER, winner=_TEXT, reason=_TEXT, strokes={"type": "array", "items": _STROKE}
-    ),
+    VALUE: _object("shuttle_marl.Value", **_numbers("rally_win_0", "match_win_0", "striker", "chosen")),
+    STATE: _object("shuttle_marl.State", **_texts("phase"), shuttle=_POINT, player_0=_POINT, player_1=_POINT),
+    SUMMARY: _object("shuttle_marl.Summary", **_integers("rally"), **_texts("winner", "reason"), strokes=_array(_STROKE)),
 }
 """JSON schemas of the topics that plots and tables read."""
 

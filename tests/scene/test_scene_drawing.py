@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.pictures.raster import Camera, Canvas, linear
-from experiments.pictures.scene_file import SceneFile
+from experiments.pictures.scene_file import SceneFile, read_glb
 from shuttle_marl.scene import SceneError, models
 from shuttle_marl.scene.commentary import percent
-from shuttle_marl.scene.mesh import GlbWriter, Mesh, glb, joined, lathe, read_array, read_glb, tube
+from shuttle_marl.scene.mesh import GlbWriter, Mesh, glb, joined, lathe, read_array, tube
 from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
 
 RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
