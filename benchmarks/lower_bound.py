@@ -94,14 +94,16 @@ def lower_bound_of(game: Game, threads: int) -> LowerBound:
         level = game.effort(state) * np.int64(game.n_base_pairs)
         pairs.append(level + game.base_pair_start[game.base(state)] + game.rank(state, stroke))
         batch.step(stroke)
-    pair, state = np.concatenate(pairs).astype(np.uint64), np.concatenate(states).astype(np.uint64)
+    pair, base_state = np.concatenate(pairs).astype(np.uint64), np.concatenate(states).astype(np.uint64)
     mask = np.empty(_BATCH * tables.mask.shape[1], np.bool_)
     tokens = np.empty((_BATCH, TOKENS), np.int32)
-    reading = (tables.limits, tables.head, pair, state)
+    limits, head = tables.limits, tables.head
     return LowerBound(
         read_bytes=tables.limits.itemsize + tables.head[0].nbytes,
         shown_bytes=2 * game.n_strokes + tokens[0].nbytes,
-        play=lambda: in_slices(lambda a, b: _read(*reading, a, b), len(pair), threads),
-        show=lambda: in_slices(lambda a, b: _read_and_show(*reading, tables.mask, mask, tokens, a, b), len(pair), threads),
+        play=lambda: in_slices(lambda a, b: _read(limits, head, pair, base_state, a, b), len(pair), threads),
+        show=lambda: in_slices(
+            lambda a, b: _read_and_show(limits, head, pair, base_state, tables.mask, mask, tokens, a, b), len(pair), threads
+        ),
         strokes=len(pair),
     )

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Final
+from unittest import mock
 
 import numpy as np
 import tyro
@@ -124,17 +125,17 @@ class _Timed:
 
 def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
     """Train with every rally recorded, and see what of it is the recording."""
-    from shuttle_marl.training import PPOConfig, run, train  # noqa: PLC0415  torch, which nothing above needs
+    from shuttle_marl.training import PPOConfig, train  # noqa: PLC0415  torch, which nothing above needs
+    from shuttle_marl.training.run_log import open_log  # noqa: PLC0415
 
-    open_log, logs = run.open_log, list[_Timed]()
+    logs: list[_Timed] = []
 
     def timed(*args: Any, **options: Any) -> _Timed:
         logs.append(_Timed(open_log(*args, **options)))
         return logs[-1]
 
-    run.open_log = timed  # type: ignore[assignment]
     overhead, waited, size = [], [], 0.0
-    try:
+    with mock.patch("shuttle_marl.training.run.open_log", timed):
         for n in (20_000, *[strokes] * repeat):  # the first one compiles what is not compiled yet
             begun, cpu = time.perf_counter(), time.process_time()
             config = PPOConfig(strokes=n, out=folder / "ppo", overwrite=True, evaluate_every=1 << 30)
@@ -144,8 +145,6 @@ def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
             waited.append(logs[-1].waited / (time.perf_counter() - begun))
             with RallyLog(done.folder / "rallies.mcap") as found:
                 size = found.size / found.n_strokes
-    finally:
-        run.open_log = open_log
     return {
         "training_overhead": min(overhead[1:]),
         "training_waits": min(waited[1:]),

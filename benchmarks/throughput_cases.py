@@ -89,7 +89,7 @@ def tournament(batch: int, threads: int) -> Play:
         first_server=(np.arange(batch) % 2).astype(np.int8),
         key=draws.stream(0, np.arange(batch)),
     )
-    return lambda: len(play_matches(game, matches, players, threads=threads).stroke)
+    return lambda: len(play_matches(game, matches, players, threads=threads).rallies.stroke)
 
 
 def torchrl(batch: int, threads: int) -> Play:

@@ -32,7 +32,7 @@ from shuttle_marl.watch.building import FILES, build
 from shuttle_marl.watch.video import browser_flags, browser_program
 
 _VIEWERS: Final = 50
-_SIZE: Final = {"width": 1680, "height": 980}
+_WIDTH, _HEIGHT = 1680, 980
 
 
 @contextlib.contextmanager
@@ -165,7 +165,7 @@ def run(*, quick: bool = False) -> dict[str, Any]:
         browser = playwright.chromium.launch(
             executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]
         )
-        page = browser.new_page(viewport=_SIZE)
+        page = browser.new_page(viewport={"width": _WIDTH, "height": _HEIGHT})
         found = {**this_machine(), **size(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
         found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
         browser.close()

@@ -155,7 +155,7 @@ def _places(raw: RawGame, first: Bools, number: I64) -> Iterator[Measures]:
     gap = raw.point["hit"][replies] - landing[replies - 1]
     both = ~np.isnan(gap[:, 0])
     yield {
-        "contact points equal to the landing before": (np.abs(gap[both]) < 1e-6).all(axis=1),
+        "contact points equal to the landing before": np.asarray((np.abs(gap[both]) < 1e-6).all(axis=1)),
         "frames that do not rise within a rally": (np.diff(raw.frame) <= 0)[number[1:] == number[:-1]],
     }
     strokes, _ = clean_game(raw)

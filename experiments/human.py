@@ -96,7 +96,7 @@ def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
     """Strength and likeness of ``human:TAU`` for every TAU, None for infinity: ``bc``."""
     prior = PairPolicy(game=game, probability=bc.probabilities(None, game))
     scorer, refits = Scorer(game), refits_of(game)
-    found = []
+    found: list[dict[str, Any]] = []
     for tau in track([*TAUS, math.inf], "strength and likeness", console=console, transient=True):
         policy = prior if tau == math.inf else solve_soft(prior, tau=tau, tolerance=_TOLERANCE).policy[0]
         table = from_pair_probabilities(game, policy.pair_probabilities())
@@ -108,7 +108,7 @@ def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
                 "tau": _finite(tau),
                 "cross_entropy": likeness,
                 "home": home,
-                "away": away and {"rally_win_vs_bc": away["rally_win"].as_json()},
+                "away": None if away is None else {"rally_win_vs_bc": away["rally_win"].as_json()},
             }
         )
     return found
@@ -207,7 +207,7 @@ PLAYER_HEADINGS: Final = ("player", "matches", "strokes", "TAU (95 %)", "nats ga
 
 def curve_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
     """Cells of the table under :data:`HEADINGS`."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for point in result["curve"]:
         home, away = point["home"], point["away"]
         there = away and away["rally_win_vs_bc"]

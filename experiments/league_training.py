@@ -145,7 +145,7 @@ def _least(result: dict[str, Any], share: float) -> float:
 
 def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
     """Cells of the table of results, under :data:`HEADINGS`."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for row in result["rows"]:
         iqm = row["exploitability"]["iqm"]
         figures = (f"{row['exploitability']['mean']:.5f}", f"{iqm['low']:.5f} to {iqm['high']:.5f}" if iqm else "draws nothing")

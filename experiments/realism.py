@@ -42,15 +42,15 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
     known = rows.outcome != Outcome.UNKNOWN
     n = len(rows.matches)
     # Strokes before a kept one that were dropped (nearly always serves) count towards the length.
-    total = np.bincount(rows.match[ended], rows.stroke[ended], n)
+    total = np.bincount(rows.match[ended], rows.stroke[ended], n).astype(np.float64)
     per_match: dict[str, tuple[F64, F64]] = {
-        "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(float)),
-        "fault share": (np.bincount(rows.match[rows.outcome == Outcome.FAULT], minlength=n).astype(float), total),
-        "winner share": (np.bincount(rows.match[rows.outcome == Outcome.WINNER], minlength=n).astype(float), total),
+        "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(np.float64)),
+        "fault share": (np.bincount(rows.match[rows.outcome == Outcome.FAULT], minlength=n).astype(np.float64), total),
+        "winner share": (np.bincount(rows.match[rows.outcome == Outcome.WINNER], minlength=n).astype(np.float64), total),
     }
-    strokes = np.bincount(rows.match[known], minlength=n).astype(float)
+    strokes = np.bincount(rows.match[known], minlength=n).astype(np.float64)
     for i, shot in enumerate(SHOTS):
-        per_match[shot] = (np.bincount(rows.match[known & (rows.codes["shot"] == i)], minlength=n).astype(float), strokes)
+        per_match[shot] = (np.bincount(rows.match[known & (rows.codes["shot"] == i)], minlength=n).astype(np.float64), strokes)
     used = np.flatnonzero(per_match["mean rally"][1])
     draws = used[np.random.default_rng(seed).integers(0, len(used), (RESAMPLES, len(used)))]
     out = {}

@@ -83,6 +83,7 @@ def main() -> None:
     args = parser.parse_args()
     out = args.out or IMAGES / ("filmstrips.png" if args.film else "strokes.png")
     game = default_game()
+    instants: tuple[float, ...]
     if args.film:
         names = {N_TECHNIQUES * k + t: f"{SHOTS[k]}, {TECHNIQUES[t]}" for k in range(N_SHOTS) for t in range(N_TECHNIQUES)}
         played = set((N_TECHNIQUES * game.catalogue.shot + game.catalogue.technique).tolist())
