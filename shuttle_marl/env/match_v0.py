@@ -5,13 +5,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from shuttle_marl.arrays import F32
-from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
-from shuttle_marl.env.strokes import EpisodeDraws
-from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, wrapped
+from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
+from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
 from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
 
@@ -88,9 +88,9 @@ class raw_env(ShuttleEnv):
 
     def _begin_episode(self) -> int:
         assert self.last_seed is not None
-        self._source = EpisodeDraws(self.last_seed, self.episode)
+        self._draws = RallyDraws(self.last_seed, self.episode)
         self._rally = 0
-        server = self._source.first_server(0) if self.first_server is None else self.first_server
+        server = self._draws.first_server(0) if self.first_server is None else self.first_server
         self._clear_match(server)
         return server
 

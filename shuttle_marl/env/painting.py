@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.env.snapshot import Snapshot, effort_in_words, shot_in_words, standing
-from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
+from shuttle_marl.rally.stepper import Stroke
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 

@@ -4,7 +4,6 @@
 no rules of their own: rallies, observations, masks, pictures and draws are those of the environment inside.
 """
 
-import bisect
 from typing import Any, Literal, cast
 
 import gymnasium
@@ -14,16 +13,16 @@ from gymnasium.error import ResetNeeded
 
 from shuttle_marl.arrays import U8, Bools
 from shuttle_marl.env import match_v0, rally_v0
-from shuttle_marl.env.rally_v0 import AGENTS, RENDER_MODES, RenderMode, ShuttleEnv
-from shuttle_marl.env.strokes import Observation
+from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import OptionError
-from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes, reads_score
+from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import named
+from shuttle_marl.rally.stepper import choose
 
 Seat = Literal[0, 1]
 
@@ -44,7 +43,7 @@ class Opponent:
         self.policy, self.name = named(opponent, game)
         self.reads_score = reads_score(self.policy)
         self._given, self._game = opponent, game
-        self._cumulative = None if self.reads_score else tabulate(self.policy, game, self.name).cumulative
+        self._chooser = self.policy if self.reads_score else tabulate(self.policy, game, self.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Opponent, (self._given, self._game)  # by name, where it has one: a table is megabytes
@@ -60,12 +59,7 @@ class Opponent:
         Raises:
             PolicyError: a policy that reads the score raised, or returned no distribution.
         """
-        game = self._game
-        if self._cumulative is not None:
-            pairs = game.pairs_of(state)
-            return int(game.stroke_at(state, bisect.bisect_right(self._cumulative, draw, pairs.start, pairs.stop) - pairs.start))
-        states = States(game=game, state=np.array([state], np.int32), score=np.array([score], np.int16))
-        return int(drawn_strokes(checked_probabilities(self.policy, states, self.name), np.array([draw]))[0])
+        return choose(self._chooser, self._game, state, draw, score, self.name)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.game.court import (
     AREAS,
     BACK_CUT,
@@ -24,6 +23,7 @@ from shuttle_marl.game.court import (
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
+from shuttle_marl.rally.stepper import Stroke
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,8 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.arrays import F32, I32, I64, Bools, Intp, Ints
-from shuttle_marl.env.rally_v0 import ILLEGAL
-from shuttle_marl.env.strokes import tables_of
+from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
@@ -22,6 +21,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
+from shuttle_marl.rally.stepper import stepper_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -222,7 +222,7 @@ class RallyVectorEnv(VersusVectorEnv):
         self._batch = LearnerBatch(
             tables, num_envs, opponents=tabulated(opponent, tables), seat=seat, server=server, threads=threads
         )
-        self._features = tables_of(tables).rows if observation == "features" else None
+        self._features = stepper_of(tables).observations if observation == "features" else None
         highest = tables.highest_observation
         vector = spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
         tokens = spaces.Box(np.zeros_like(highest), highest, dtype=np.int32)
@@ -301,7 +301,7 @@ class MatchVectorEnv(VersusVectorEnv):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
         tables = resolve_game(game, profile)
         self.rules = rules
-        self._features = tables_of(tables).rows
+        self._features = stepper_of(tables).observations
         self._batch = LearnerMatchBatch(
             tables,
             num_envs,

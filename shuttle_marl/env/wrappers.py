@@ -1,21 +1,16 @@
-"""Wrappers of ``raw_env()`` that make ``env()``: PettingZoo's checks, and the views of action, mask and info."""
+"""Options of ``env()``: views of the action, the mask and the info."""
 
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
-from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.arrays import I8
-from shuttle_marl.env.strokes import Observation
+from shuttle_marl.env.aec import CheckedEnv, Observation, ShuttleEnv
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
-from shuttle_marl.game.rules import IllegalStrokeError
-
-if TYPE_CHECKING:
-    from shuttle_marl.env.rally_v0 import ShuttleEnv
 
 ActionView = Literal["flat", "components"]
 MaskView = Literal["observation", "info", "none"]
@@ -24,51 +19,6 @@ InfoView = Literal["full", "none"]
 """Whether the info tells about the last stroke, which takes text and None, or holds numbers alone."""
 
 _CUTS: Final = np.cumsum(PARTS)[:-1]
-
-
-class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
-    """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
-
-    A stroke that is not legal in the state ends the episode: -1 for who tried it, +1 for the other, and
-    ``info["reason"]`` says so. PettingZoo's ``TerminateIllegalWrapper`` pays the other nothing and explains nothing, so
-    the game would not be zero-sum; and a chain of three wrappers takes three times as long as the environment itself.
-    """
-
-    def __init__(self, env: "ShuttleEnv") -> None:
-        super().__init__(env)
-        self._raw = env
-
-    def last(self, observe: bool = True) -> tuple[Observation | None, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and info of the agent to move."""
-        if not self._has_reset:
-            EnvLogger.error_observe_before_reset()
-        raw = self._raw
-        agent = raw.agent_selection
-        return (
-            self.observe(agent) if observe else None,
-            raw._cumulative_rewards[agent],
-            raw.terminations[agent],
-            raw.truncations[agent],
-            raw.infos[agent],
-        )
-
-    def step(self, action: Any) -> None:
-        """Play a stroke, or lose by it.
-
-        Raises:
-            ActionError: the action is not in the action space.
-        """
-        try:
-            super().step(action)
-        except IllegalStrokeError as illegal:
-            self._lose(illegal.stroke)
-
-    def _lose(self, stroke: int | None) -> None:
-        EnvLogger.warn_on_illegal_move()
-        self._raw.forfeit(stroke)
-
-    def __str__(self) -> str:
-        return str(self.env)
 
 
 class ComponentEnv(CheckedEnv):
@@ -80,7 +30,7 @@ class ComponentEnv(CheckedEnv):
     ``MultiDiscrete.sample`` takes.
     """
 
-    def __init__(self, env: "ShuttleEnv") -> None:
+    def __init__(self, env: ShuttleEnv) -> None:
         super().__init__(env)
         catalogue = env.game.catalogue
         columns = np.stack([catalogue.shot, catalogue.area, catalogue.height, catalogue.technique], axis=1)
@@ -190,7 +140,7 @@ def component_masks(mask: I8) -> tuple[I8, ...]:
     return tuple(np.split(mask, _CUTS))
 
 
-def wrapped(raw: "ShuttleEnv", action: ActionView, mask: MaskView, info: InfoView | None) -> CheckedEnv | PlainEnv:
+def wrapped(raw: ShuttleEnv, action: ActionView, mask: MaskView, info: InfoView | None) -> CheckedEnv | PlainEnv:
     """A raw environment with PettingZoo's checks.
 
     Raises:

@@ -69,6 +69,11 @@ def choice_draw(bits: U64) -> I32:
     return (((bits >> np.uint64(32)) * np.uint64(CHOICE_ONE)) >> np.uint64(32)).astype(np.int32)
 
 
+def first_server(bits: U64) -> U64:
+    """Seat that serves first, 0 or 1, from the first draw of a rally, where it is random."""
+    return (bits >> np.uint64(16)) & np.uint64(1)
+
+
 def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:
     """The one rule by which draws choose strokes: the first entry above the draw.
 

@@ -18,15 +18,15 @@ import pyspiel
 from open_spiel.python import policy as spiel_policy
 
 from shuttle_marl.arrays import F32
-from shuttle_marl.env.strokes import tables_of
 from shuttle_marl.errors import OptionError
-from shuttle_marl.game.observation import RALLY_WIDTH, SWAP
+from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.rally.stepper import stepper_of
 
 __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 
@@ -174,14 +174,13 @@ class RallyObserver:
     """
 
     def __init__(self, tables: Game) -> None:
-        self._rows = tables_of(tables)
+        self._stepper = stepper_of(tables)
         self.tensor = np.zeros(RALLY_WIDTH + 1, np.float32)
         self.dict: dict[str, F32] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH:]}
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""
-        row = self._rows.row(state.number)
-        self.tensor[:RALLY_WIDTH] = row if player == state.striker else row[SWAP]
+        self.tensor[:RALLY_WIDTH] = self._stepper.observe(state.number, receiver=player != state.striker)
         self.tensor[RALLY_WIDTH] = player == state.striker
 
     def string_from(self, state: RallyState, player: int) -> str:  # noqa: ARG002

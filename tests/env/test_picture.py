@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.strokes import Stroke
 from shuttle_marl.game.court import LENGTH, WIDTH
+from shuttle_marl.rally.stepper import Stroke
 from tests.exact.exact_games import tiring_game
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")

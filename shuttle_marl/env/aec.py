@@ -1,0 +1,374 @@
+"""Base class of ``rally_v0`` and ``match_v0``: a PettingZoo AEC environment of two players, and PettingZoo's checks around it."""
+
+import operator
+import secrets
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from pettingzoo import AECEnv
+from pettingzoo.utils.env_logger import EnvLogger
+from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
+
+from shuttle_marl.arrays import F32, U8
+from shuttle_marl.env.snapshot import Snapshot, as_text
+from shuttle_marl.errors import ActionError, OptionError, whole_number
+from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.rally.stepper import RallyDraws, Stroke, stepper_of
+
+if TYPE_CHECKING:
+    from shuttle_marl.env.picture import CourtRenderer
+
+AGENTS: Final = ("player_0", "player_1")
+RENDER_MODES: Final = ("human", "rgb_array", "ansi")
+RenderMode = Literal["human", "rgb_array", "ansi"]
+
+Observation = dict[str, npt.NDArray[Any]]
+"""Observation of an agent: ``observation`` and ``action_mask``."""
+
+ILLEGAL: Final = "illegal stroke"
+TOO_LONG: Final = "too many strokes"
+
+_INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
+_LISTED: Final = 20
+
+
+class ShuttleEnv(AECEnv[str, Observation, int]):
+    """Two players, stroke by stroke. What a finished rally means is up to the subclass.
+
+    Attributes:
+        game: the tables of the game.
+        last_seed: the seed of the draws; episode e of it depends on nothing else.
+        episode: number of the episode since that seed was given, from 0.
+    """
+
+    rewards: dict[str, float]
+    _cumulative_rewards: dict[str, float]
+    terminations: dict[str, bool]
+    truncations: dict[str, bool]
+
+    def __init__(
+        self,
+        *,
+        game: Game | str | None,
+        profile: str | None,
+        max_strokes: int | None,
+        render_mode: RenderMode | None,
+        extra_width: int,
+    ) -> None:
+        super().__init__()
+        if render_mode not in (None, *RENDER_MODES):
+            raise OptionError(f"render_mode {render_mode!r}: expected one of {', '.join(RENDER_MODES)}, or None")
+        self.game = resolve_game(game, profile)
+        self.render_mode = render_mode
+        self.max_strokes = None if max_strokes is None else whole_number("max_strokes", max_strokes, 1)
+        self.last_seed: int | None = None
+        self.episode = -1
+        self.possible_agents = list(AGENTS)
+        self.agents: list[str] = []
+        n = self.game.n_strokes
+        self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
+        self.observation_spaces = {
+            agent: spaces.Dict(
+                {
+                    "observation": spaces.Box(0.0, 1.0, (RALLY_WIDTH + extra_width,), np.float32),
+                    "action_mask": spaces.Box(0, 1, (n,), np.int8),
+                }
+            )
+            for agent in AGENTS
+        }
+        self._stepper = stepper_of(self.game)
+        self.agent_selection = AGENTS[0]
+        self._clear_episode()
+        self._state = ROOT
+        self._live = False
+        self._striker = 0
+        self._draws = RallyDraws(0)
+        self._rally = 0
+        self._strokes: list[Stroke] = []
+        self._reason: str | None = None
+        self._winner: int | None = None
+        self._no_action = np.zeros(n, dtype=np.int8)
+        self._renderer: CourtRenderer | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
+
+    @property
+    def state_number(self) -> int:
+        """State of the agent to move, as in :mod:`shuttle_marl.game.tables`; what policies and exact values are tables over."""
+        return self._state
+
+    def choice_draw(self) -> int:
+        """The number in [0, 65535) by which a policy chooses the stroke that is due; see :mod:`shuttle_marl.game.draws`."""
+        return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
+
+    def score_of(self, player: int) -> tuple[int, int, int, int] | None:  # noqa: ARG002
+        """Own points, the opponent's points, own games and the opponent's games; None where there is no match."""
+        return None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:  # noqa: ARG002
+        """Start the next episode; with a seed, the first episode of that seed. ``options`` is not used.
+
+        Raises:
+            OptionError: the seed is no whole number.
+        """
+        if seed is not None or self.last_seed is None:
+            self.last_seed = secrets.randbits(63) if seed is None else whole_number("seed", seed)
+            self.episode = -1
+        self.episode += 1
+        self.agents = list(AGENTS)
+        self._clear_episode()
+        self._skip_agent_selection = None
+        self._length = 0
+        self._clear_rally()
+        self._begin_rally(self._begin_episode())
+        if self.render_mode == "human":
+            self.render()
+
+    def observe(self, agent: str) -> Observation:
+        """Observation and action mask of an agent; the mask of the one not to hit is zero, as are both before the first reset."""
+        player = _INDEX[agent]
+        strikes = player == self._striker
+        row = self._stepper.observe(self._state, receiver=not strikes)
+        mask = self._stepper.legal_action_mask(self._state) if self._live and strikes else self._no_action.copy()
+        return {"observation": self._vector(row, player), "action_mask": mask}
+
+    def step(self, action: int | None) -> None:
+        """Play a stroke, the catalogue index ``action``; None for an agent that is done.
+
+        Raises:
+            ActionError: not an integer, or not in the catalogue.
+            IllegalStrokeError: not legal in the state; nothing has changed.
+            ResetNeeded: no episode has begun.
+        """
+        self._require_begun()
+        agent = self.agent_selection
+        if self.terminations[agent] or self.truncations[agent]:
+            self._was_dead_step(action)
+            return
+        stroke = self._checked(action)
+        if self._state == ROOT:
+            self._clear_rally()
+        striker, draw = self._striker, self._draws.outcome(self._rally, len(self._strokes))
+        played, self._state = self._stepper.step(self._state, striker, stroke, draw)
+        self._strokes.append(played)
+        outcome = played.outcome
+        self._length += 1
+        self._cumulative_rewards[agent] = 0.0
+        self.rewards = {"player_0": 0.0, "player_1": 0.0}
+        self._striker = 1 - striker
+        self.agent_selection = AGENTS[1 - striker]
+        if outcome < RETURNED_BELOW:
+            self._live = False
+            self._reason = OUTCOMES[outcome]
+            self._winner = striker if outcome != FAULT else 1 - striker
+            self._end_rally(self._winner)
+        if self._length == self.max_strokes and not self.terminations[agent]:
+            self.truncations = {"player_0": True, "player_1": True}
+            self._reason = self._reason or TOO_LONG
+        self._set_infos(striker, stroke, played)
+        if self.render_mode == "human":
+            self.render()
+
+    def forfeit(self, stroke: int | None = None) -> None:
+        """End the episode as a loss of the agent to move, who tried an illegal stroke; -1 for it, +1 for the other.
+
+        Args:
+            stroke: catalogue index of the stroke that was tried, if it has one.
+        """
+        self._require_begun()
+        loser = self._striker
+        if self._state == ROOT:
+            self._clear_rally()
+        self._live = False
+        self._reason, self._winner = ILLEGAL, 1 - loser
+        self._cumulative_rewards[AGENTS[loser]] = 0.0
+        self._end_episode(1 - loser)
+        self._set_infos(loser, stroke)
+        if self.render_mode == "human":
+            self.render()
+
+    def render(self) -> U8 | str | None:
+        """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``).
+
+        Raises:
+            RenderError: a picture is wanted and pygame is not installed.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing: make the environment with render_mode='human', 'rgb_array' or 'ansi'")
+            return None
+        if self.render_mode == "ansi":
+            return as_text(self.snapshot())
+        if self._renderer is None:
+            from shuttle_marl.env.picture import CourtRenderer  # noqa: PLC0415  pygame is optional
+
+            self._renderer = CourtRenderer(self.metadata["name"], fps=self.metadata["render_fps"])
+        if self.render_mode == "rgb_array":
+            return self._renderer.frame(self.snapshot())
+        self._renderer.show(self.snapshot())
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def snapshot(self) -> Snapshot:
+        """The rally so far; after its end, until the next serve is struck, the whole rally."""
+        between_rallies = self._state == ROOT and bool(self._strokes)
+        return Snapshot(
+            game=self.game,
+            names=AGENTS,
+            title=self._title(),
+            strokes=tuple(self._strokes),
+            server=self._strokes[0].player if self._strokes else self._striker,
+            striker=self._striker if self._live and not between_rallies else None,
+            winner=self._winner,
+            reason=self._reason,
+            **self._snapshot_of_match(),
+        )
+
+    def _begin_episode(self) -> int:
+        """Prepare ``_draws`` and ``_rally``; returns who serves first."""
+        raise NotImplementedError
+
+    def _end_rally(self, winner: int) -> None:
+        """Count a rally; begin the next one or end the episode."""
+        self._end_episode(winner)
+
+    def _end_episode(self, winner: int) -> None:
+        self._pay(winner)
+        self.terminations = {"player_0": True, "player_1": True}
+
+    def _title(self) -> str:
+        raise NotImplementedError
+
+    def _vector(self, row: F32, player: int) -> F32:  # noqa: ARG002
+        """A new array for the observation of a player."""
+        return row.copy()
+
+    def _match_info(self) -> dict[str, Any]:
+        return {}
+
+    def _snapshot_of_match(self) -> dict[str, Any]:
+        return {}
+
+    def _begin_rally(self, server: int) -> None:
+        self._state = ROOT
+        self._live = True
+        self._striker = server
+        self.agent_selection = AGENTS[server]
+
+    def _require_begun(self) -> None:
+        if self.last_seed is None:
+            raise ResetNeeded("no episode has begun; call reset() first")
+
+    def _clear_episode(self) -> None:
+        self.rewards = {"player_0": 0.0, "player_1": 0.0}
+        self._cumulative_rewards = {"player_0": 0.0, "player_1": 0.0}
+        self.terminations = {"player_0": False, "player_1": False}
+        self.truncations = {"player_0": False, "player_1": False}
+        self.infos: dict[str, dict[str, Any]] = {"player_0": {}, "player_1": {}}
+
+    def _clear_rally(self) -> None:
+        self._strokes = []
+        self._reason = self._winner = None
+
+    def _pay(self, winner: int) -> None:
+        self.rewards = {AGENTS[winner]: 1.0, AGENTS[1 - winner]: -1.0}
+        self._accumulate_rewards()
+
+    def _set_infos(self, striker: int, stroke: int | None, played: Stroke | None = None) -> None:
+        info = {
+            "striker": AGENTS[striker],
+            "stroke": None if stroke is None else self.game.catalogue.names[stroke],
+            "p_succ": played and played.p_succ,
+            "p_ret": played and played.p_ret,
+            "outcome": played and OUTCOMES[played.outcome],
+            "reason": self._reason,
+            **self._match_info(),
+        }
+        self.infos = {"player_0": info, "player_1": info.copy()}
+
+    def _checked(self, action: Any) -> int:
+        try:
+            stroke = operator.index(action)
+        except TypeError:
+            stroke = -1
+        if self._stepper.is_legal(self._state, stroke):
+            return stroke
+        raise self._refusal(action, stroke)
+
+    def _refusal(self, action: Any, stroke: int) -> ActionError:
+        names = self.game.catalogue.names
+        if not 0 <= stroke < len(names):
+            return ActionError(f"{self.agent_selection}: action {action!r} is no stroke; expected 0 to {len(names) - 1}")
+        legal = self.game.legal_strokes(self._state).tolist()
+        listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
+        more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
+        return IllegalStrokeError(
+            f"{self.agent_selection}: stroke {stroke} ({names[stroke]}) is not legal in state: "
+            f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
+            stroke,
+        )
+
+
+class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
+    """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
+
+    A stroke that is not legal in the state ends the episode: -1 for who tried it, +1 for the other, and
+    ``info["reason"]`` says so. PettingZoo's ``TerminateIllegalWrapper`` pays the other nothing and explains nothing, so
+    the game would not be zero-sum; and a chain of three wrappers takes three times as long as the environment itself.
+    """
+
+    def __init__(self, env: ShuttleEnv) -> None:
+        super().__init__(env)
+        self._raw = env
+
+    def last(self, observe: bool = True) -> tuple[Observation | None, float, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and info of the agent to move."""
+        if not self._has_reset:
+            EnvLogger.error_observe_before_reset()
+        raw = self._raw
+        agent = raw.agent_selection
+        return (
+            self.observe(agent) if observe else None,
+            raw._cumulative_rewards[agent],
+            raw.terminations[agent],
+            raw.truncations[agent],
+            raw.infos[agent],
+        )
+
+    def step(self, action: Any) -> None:
+        """Play a stroke, or lose by it.
+
+        Raises:
+            ActionError: the action is not in the action space.
+        """
+        try:
+            super().step(action)
+        except IllegalStrokeError as illegal:
+            self._lose(illegal.stroke)
+
+    def _lose(self, stroke: int | None) -> None:
+        EnvLogger.warn_on_illegal_move()
+        self._raw.forfeit(stroke)
+
+    def __str__(self) -> str:
+        return str(self.env)
