@@ -9,7 +9,6 @@ import os
 import random
 import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.state import LEAGUE
 from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.ppo import PPO
+from tests.waiting import file_versions, wait_until
 
 STROKES = (
     "short-serve:front-centre:below:backhand",
@@ -249,8 +249,9 @@ def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Pat
     for _ in range(kills):
         resume = (tmp_path / "run" / "config.json").exists()
         process = context.Process(target=_run, args=(dataclasses.replace(config, resume=resume),))
+        before = file_versions(tmp_path)
         process.start()
-        process.join(rng.uniform(0.1, 1.5))
+        _wait_for_files(process, tmp_path, before, rng.randint(0, 12))
         if process.pid is not None and process.is_alive():
             os.kill(process.pid, signal.SIGKILL)
         process.join()
@@ -258,18 +259,24 @@ def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Pat
     assert final(tmp_path / "run") == final(whole)
 
 
+def _wait_for_files(process: Any, folder: Path, before: set[tuple[Path, int]], count: int) -> None:
+    """Wait until a process has written some files, or has ended."""
+    wait_until(lambda: not process.is_alive() or len(file_versions(folder) - before) >= count, 300, f"{count} written files")
+
+
 def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
     """A league in a process of its own, and one of its workers."""
     process = multiprocessing.get_context("forkserver").Process(target=_run, args=(config,))
     process.start()
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    while process.is_alive():
-        process.join(0.05)
+
+    def workers() -> list[int]:
+        assert process.is_alive(), "the league ended without a worker"
         with contextlib.suppress(OSError):
-            found = [pid for pid in map(int, children.read_text().split()) if _is_worker(pid)]
-            if found:
-                return process, found[-1]
-    raise AssertionError("the league ended without a worker")
+            return [pid for pid in map(int, children.read_text().split()) if _is_worker(pid)]
+        return []
+
+    return process, wait_until(workers, 300, "a worker of the league")[-1]
 
 
 @pytest.mark.slow
@@ -277,7 +284,7 @@ def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
 def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(worker, signal.SIGKILL)
-    process.join(240)
+    process.join()
     assert process.exitcode == 0
     assert final(tmp_path / "run") == final(whole)
 
@@ -288,10 +295,7 @@ def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(process.pid, signal.SIGKILL)
     process.join()
-    deadline = time.monotonic() + 60
-    while _is_worker(worker):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_until(lambda: not _is_worker(worker), 60, "the end of the worker")
 
 
 def _is_worker(pid: int) -> bool:

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
 from tests.reduced import reduced_game, reduced_model
+from tests.waiting import wait_until
 
 GAME = reduced_game()
 SMALL: dict[str, Any] = {
@@ -183,13 +183,11 @@ def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     subprocess.run([*command, "--out", str(tmp_path / "whole")], check=True, timeout=300, env=environment)
     process = subprocess.Popen([*command, "--out", str(tmp_path / "killed")], env=environment)
-    deadline = time.monotonic() + 200
-    while not list((tmp_path / "killed").glob("checkpoints/0*/about.json")):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    saved = tmp_path / "killed" / "checkpoints"
+    wait_until(lambda: process.poll() is not None or list(saved.glob("0*/about.json")), 300, "the first checkpoint")
+    assert process.poll() is None
     os.kill(process.pid, signal.SIGKILL)
-    process.wait(30)
+    process.wait()
     assert not (tmp_path / "killed" / "agent").exists()
     subprocess.run([*command, "--out", str(tmp_path / "killed"), "--resume"], check=True, timeout=300, env=environment)
     assert weights(tmp_path / "killed") == weights(tmp_path / "whole")
