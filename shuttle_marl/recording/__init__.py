@@ -6,13 +6,12 @@ again from the recorded seed. ``docs/rally_log.md`` describes the file byte for 
 """
 
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, Sampling
+from shuttle_marl.recording.export import Derived
+from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.recorder import RallyRecorder
+from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 from shuttle_marl.recording.recover import recover
-from shuttle_marl.recording.replay import Derived, Replay, replay
-from shuttle_marl.recording.schema import RecordingError
-from shuttle_marl.recording.writer import RallyLogWriter
+from shuttle_marl.recording.replay import Replay, replay
 
 __all__ = [
     "SINGLE_RALLY",

@@ -1,20 +1,22 @@
-"""Rally logs as Parquet, CSV or Arrow files, a batch at a time."""
+"""Rally logs as Parquet, CSV or Arrow files, and columns derived from the game and the policies."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
+import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
 from shuttle_marl.files import replacing
 from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.replay import Derived
-from shuttle_marl.recording.schema import RecordingError
-from shuttle_marl.recording.tables import rally_rows, stroke_rows
+from shuttle_marl.recording.header import RecordingError
+from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
+from shuttle_marl.recording.replay import require_game, states
 from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
 
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
@@ -22,6 +24,49 @@ _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".csv": pyarrow.csv.CSVWriter,
     ".arrow": pa.ipc.new_file,
 }
+
+
+class Derived:
+    """Makes columns of strokes; :meth:`shuttle_marl.recording.RallyLog.stroke_table` takes it as ``derive``.
+
+    Args:
+        log: whose rallies they are.
+        game: the game that was played on.
+        policies: tables of policies by name; the probability with which they chose a stroke is added.
+
+    Raises:
+        RecordingError: the log was played on another game.
+    """
+
+    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
+        require_game(log, game)
+        self._game = game
+        chosen = policies or {}
+        self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
+
+    def __call__(self, rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
+        """Columns of the strokes of a batch.
+
+        Returns:
+            ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
+            ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
+            the striker's policy chooses the stroke, NaN for other policies. A stroke that is not legal has state -1 and
+            probabilities NaN.
+        """
+        state, k = states(self._game, rallies)
+        pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
+        names = ("p_succ", "p_ret", "p_above")
+        known = self._game.stroke_probabilities(pair)
+        columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
+        found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
+        if self._policies:
+            striker = rallies.policy[rallies.row_of_stroke, rallies.striker]
+            probability = np.full(len(state), np.nan)
+            for i, policy in self._policies.items():
+                mine = (striker == i) & (state >= 0)
+                probability[mine] = policy.probability_of(pair[mine])
+            found["probability"] = probability
+        return found
 
 
 def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
@@ -32,8 +77,8 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
         target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.table_files`), ``.csv``
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
-        rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.tables`.
-        game: adds to strokes what follows from the game that was played on, see :mod:`shuttle_marl.recording.replay`.
+        rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.reader`.
+        game: adds to strokes what follows from the game that was played on, see :class:`Derived`.
 
     Returns:
         The number of rows.

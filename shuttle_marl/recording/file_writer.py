@@ -18,10 +18,9 @@ from mcap.writer import Writer
 
 from shuttle_marl.files import NO_ROOM, problem
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.container import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, RALLY_TIME, TOPIC, advice, compression
-from shuttle_marl.recording.header import LogHeader
-from shuttle_marl.recording.log_file import unfinished
-from shuttle_marl.recording.schema import RecordingError, arrow_schema
+from shuttle_marl.recording.chunks import RALLY_TIME, arrow_schema, compression
+from shuttle_marl.recording.header import LogHeader, RecordingError
+from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, TOPIC, advice, unfinished
 
 _END: Final = 4096
 _END_OF_BATCH: Final = 256
@@ -187,7 +186,7 @@ class LogFileWriter:
 
         Args:
             first: number of its first rally, not below :attr:`rallies`.
-            data: what :func:`shuttle_marl.recording.container.encode` made of it.
+            data: what :func:`shuttle_marl.recording.chunks.encode` made of it.
             rallies: the same, not encoded.
 
         Raises:

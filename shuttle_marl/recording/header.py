@@ -10,11 +10,13 @@ import numpy as np
 
 from shuttle_marl import __version__
 from shuttle_marl.arrays import U64, Bools, Ints
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.rally.record import OPTIONAL, Rallies
-from shuttle_marl.recording.schema import VERSION, DamagedLogError, RecordingError
 
+VERSION: Final = 2
+"""Version of the columns and the header of a log."""
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs in which every rally stands for itself: a match of one point."""
 
@@ -28,6 +30,18 @@ Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 ``training``: match, but the key of the pairing takes the place of the seed, because a run changes its seed at checkpoints;
 ``unknown``: the draws cannot be made again.
 """
+
+
+class RecordingError(ShuttleError):
+    """A log that cannot be written, or a file that is no rally log of this version."""
+
+
+class DamagedLogError(RecordingError):
+    """A rally log that was cut off or changed after it was written."""
+
+
+class OtherFileError(RecordingError):
+    """A file that is no rally log at all."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,35 +1,44 @@
-"""One file of a rally log: its name, and how it is read.
+"""One file of a rally log: its name, its MCAP records, and how it is read.
 
-The files are ``NAME.mcap``, and when that is full ``NAME.1.mcap``, ``NAME.2.mcap``, …
+The files are ``NAME.mcap``, and when that is full ``NAME.1.mcap``, ``NAME.2.mcap``, … Nothing is trusted before its checksum was
+verified. The records (https://mcap.dev/spec) are decoded by the official ``mcap`` library; framing is done here, because its
+readers fail on truncated files and trust every length that they read.
 """
 
+import contextlib
 import os
 import re
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 import numpy as np
 import pyarrow as pa
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex
+from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
 
 from shuttle_marl.arrays import U64
-from shuttle_marl.files import open_file
+from shuttle_marl.files import open_file, problem
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.container import (
-    INDEX_NAME,
-    INDEX_SCHEMA,
-    damage,
-    decode,
-    message_of_chunk,
-    read_header,
-    read_record,
-    read_summary,
-    stream,
-)
-from shuttle_marl.recording.schema import DamagedLogError, RecordingError
+from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, records, stream
+from shuttle_marl.recording.header import DamagedLogError, LogHeader, OtherFileError, RecordingError
 
+PROFILE: Final = "shuttle_marl"
+MAGIC: Final = b"\x89MCAP0\r\n"
+FOOTER_LENGTH: Final = 20
+TOPIC: Final = "/rallies"
+METADATA: Final = "shuttle_marl.rally_log"
+"""Name of the MCAP metadata record that holds the header."""
+INDEX_NAME: Final = "rally_index"
+INDEX_SCHEMA: Final = pa.schema(
+    [
+        pa.field(name, pa.uint64(), nullable=False)
+        for name in ("first_rally", "rallies", "strokes", "offset", "first_match", "last_match")
+    ]
+)
+"""Columns of the attachment ``rally_index``, a row a batch: number of its first rally, how many rallies and strokes it holds,
+the byte at which its chunk begins, and the least and greatest 2^32 x pairing + match in it."""
 SUFFIX: Final = ".mcap"
 _UNFINISHED: Final = ".part"
 _SET_ASIDE: Final = ".part.old"
@@ -68,6 +77,89 @@ def existing_parts(log: Path) -> list[int]:
     """Numbers of the parts of a log of which there is a file, finished or not."""
     paths = log.parent.iterdir() if log.parent.is_dir() else ()
     return sorted({number for path in paths if (number := part_number(path, log)) is not None})
+
+
+@contextlib.contextmanager
+def damage(path: Path) -> Iterator[None]:
+    """Turn any error of decoding into a :class:`RecordingError` that names the file and says what to do."""
+    try:
+        yield
+    except DamagedLogError as error:
+        raise DamagedLogError(f"{path}: damaged: {error}; {advice(path)}") from error
+    except OtherFileError as error:
+        raise OtherFileError(f"{path}: {error}") from error
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
+    except UNDECODABLE as error:
+        raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
+
+
+def advice(path: Path) -> str:
+    """Advice for the owner of a damaged log."""
+    return f"save its undamaged batches with `python -m shuttle_marl.recording recover {path}`"
+
+
+def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> bytes:
+    """Body of the record at ``offset`` of a file of ``size`` bytes.
+
+    Raises:
+        DamagedLogError: another kind of record stands there, or it reaches beyond the end.
+    """
+    if not 0 <= offset <= size - FRAME.size:
+        raise DamagedLogError(f"no {expected.name} record at byte {offset}")
+    file.seek(offset)
+    opcode, length = FRAME.unpack(file.read(FRAME.size))
+    if opcode != expected or length > size - offset - FRAME.size:
+        raise DamagedLogError(f"no whole {expected.name} record at byte {offset}")
+    return file.read(length)
+
+
+def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
+    """The records of the summary section, after its checksum was verified.
+
+    Raises:
+        DamagedLogError: the file was not closed, or its end is damaged.
+    """
+    tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
+    if size < len(MAGIC) + tail:
+        raise DamagedLogError("too short for a rally log")
+    file.seek(size - tail)
+    end = file.read(tail)
+    if not end.endswith(MAGIC) or FRAME.unpack_from(end) != (Opcode.FOOTER, FOOTER_LENGTH):
+        raise DamagedLogError("it was not closed")
+    footer = Footer.read(stream(end[FRAME.size :]))
+    if not len(MAGIC) <= footer.summary_start <= size - tail:
+        raise DamagedLogError("it has no summary")
+    file.seek(footer.summary_start)
+    summary = file.read(size - tail - footer.summary_start)
+    if zlib.crc32(end[: FRAME.size + FOOTER_LENGTH - 4], zlib.crc32(summary)) != footer.summary_crc:
+        raise DamagedLogError("the checksum of its summary does not fit")
+    return list(records(summary))
+
+
+def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
+    """The header of a rally log, finished or not, and the byte behind it.
+
+    Raises:
+        OtherFileError: this is no rally log.
+        RecordingError: it is one of another version.
+        DamagedLogError: the header is cut off or damaged.
+    """
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        raise OtherFileError("no rally log: it does not start as an MCAP file does")
+    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
+    profile = Header.read(stream(start)).profile
+    if profile != PROFILE:
+        raise OtherFileError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
+    at = len(MAGIC) + FRAME.size + len(start)
+    body = read_record(file, at, size, Opcode.METADATA)
+    metadata = Metadata.read(stream(body))
+    if metadata.name != METADATA:
+        raise DamagedLogError("the header is missing")
+    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)
 
 
 class LogFile:

@@ -2,22 +2,26 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import I64, UInts
+from shuttle_marl.arrays import I64, Ints, UInts
 from shuttle_marl.files import problem
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.rally.record import PER_STROKE, Rallies
+from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
+from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path
-from shuttle_marl.recording.schema import OtherFileError, RecordingError, arrow_schema, from_arrow
-from shuttle_marl.recording.tables import Derive, rally_rows, stroke_rows
+
+Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
+"""Function of a batch that returns further columns ``[N]`` of its strokes."""
 
 
 class RallyLog:
@@ -152,11 +156,11 @@ class RallyLog:
         return np.concatenate(found)
 
     def rally_table(self) -> pa.Table:
-        """All rallies as one table, see :func:`shuttle_marl.recording.tables.rally_rows`."""
+        """All rallies as one table, see :func:`rally_rows`."""
         return pa.concat_tables([rally_rows(self, *batch) for batch in self.batches_or_none()])
 
     def stroke_table(self, derive: Derive | None = None) -> pa.Table:
-        """All strokes as one table, see :func:`shuttle_marl.recording.tables.stroke_rows`.
+        """All strokes as one table, see :func:`stroke_rows`.
 
         Args:
             derive: adds what follows from the game, such as :class:`shuttle_marl.recording.replay.Derived`.
@@ -265,3 +269,62 @@ def _open_folder(folder: Path) -> list[list[LogFile]]:
 def _close(files: Sequence[LogFile]) -> None:
     for file in files:
         file.close()
+
+
+def rally_rows(log: "RallyLog", first: int, rallies: Rallies) -> pa.Table:
+    """A batch as a table of rallies.
+
+    Returns:
+        Columns ``number`` (uint64, the rally's number in the log), ``file`` (dictionary) and ``seed`` (uint64) of the file
+        it stands in, the columns of the log with the names of the policies (dictionary) in ``policy_0`` and ``policy_1``,
+        ``reason`` in words (dictionary), and ``length`` (int32) before ``strokes``.
+    """
+    table = pa.Table.from_batches([to_arrow(rallies, len(log.catalogue))])
+    names = [player.name for player in log.policies]
+    for seat in (0, 1):
+        at = table.schema.get_field_index(f"policy_{seat}")
+        table = table.set_column(at, f"policy_{seat}", _words(rallies.policy[:, seat], names))
+    table = table.set_column(table.schema.get_field_index("reason"), "reason", _words(rallies.reason, OUTCOMES[:2]))
+    table = table.add_column(table.schema.get_field_index("strokes"), "length", pa.array(rallies.length))
+    file = np.full(len(rallies), log.file_of(first))
+    seeds = np.array([file.header.seed % 2**64 for file in log.files], dtype=np.uint64)
+    table = table.add_column(0, "seed", pa.array(seeds[file]))
+    table = table.add_column(0, "file", _words(file, [file.path.name for file in log.files]))
+    return table.add_column(0, "number", pa.array(np.arange(first, first + len(rallies), dtype=np.uint64)))
+
+
+def stroke_rows(log: "RallyLog", first: int, rallies: Rallies, derive: Derive | None = None) -> pa.Table:
+    """A batch as a table of strokes.
+
+    Args:
+        log: where it stands.
+        first: number of its first rally.
+        rallies: the batch.
+        derive: makes further columns, which stand behind the others.
+
+    Returns:
+        Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
+        ``policy``, ``stroke`` (its name) and ``outcome``; then those that the log has of ``log_probability`` and ``value``.
+    """
+    row, seat = rallies.row_of_stroke, rallies.striker
+    further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
+    if derive is not None:
+        further |= derive(rallies)
+    return pa.table(
+        {
+            "number": (first + row).astype(np.uint64),
+            "position": rallies.position.astype(np.int32),
+            "seat": seat.astype(np.uint8),
+            "policy": _words(rallies.policy[row, seat], [player.name for player in log.policies]),
+            "stroke": _words(rallies.stroke, log.catalogue.names),
+            "outcome": _words(rallies.outcome(log.catalogue), OUTCOMES),
+            **further,
+        }
+    )
+
+
+def _words(numbers: Ints, words: Sequence[str]) -> pa.DictionaryArray:
+    unique = list(dict.fromkeys(words))
+    if len(unique) < len(words):  # policies of several runs that differ in more than their names
+        numbers = np.array([unique.index(word) for word in words], dtype=np.int32)[numbers]
+    return pa.DictionaryArray.from_arrays(pa.array(numbers.astype(np.int32)), pa.array(unique, pa.string()))

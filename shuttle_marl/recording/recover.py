@@ -18,12 +18,11 @@ from mcap.records import Message
 
 from shuttle_marl.files import open_file, problem
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.container import FRAME, UNDECODABLE, compression, damage, decode, message_of_chunk, read_header
+from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, compression, decode, message_of_chunk
 from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.header import LogHeader
-from shuttle_marl.recording.log_file import SUFFIX, existing_parts, part_path, set_aside, unfinished
-from shuttle_marl.recording.schema import DamagedLogError, RecordingError
-from shuttle_marl.recording.writer import RallyLogWriter
+from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError
+from shuttle_marl.recording.log_file import SUFFIX, damage, existing_parts, part_path, read_header, set_aside, unfinished
+from shuttle_marl.recording.recorder import RallyLogWriter
 
 _BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4
 """Bytes of a chunk record before the name of its compression: the frame, two times, a size and a checksum."""

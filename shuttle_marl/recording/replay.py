@@ -1,63 +1,30 @@
-"""Everything that follows from a log, its game and its policies: states, probabilities, and the rallies played again."""
+"""Check rally logs: bytes, numbers and scores, and with the game the replay of every stroke."""
 
 import dataclasses
-from collections.abc import Mapping
+import itertools
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
+from mcap.opcode import Opcode
+from mcap.records import DataEnd, Footer
 
-from shuttle_marl.arrays import I32, Bools
+from shuttle_marl.arrays import I32, I64, Bools
+from shuttle_marl.files import open_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import WINNER, strike
+from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import LogHeader
+from shuttle_marl.recording.chunks import FRAME, stream
+from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError, Sampling
+from shuttle_marl.recording.log_file import FOOTER_LENGTH, MAGIC, LogFile, damage
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.schema import RecordingError
 
-
-class Derived:
-    """Makes columns of strokes; :meth:`shuttle_marl.recording.RallyLog.stroke_table` takes it as ``derive``.
-
-    Args:
-        log: whose rallies they are.
-        game: the game that was played on.
-        policies: tables of policies by name; the probability with which they chose a stroke is added.
-
-    Raises:
-        RecordingError: the log was played on another game.
-    """
-
-    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
-        require_game(log, game)
-        self._game = game
-        chosen = policies or {}
-        self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
-
-    def __call__(self, rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
-        """Columns of the strokes of a batch.
-
-        Returns:
-            ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
-            ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
-            the striker's policy chooses the stroke, NaN for other policies. A stroke that is not legal has state -1 and
-            probabilities NaN.
-        """
-        state, k = states(self._game, rallies)
-        pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
-        names = ("p_succ", "p_ret", "p_above")
-        known = self._game.stroke_probabilities(pair)
-        columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
-        found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
-        if self._policies:
-            striker = rallies.policy[rallies.row_of_stroke, rallies.striker]
-            probability = np.full(len(state), np.nan)
-            for i, policy in self._policies.items():
-                mine = (striker == i) & (state >= 0)
-                probability[mine] = policy.probability_of(pair[mine])
-            found["probability"] = probability
-        return found
+_BLOCK: Final = 1 << 20
 
 
 def require_game(log: RallyLog, game: Game) -> None:
@@ -149,3 +116,149 @@ def _wrong_winner(rallies: Rallies) -> Bools:
     last = (rallies.server + rallies.length - 1) & 1
     wrong: Bools = rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)
     return wrong
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Checked:
+    """Result of :func:`check`.
+
+    Attributes:
+        rallies: number of rallies checked.
+        strokes: number of strokes checked.
+        replayed: whether the strokes were played again.
+        problems: descriptions of what is wrong; empty for a good log.
+    """
+
+    rallies: int
+    strokes: int
+    replayed: bool
+    problems: tuple[str, ...]
+
+
+def check(path: Path, game: Game | None = None) -> Checked:
+    """Check a log.
+
+    Args:
+        path: the log, a file or a folder.
+        game: the game it was played on, to play every stroke again; None leaves that out.
+
+    Raises:
+        RecordingError: this is no rally log, or a damaged one, or it was played on another game.
+    """
+    with RallyLog(path) as log:
+        problems: list[str] = []
+        for offset, files in log.logs:
+            for file in files:
+                _check_data(file.path)
+            for file, after in itertools.pairwise(files):
+                if after.header.first_rally != file.end:
+                    missing = f"{offset + file.end} to {offset + after.header.first_rally - 1}"
+                    problems.append(f"rallies {missing}, between {file.path.name} and {after.path.name}, are missing")
+            problems += _check_matches(files, offset)
+        if game is not None:
+            wrong = replay(log, game).wrong
+            if wrong:
+                problems.append(f"{len(wrong)} rallies do not follow from the seed and the rules, first: {wrong[0]}")
+        return Checked(rallies=log.n_rallies, strokes=log.n_strokes, replayed=game is not None, problems=tuple(problems))
+
+
+def _check_data(path: Path) -> None:
+    """Compare the checksum of everything before the summary."""
+    tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
+    with damage(path), open_file(path) as file:
+        size = path.stat().st_size
+        if size < tail:
+            raise DamagedLogError("too short for a rally log")
+        file.seek(size - tail + FRAME.size)
+        # The record DataEnd, whose body is the checksum, ends where the summary starts.
+        end = Footer.read(stream(file.read(FOOTER_LENGTH))).summary_start - FRAME.size - 4
+        if not 0 <= end <= size - tail:
+            raise DamagedLogError("it was not closed")
+        file.seek(0)
+        crc, remaining = 0, end
+        while remaining and (block := file.read(min(_BLOCK, remaining))):
+            crc, remaining = zlib.crc32(block, crc), remaining - len(block)
+        if FRAME.unpack(file.read(FRAME.size)) != (Opcode.DATA_END, 4):
+            raise DamagedLogError("its data does not end where the summary says")
+        if DataEnd.read(stream(file.read(4))).data_section_crc != crc:
+            raise DamagedLogError("the checksum of its data does not fit")
+
+
+def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
+    """Compare every rally with what the rally before it in its match led to, and with the sample that was asked for."""
+    header = files[0].header
+    sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
+    problems: list[str] = []
+    number = 0
+    for file in files:
+        for i in range(len(file.rallies)):
+            first, rallies = file.batch(i)
+            if first != number:
+                matches.forget()
+            number = first + len(rallies)
+            bad = np.flatnonzero(matches.breaks(rallies))
+            if len(bad):
+                problems.append(f"rally {offset + first + int(bad[0])} does not follow from the score of the rally before it")
+            strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
+            if len(strange):
+                problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
+    if matches.in_order and len(matches.open_) > 1:
+        pairing, match = matches.open_[0, :2]
+        problems.append(f"match {match} of pairing {pairing} breaks off")
+    return problems
+
+
+class _Matches:
+    """Follows matches through a log; those of training may be played side by side.
+
+    Attributes:
+        open_: ``[M, 9]`` last rally so far of every match that is not over, as :func:`_rows` has it.
+        in_order: whether each match came to its end before the next one began.
+    """
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        self._all_known = True
+        self._last = np.full(2, -1, dtype=np.int64)
+        self.open_ = np.empty((0, 9), dtype=np.int64)
+        self.in_order = True
+
+    def forget(self) -> None:
+        """Note that rallies are missing here: a match may continue whose first rallies were not seen."""
+        self.open_, self._all_known = self.open_[:0], False
+
+    def breaks(self, rallies: Rallies) -> Bools:
+        """``[R]`` whether a rally cannot follow what was seen."""
+        new = _rows(rallies)
+        rows = np.concatenate([self.open_, new])
+        order = np.lexsort((rows[:, 1], rows[:, 0]))  # stable, so the rallies of a match stay in their order
+        rows, is_new = rows[order], (order >= len(self.open_))
+        over, after, server = self._after(rows)
+        same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1)
+        continues = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
+        starts = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
+        good = starts | (not self._all_known)
+        good[1:] = np.where(same, continues & ~over[:-1], good[1:])
+        in_order = np.r_[[self._last], new[:, :2]]
+        step = np.diff(in_order, axis=0)
+        self.in_order &= bool(((step[:, 0] > 0) | ((step[:, 0] == 0) & (step[:, 1] >= 0))).all())
+        self._last = in_order[-1]
+        self.open_ = rows[np.r_[~same, True] & ~over]
+        breaks = np.zeros(len(order), dtype=np.bool_)
+        breaks[order] = ~good & is_new
+        return breaks[len(breaks) - len(new) :]
+
+    def _after(self, rows: I64) -> tuple[Bools, I64, I64]:
+        """Whether the match is over after each rally, the score, and who serves next."""
+        row, winner = np.arange(len(rows)), rows[:, 4]
+        after = rows[:, 5:].copy()
+        counted = count_rally(after[row, winner], after[row, winner ^ 1], after[row, 2 + winner], self._rules)
+        after[row, winner], after[row, 2 + winner] = counted.points, counted.games
+        after[counted.game_won, :2] = 0
+        return is_over(after[:, 2:], self._rules), after, winner
+
+
+def _rows(rallies: Rallies) -> I64:
+    """``[R, 9]`` pairing, match, rally, server, winner, score before the rally."""
+    columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, rallies.winner)
+    return np.concatenate([np.stack(columns, axis=1, dtype=np.int64), rallies.score.astype(np.int64)], axis=1)

@@ -17,8 +17,7 @@ from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.errors import printable
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
-from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.tables import rally_rows
+from shuttle_marl.recording.reader import RallyLog, rally_rows
 from shuttle_marl.scene import SceneError, models, topics
 from shuttle_marl.scene.commentary import commentary
 from shuttle_marl.scene.motion import joint_message, motion_messages

@@ -37,7 +37,7 @@ from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table, report
 from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 from shuttle_marl.runs import LOCK, is_finished, locked
 from shuttle_marl.table_files import csv_bytes
 from tests.reduced import reduced_game, reduced_model

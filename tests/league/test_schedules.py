@@ -15,7 +15,7 @@ from shuttle_marl.league import LeagueConfig, LeagueError, run_league
 from shuttle_marl.league.schedule import stages
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 
 POOL = ("random", "safe", "attacking", "defensive")
 TABLES = ("results.csv", "ranking.csv", "pairings.jsonl")

@@ -26,10 +26,10 @@ from mcap.records import AttachmentIndex
 from conftest import a_header, some_rallies
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.check import check
-from shuttle_marl.recording.container import INDEX_NAME, encode, read_record, read_summary, stream
+from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.log_file import part_path, unfinished
+from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
+from shuttle_marl.recording.replay import check
 
 MEMORY = 768 << 20
 """More address space than the process has after its imports [bytes]; reading a log of this size needs a few megabytes."""

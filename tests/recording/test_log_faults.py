@@ -15,11 +15,11 @@ import pytest
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.check import check
-from shuttle_marl.recording.container import FRAME
+from shuttle_marl.recording.chunks import FRAME
+from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
-from shuttle_marl.recording.schema import DamagedLogError
+from shuttle_marl.recording.replay import check
 
 
 def read_all(path: Path) -> int:

@@ -13,10 +13,10 @@ from mcap.writer import Writer
 
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover, replay
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import part_path, unfinished
 from shuttle_marl.recording.recover import rallies_of_pairings, resume
-from shuttle_marl.recording.schema import DamagedLogError
+from shuttle_marl.recording.replay import check
 
 
 def same(a: Rallies, b: Rallies) -> bool:

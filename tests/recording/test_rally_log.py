@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
+from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.recording.schema import arrow_schema, from_arrow, to_arrow
 
 RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
 

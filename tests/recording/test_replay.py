@@ -11,8 +11,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
-from shuttle_marl.recording.check import check
-from shuttle_marl.recording.replay import states
+from shuttle_marl.recording.replay import check, states
 
 GAME = default_game()
 

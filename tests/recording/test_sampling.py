@@ -10,7 +10,7 @@ import pytest
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, Sampling
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 from tests.tournaments import play_league
 
 GAME = default_game()

@@ -11,7 +11,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 from shuttle_marl.recording.simulate import simulated_rallies
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.commentary import percent

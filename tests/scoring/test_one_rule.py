@@ -20,7 +20,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.lockstep import ask, play
-from shuttle_marl.recording.check import _Matches
+from shuttle_marl.recording.replay import _Matches
 
 GAME = default_game()
 UNIFORM = UniformPolicy()

@@ -12,8 +12,8 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
-from shuttle_marl.recording.check import check
 from shuttle_marl.recording.file_writer import NoRoomError, Sink
+from shuttle_marl.recording.replay import check
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game, reduced_model

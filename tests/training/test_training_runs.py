@@ -23,7 +23,7 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.checkpoints import last_checkpoint

@@ -12,7 +12,7 @@ import pytest
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.check import check
+from shuttle_marl.recording.replay import check
 from shuttle_marl.watch.building import SOURCE
 from tests.watch.conftest import serving
 

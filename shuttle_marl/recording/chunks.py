@@ -1,0 +1,247 @@
+"""A batch of rallies as a chunk of an MCAP file: Arrow columns, compression, and decoding of untrusted bytes.
+
+A batch is one Arrow stream, which is the only message of a chunk. ``docs/rally_log.md`` describes the columns.
+"""
+
+import functools
+import io
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import lz4.frame
+import numpy as np
+import pyarrow as pa
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, Message
+from mcap.writer import CompressionType
+
+from shuttle_marl.arrays import Array
+from shuttle_marl.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
+from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader
+
+FRAME: Final = struct.Struct("<BQ")
+"""Head of every record: opcode and length of the body."""
+RALLY_TIME: Final = 1_000_000
+"""Log time of a rally [ns]: the log time of a batch is the number of its first rally times this."""
+MAX_CHUNK: Final = 1 << 28
+"""Limit of an uncompressed batch [bytes]; a file with a larger one is damaged."""
+_ROW: Final = (
+    ("pairing", pa.uint32()),
+    ("match", pa.uint32()),
+    ("rally", pa.uint16()),
+    ("policy_0", pa.uint16()),
+    ("policy_1", pa.uint16()),
+    ("server", pa.uint8()),
+    ("winner", pa.uint8()),
+    ("reason", pa.uint8()),
+    ("points_0", pa.uint8()),
+    ("points_1", pa.uint8()),
+    ("games_0", pa.uint8()),
+    ("games_1", pa.uint8()),
+)
+_SCORE: Final = ("points_0", "points_1", "games_0", "games_1")
+UNDECODABLE: Final = (
+    struct.error,
+    McapError,
+    pa.ArrowException,
+    zstandard.ZstdError,
+    ValueError,
+    LookupError,
+    OverflowError,
+    MemoryError,
+    RuntimeError,
+)
+"""Errors that the decoders raise for input that they do not expect."""
+
+
+@functools.cache
+def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
+    """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
+
+    Args:
+        n_strokes: number of strokes in the game.
+        columns: the columns of :data:`shuttle_marl.rally.record.OPTIONAL` in the log.
+    """
+    fields = [pa.field(name, kind, nullable=False) for name, kind in _ROW]
+    if "update" in columns:
+        fields.append(pa.field("update", pa.uint32(), nullable=False))
+    fields.append(_list("strokes", "stroke", pa.from_numpy_dtype(stroke_dtype(n_strokes))))
+    fields += [_list(name, name, pa.float32()) for name in OPTIONAL if name in PER_STROKE and name in columns]
+    return pa.schema(fields)
+
+
+def _list(name: str, item: str, kind: pa.DataType) -> pa.Field:
+    return pa.field(name, pa.list_(pa.field(item, kind, nullable=False)), nullable=False)
+
+
+def to_arrow(rallies: Rallies, n_strokes: int) -> pa.RecordBatch:
+    """Rallies as a batch of schema :func:`arrow_schema`."""
+    columns = dict(rallies.columns())
+    columns |= {f"policy_{seat}": rallies.policy[:, seat] for seat in (0, 1)}
+    columns |= {name: rallies.score[:, i] for i, name in enumerate(_SCORE)} | {"strokes": rallies.stroke}
+    offsets = pa.array(rallies.first_stroke.astype(np.int32))
+    schema = arrow_schema(n_strokes, rallies.optional_columns)
+    arrays = []
+    for field in schema:
+        column = np.ascontiguousarray(columns[field.name])
+        if pa.types.is_list(field.type):
+            arrays.append(pa.ListArray.from_arrays(offsets, pa.array(column, field.type.value_type), type=field.type))
+        else:
+            arrays.append(pa.array(column, field.type))
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def from_arrow(batch: pa.RecordBatch) -> Rallies:
+    """Rallies of a batch of schema :func:`arrow_schema`.
+
+    Raises:
+        DamagedLogError: lists of different lengths in one row.
+    """
+    column = {name: batch.column(name).to_numpy(zero_copy_only=False) for name, _ in _ROW}
+    strokes = batch.column("strokes")
+    length = np.diff(strokes.offsets.to_numpy()).astype(np.int32)
+    optional: dict[str, Array] = {}
+    for name in (name for name in OPTIONAL if name in batch.schema.names):
+        values = batch.column(name)
+        if name in PER_STROKE:
+            if not np.array_equal(np.diff(values.offsets.to_numpy()), length):
+                raise DamagedLogError(f"a rally whose number of strokes differs from the length of its {name}")
+            values = values.flatten()
+        optional[name] = values.to_numpy(zero_copy_only=False)
+    return Rallies(
+        **{name: column[name] for name in ("pairing", "match", "rally", "server", "winner", "reason")},
+        policy=np.stack([column["policy_0"], column["policy_1"]], axis=1),
+        score=np.stack([column[name] for name in _SCORE], axis=1),
+        length=length,
+        stroke=strokes.flatten().to_numpy(zero_copy_only=False),
+        **optional,
+    )
+
+
+def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
+    """The message of a batch whose first rally has number ``first``."""
+    batch = to_arrow(rallies, n_strokes)
+    batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
+        writer.write_batch(batch)
+    return memoryview(sink.getvalue())
+
+
+def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
+    """Number of the first rally, and the rallies; every number in them points at something.
+
+    Raises:
+        DamagedLogError: the message holds something else.
+        pa.ArrowException: it holds no Arrow stream.
+    """
+    batch = _arrow_batch(message.data)
+    metadata = batch.schema.metadata or {}
+    if (
+        not batch.schema.equals(arrow_schema(len(header.strokes), header.columns))
+        or metadata.get(b"version") != str(VERSION).encode()
+    ):
+        raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
+    first = int(metadata.get(b"first_rally", b"-1"))
+    if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
+        raise DamagedLogError("a batch without a place in the log")
+    rallies = from_arrow(batch)
+    _check_numbers(rallies, header)
+    return first, rallies
+
+
+def _arrow_batch(data: bytes) -> pa.RecordBatch:
+    try:
+        with pa.ipc.open_stream(data) as reader:
+            batches = list(reader)
+    except OSError as error:  # of Arrow, about the bytes: no file is involved
+        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
+    if len(batches) != 1:
+        raise DamagedLogError(f"{len(batches)} Arrow batches in a message, expected 1")
+    batches[0].validate(full=True)
+    return batches[0]
+
+
+def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
+    for what, numbers, limit in (
+        ("seat", rallies.server, 2),
+        ("seat", rallies.winner, 2),
+        ("reason", rallies.reason, 2),
+        ("policy", rallies.policy, len(header.policies)),
+        ("pairing", rallies.pairing, len(header.pairings)),
+        ("stroke", rallies.stroke, len(header.strokes)),
+    ):
+        most = int(np.max(numbers))
+        if most >= limit:
+            raise DamagedLogError(f"{what} {most} in a batch, expected less than {limit}")
+    if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
+        raise DamagedLogError("a rally without strokes")
+
+
+def compression(header: LogHeader) -> CompressionType:
+    """The compression of the chunks of a log.
+
+    LZ4 where training records figures of single strokes: there are millions a second, and it takes half of the time of zstd.
+    """
+    return CompressionType.LZ4 if set(PER_STROKE) & set(header.columns) else CompressionType.ZSTD
+
+
+_SAYS: Final[dict[str, Callable[[bytes], int]]] = {
+    "zstd": lambda packed: zstandard.get_frame_parameters(packed).content_size,
+    "lz4": lambda packed: lz4.frame.get_frame_info(packed)["content_size"],
+}
+"""The number of bytes that a frame says it unpacks to, by the name that MCAP gives the compression."""
+_UNPACK: Final[dict[str, Callable[[bytes, int], bytes]]] = {
+    "zstd": lambda packed, size: zstandard.ZstdDecompressor().decompress(packed, max_output_size=size),
+    "lz4": lambda packed, size: lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size),
+}
+"""What unpacks a frame to so many bytes at most."""
+
+
+def message_of_chunk(body: bytes) -> Message:
+    """The one message of a chunk.
+
+    Raises:
+        DamagedLogError: the checksum or the sizes do not fit, or it is no chunk of a rally log.
+    """
+    chunk = Chunk.read(stream(body))
+    if chunk.compression not in _UNPACK or chunk.uncompressed_size > MAX_CHUNK:
+        raise DamagedLogError(f"a chunk of {chunk.uncompressed_size} bytes packed as {chunk.compression!r}")
+    # The frame says how much will be unpacked; to believe it unseen would let a damaged file take all memory.
+    if _SAYS[chunk.compression](chunk.data) != chunk.uncompressed_size:
+        raise DamagedLogError("the sizes in a chunk disagree")
+    data = _UNPACK[chunk.compression](chunk.data, chunk.uncompressed_size)
+    if zlib.crc32(data) != chunk.uncompressed_crc:
+        raise DamagedLogError("the checksum of a chunk does not fit")
+    messages = [Message.read(stream(inner), len(inner)) for opcode, inner in records(data) if opcode == Opcode.MESSAGE]
+    if len(messages) != 1:
+        raise DamagedLogError(f"{len(messages)} messages in a chunk, expected 1")
+    return messages[0]
+
+
+def stream(body: bytes) -> ReadDataStream:
+    """The body of a record, for the decoders of ``mcap.records``."""
+    return ReadDataStream(io.BytesIO(body))
+
+
+def records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcode and body of the records in ``data``, which must hold nothing else.
+
+    Raises:
+        DamagedLogError: the last one is cut off.
+    """
+    at = 0
+    while at < len(data):
+        if at + FRAME.size > len(data):
+            raise DamagedLogError("a record is cut off")
+        opcode, length = FRAME.unpack_from(data, at)
+        at += FRAME.size
+        if length > len(data) - at:
+            raise DamagedLogError("a record is cut off")
+        yield opcode, data[at : at + length]
+        at += length
