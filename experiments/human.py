@@ -201,7 +201,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
     pictures.save(drawn, path)
 
 
-HEADINGS: Final = ("TAU", "rallies against bc, %", "away, %", "exploitability", "nats a stroke")
+HEADINGS: Final = ("TAU", "rallies against bc, %", "in refits, %", "exploitability", "nats a stroke")
 PLAYER_HEADINGS: Final = ("player", "matches", "strokes", "TAU (95 %)", "nats gained on the clone (95 %)")
 
 

@@ -259,7 +259,7 @@ HEADINGS: Final = (
     "paper, %",
     "exact match, %",
     "exact rally, %",
-    "the same away (95 %)",
+    "in refits (95 %)",
     "normalised score",
     "its IQM (95 %)",
     "exploitability",

@@ -99,8 +99,8 @@ def time_to_win() -> str:
     ours, theirs = (sorted({r["seeds"] for r in rows if ("shuttle_marl" in r["learner"]) == own}) for own in (True, False))
     others = f", of other projects' {' or '.join(map(str, theirs))}" if theirs not in ([], ours) else ""
     seeds = f"{' or '.join(map(str, ours))} seeds{others}"
-    told = f"Median (and slowest) of {seeds}, one thread; `>`: not every seed got there before it was stopped."
-    return f"{markdown(('learner', *targets), lines, left=('learner',))}\n\n{told} {rows[0]['machine']}"
+    note = f"Median (and slowest) of {seeds}, one thread; `>`: not every seed got there before it was stopped."
+    return f"{markdown(('learner', *targets), lines, left=('learner',))}\n\n{note} {rows[0]['machine']}"
 
 
 def _seconds(row: dict[str, Any]) -> str:

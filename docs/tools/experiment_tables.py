@@ -16,7 +16,7 @@ def _made_by(result: dict[str, Any]) -> str:
 
 
 def agents() -> str:
-    """Matches that the trained agents win, with exact figures."""
+    """Match wins of the trained agents, with exact results."""
     result = saved("experiments", "win_rates")
     table = markdown(win_rates.HEADINGS, list(win_rates.table_rows(result)), left=("agent",))
     played = f"{result['seeds']} seeds, {result['matches']:,} matches each, game `{result['game'][:12]}`"
@@ -24,7 +24,7 @@ def agents() -> str:
 
 
 def matrix() -> str:
-    """Exact probabilities to win a match against opponents that no agent was trained against."""
+    """Exact match win probabilities against unseen opponents."""
     against = saved("experiments", "win_rates")["exact_match_win_against"]
     opponents = next(iter(against.values()))
     rows = [(agent, *(f"{100 * probability:.1f}" for probability in odds.values())) for agent, odds in against.items()]
@@ -32,7 +32,7 @@ def matrix() -> str:
 
 
 def self_play() -> str:
-    """Exploitability that ways of self-play leave, from ``experiments/results/self_play.json``."""
+    """Exploitability by variant of self-play, from ``experiments/results/self_play.json``."""
     result = saved("experiments", "self_play")
     rows = [(f"`{way}`", *figures) for way, *figures in self_play_study.table_rows(result)]
     table = markdown(self_play_study.HEADINGS, rows, left=("way",))
@@ -40,28 +40,30 @@ def self_play() -> str:
 
 
 def style_figures() -> str:
-    """Strokes that agents with a style play, and differences that are not significant."""
+    """Shot mix of agents with a style, and differences that are not significant."""
     result = saved("experiments", "styles")
     table = markdown(styles.HEADINGS, list(styles.table_rows(result)), left=("style",))
     same = styles.alike(result)
     count = len(result["different"])
-    told = (
+    significant = (
         f"All {count} differences between two rows"
         if not same
         else f"{count - len(same)} of {count} differences between two rows"
     )
     but = f" Not: {'; '.join(same)}." if same else ""
-    return f"{table}\n\n{told} in one of the first five columns are significant (adjusted p < 0.05).{but} {_made_by(result)}."
+    return (
+        f"{table}\n\n{significant} in one of the first five columns are significant (adjusted p < 0.05).{but} {_made_by(result)}."
+    )
 
 
 def next_strokes() -> str:
-    """Next strokes predicted right, by the imitator and by the game's clones, beside the paper's figures."""
+    """Accuracy of next-stroke prediction of the imitator, of the game's clones, and in the paper."""
     result = saved("experiments", "next_stroke")
     table = markdown(
         next_stroke.HEADINGS, next_stroke.table_rows(result, next_stroke.LEAST_PLAYERS), left=next_stroke.HEADINGS[:2]
     )
     fit = result["fit"]
-    fitted = f"fitted on {fit['strokes']:,} strokes of {fit['matches']} train matches in {fit['seconds']} s"
+    fitted = f"fitted on {fit['strokes']:,} strokes of {fit['matches']} training matches in {fit['seconds']} s"
     return f"{table}\n\nThe {result['split']} matches; the imitator {fitted}. {_made_by(result)}."
 
 
@@ -78,12 +80,12 @@ def recipes() -> str:
 
 
 def league_training() -> str:
-    """Exploitability after the same budget by every way to train a league."""
+    """Exploitability of every variant of league training after equal budgets."""
     result = saved("experiments", "league_training")
     table = markdown(league_study.HEADINGS, league_study.table_rows(result), left=("way",))
     side = f"{result['jobs']} at once on {result['workers']} core each"
-    told = f"{result['budget']} a run, {side}, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
-    return f"{table}\n\n{told}: {_made_by(result)}."
+    setting = f"{result['budget']} a run, {side}, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
+    return f"{table}\n\n{setting}: {_made_by(result)}."
 
 
 def human() -> str:
@@ -100,7 +102,7 @@ def human_players() -> str:
 
 
 def truth_slopes() -> str:
-    """Realised on promised advantage, over matches that no fit saw."""
+    """Slopes of realised on predicted advantage, over unseen matches."""
     rows = []
     for name, title in (("truth_cross", "average game"), ("truth_profiles", "men's and women's games")):
         result = saved("experiments", name)
@@ -113,9 +115,9 @@ def truth_slopes() -> str:
 
 
 def truth_limits() -> str:
-    """Slopes that were measured beside those to expect of a fit."""
+    """Measured slopes, and those expected of a fit."""
     result = saved("experiments", "truth_limits")
-    headings, measured, expected = ["slope"], ["measured"], ["to expect of a fit to so many matches"]
+    headings, measured, expected = ["slope"], ["measured"], ["expected of a fit to as many matches"]
     for horizon, found in result["decision_slope"].items():
         headings.append("end of the rally" if horizon == "end" else f"after {horizon}")
         measured.append(_slope(found))
@@ -124,7 +126,7 @@ def truth_limits() -> str:
 
 
 def truth_memory() -> str:
-    """Slopes of what V of the state now misses on the advantages of earlier strokes."""
+    """Slopes of the residual of the state value on the advantages of earlier strokes."""
     result = saved("experiments", "truth_limits")
     headings = ["strokes ago", *result["memory"]]
     table = markdown(headings, [["slope", *map(_slope, result["memory"].values())]], left=("strokes ago",))
@@ -136,13 +138,13 @@ def _slope(found: dict[str, float]) -> str:
 
 
 def truth_shots() -> str:
-    """Promises of shot types beside what they brought, and errors of the value after them."""
+    """Predicted and realised advantages of shot types, and errors of the value after them."""
     result = saved("experiments", "truth_cross")
     rows = []
     for shot, found in result["promised_realised"].items():
-        brought, error = found["realised"], result["value_error"].get(shot, {}).get("own")
-        rows.append((shot, f"{found['promised']:+.2f}", _points(brought), "" if error is None else _points(error)))
-    headings = ("shot type", "promised", "brought", "error of the value after it")
+        realised, error = found["realised"], result["value_error"].get(shot, {}).get("own")
+        rows.append((shot, f"{found['promised']:+.2f}", _points(realised), "" if error is None else _points(error)))
+    headings = ("shot type", "predicted", "realised", "error of the value after it")
     return f"{markdown(headings, rows, left=('shot type',))}\n\nIn points, per cent of rallies; in brackets 95 % intervals."
 
 
@@ -151,7 +153,7 @@ def _points(found: dict[str, float]) -> str:
 
 
 def truth_figures() -> str:
-    """The other figures of the comparison with real matches, cross-fitted and on the validation matches."""
+    """Other results of the comparison with real matches, cross-fitted and on the validation matches."""
     columns = [saved("experiments", name) for name in ("truth_cross", "truth_profiles", "truth_validation")]
 
     def of(figure: Callable[[dict[str, Any]], str]) -> list[str]:
@@ -175,11 +177,11 @@ def truth_figures() -> str:
         ])  # fmt: skip
     rows.append(["`random` against `bc`, rallies", *of(lambda r: f"{100 * r['random_vs_bc']:.1f} %")])
     for name in columns[0]["support"]:
-        shown = f"strokes of {name.replace('_', ' ')} on fewer than five real ones"
+        shown = f"strokes of {name.replace('_', ' ')} with fewer than five real ones"
         rows.append([shown, *of(lambda r, name=name: f"{100 * r['support'][name]:.0f} %")])  # type: ignore[misc]
     for name, found in columns[0].get("transfer", {}).items():
-        kept = f"{100 * found['home']:.1f} to {100 * found['away']:.1f} %; {found['kept']:.2f} of the edge"
-        rows.append([f"{name.replace('_', ' ')}, home to away", kept, "", ""])
+        transfer = f"{100 * found['home']:.1f} to {100 * found['away']:.1f} %; {found['kept']:.2f} of the edge"
+        rows.append([f"{name.replace('_', ' ')}, own game to other game", transfer, "", ""])
     headings = (
         "figure",
         "average game, cross-fitted",
@@ -208,10 +210,10 @@ def stroke_value() -> str:
             for p in result["players"]
             if p["discipline"] == kind
         ]
-        headings = (title, "matches", "strokes", "points by 100 strokes", "by decisions", "points, away")
+        headings = (title, "matches", "strokes", "points by 100 strokes", "by decisions", "points, in a refit")
         groups.append(markdown(headings, rows, left=(title,)))
     played = (
-        f"{result['valued']:,} of {result['strokes']:,} strokes have a value; in brackets 95 % intervals over matches. Away: "
-        "95 % interval for the same strokes, valued in one more refit of the game."
+        f"{result['valued']:,} of {result['strokes']:,} strokes have a value; in brackets 95 % intervals over matches. In a "
+        "refit: 95 % interval for the same strokes, valued in one more refit of the game."
     )
     return "\n\n".join([*groups, played])

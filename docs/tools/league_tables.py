@@ -78,7 +78,7 @@ def ranking_short(folder: Path) -> str:
         "rating (95 %)",
         "matches won",
         "rallies won against `bc`",
-        "the same away (95 %)",
+        "in refits (95 %)",
         "exploitability",
         "normalised score",
     )

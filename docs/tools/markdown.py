@@ -1,4 +1,4 @@
-"""Tables in Markdown, and the results that they show."""
+"""Markdown tables, and saved results."""
 
 import json
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ IMAGES: Final = ROOT / "docs" / "images"
 
 
 def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str]) -> str:
-    """A table in Markdown; columns are right-aligned but for those headed by a name in ``left``."""
+    """A Markdown table; columns are right-aligned, except for those whose headings are in ``left``."""
     rule = ["---" if heading in left else "--:" for heading in headings]
     return "\n".join("| " + " | ".join(line) + " |" for line in [headings, rule, *rows])
 
 
 def saved(folder: Literal["benchmarks", "experiments"], name: str) -> Any:
-    """The result that a benchmark or an experiment saved in its folder ``results``, as JSON."""
+    """Load a result from the folder ``results`` of the benchmarks or experiments."""
     result: Any = json.loads((ROOT / folder / "results" / f"{name}.json").read_text(encoding="utf-8"))
     return result

@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.dynamics fit | evaluate | card``: the models of the game."""
+"""``python -m shuttle_marl.dynamics fit | evaluate | card``: fit, evaluate and describe the models of the game."""
 
 import json as json_format
 import sys
@@ -28,18 +28,13 @@ def fit(
     prior: str | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Fit the models on the train matches and compile the game; a few minutes, and a few more for each refit.
+    """Fit the models to the training matches and compile the game; takes a few minutes, and a few more for each refit.
 
-    Args:
-        data: folder of the download, or a Parquet file of `data convert` or `data import`.
-        out: model folder to write.
-        seed: of all random numbers; the same seed gives the same weights.
-        refits: number of refits on resampled matches, which show how sure a figure is; they are the variants OUT:1, OUT:2, …;
-            default 8, or none for fewer than 6 train matches.
-        validation_share: share of your own matches that are set aside to choose on, such as 0.2; the published ones have a fixed
-            split.
-        prior: model that is corrected instead of a fit from nothing, such as default: for few matches, in seconds.
-        overwrite: replace a model that is in the folder.
+    Args: data: folder of the download, or a Parquet file of `data convert` or `data import`. out: model folder to write. seed:
+        random seed; equal seeds give equal weights. refits: number of refits on resampled matches, which show the uncertainty
+        of the fit, as variants OUT:1, OUT:2, …; default 8, or 0 for fewer than 6 training matches. validation_share: fraction
+        of your own matches for validation, such as 0.2; the published matches have a fixed split. prior: model to correct
+        instead of a full fit, such as default; for few matches. overwrite: replace an existing model.
     """
     from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
 
@@ -61,12 +56,12 @@ def evaluate(
     model: str = "default",
     json: bool = False,
 ) -> None:
-    """Score the models on a split, beside trees fitted on the train matches.
+    """Score the models on a split, and boosted trees fitted to the training matches.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
         split: train, validation or test.
-        model: a shipped model or a model folder.
+        model: name of a shipped model, or a model folder.
         json: print JSON instead of a table.
     """
     from shuttle_marl.dynamics.make import evaluate_model  # noqa: PLC0415  torch
@@ -75,7 +70,7 @@ def evaluate(
     if json:
         sys.stdout.write(json_format.dumps(result) + "\n")
         return
-    table = Table(title=f"{split}: models beside trees")
+    table = Table(title=f"{split} split: models and boosted trees")
     for column in ("", "rows", "log-loss", "trees", "ratio", "Brier", "AUC", "ECE"):
         table.add_column(column, justify="left" if not column else "right")
     for name in ("success", "return", "contact"):
@@ -99,34 +94,34 @@ def card(
     """Print the card of a model.
 
     Args:
-        model: a shipped model or a model folder.
-        json: as JSON instead of Markdown.
-        plot: draw the reliability diagrams into this PNG file as well.
-        truth: first keep in the card what `python -m experiments.truth --json` printed into this file.
+        model: name of a shipped model, or a model folder.
+        json: print JSON instead of Markdown.
+        plot: write the reliability diagrams to this PNG file.
+        truth: first store this output of `python -m experiments.truth --json` in the card.
     """
     from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
-        add_truth(model_folder(model), _measured(truth))
+        add_truth(model_folder(model), _read_json(truth))
     content = read_model_card(model_folder(model))
     sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
     if plot is not None:
         plot_reliability(content, plot)
 
 
-def _measured(path: Path) -> dict[str, Any]:
-    """A JSON object from a file.
+def _read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
 
     Raises:
-        ShuttleError: there is none.
+        ShuttleError: the file does not contain one.
     """
     try:
-        found = json_format.loads(path.read_text(encoding="utf-8"))
+        content = json_format.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ShuttleError(f"{path}: no readable JSON ({error})") from error
-    if not isinstance(found, dict):
+        raise ShuttleError(f"{path}: cannot be read as JSON ({error})") from error
+    if not isinstance(content, dict):
         raise ShuttleError(f"{path}: expected a JSON object")
-    return found
+    return content
 
 
 COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}

@@ -1,1 +1,1 @@
-"""The models learned from matches, and the games compiled from them. Importing this does not import torch."""
+"""Models fitted to matches, and the games compiled from them. Importing this package does not import torch."""

@@ -1,4 +1,4 @@
-"""Model cards: what it was fitted on, how it scores, and what the game that it makes looks like."""
+"""Model cards: data, scores, and properties of the game."""
 
 from hashlib import sha256
 from pathlib import Path
@@ -14,15 +14,15 @@ from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, VARIANT
 from shuttle_marl.game.stroke import SHOTS
 
 _OBSERVED: Final = (
-    "**The data are observational.** Players chose these strokes where they thought that they would work, against opponents and "
-    "in positions that the state does not hold. What a stroke brought to those who chose it is not what it would bring to a "
-    "player who chose it elsewhere or more often, and the further a policy departs from what people play, the less of what the "
-    "game says about it was ever seen. The game says what its tables imply, exactly; it is no proof that badminton would agree."
+    "**The data are observational.** Players chose these strokes in positions and against opponents that the state does not "
+    "contain. The success of a stroke for the players who chose it is not its success for a player who would choose it "
+    "elsewhere or more often. The further a policy departs from human play, the weaker its support in the data. Values of the "
+    "game are exact consequences of its tables, not evidence about badminton."
 )
 
 
 def strokes_hash(strokes: pa.Table) -> str:
-    """SHA-256 of the columns of a stroke table, not of their descriptions: the same from the raw files and from Parquet."""
+    """SHA-256 of the columns of a stroke table without metadata, equal for the raw files and for Parquet."""
     sink = pa.BufferOutputStream()
     table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
     with pa.ipc.new_stream(sink, table.schema) as writer:
@@ -31,7 +31,7 @@ def strokes_hash(strokes: pa.Table) -> str:
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
-    """Write the card of a model, and with it the hashes of the files that stand in the folder.
+    """Write the card of a model with the hashes of its files.
 
     Raises:
         FileWriteError: it cannot be written.
@@ -42,21 +42,21 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
 
 
 def add_truth(folder: Path, truth: dict[str, Any]) -> None:
-    """Keep in the card of a model what the measure of truth (``experiments.truth --json``) found about its game.
+    """Store the result of ``experiments.truth --json`` in the card of a model.
 
     Raises:
-        ShuttleError: it is no result of the measure.
+        ShuttleError: the result lacks a field.
         GameError: the model card cannot be read.
         FileWriteError: it cannot be written.
     """
     wanted = ("split", "cross", "matches", "strokes", "decision_slope", "promised_realised")
     if missing := [name for name in wanted if name not in truth]:
-        raise ShuttleError(f"no result of the measure of truth: {', '.join(missing)} missing; make one with --json")
+        raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")
     write_card(folder, {**read_model_card(folder), "truth": {name: truth[name] for name in wanted}})
 
 
 def as_markdown(card: dict[str, Any]) -> str:
-    """The card for people."""
+    """The card as Markdown."""
     health, scores = card["health"], card["validation"]
     lines = [
         f"# Model card: {card['name']}",
@@ -64,14 +64,14 @@ def as_markdown(card: dict[str, Any]) -> str:
         f"Version {card['version']}, game `{card['game_hash'][:16]}`, weights `{card['sha256'][NETWORKS][:16]}`, "
         f"data `{card['data']['hash'][:16]}`.",
         "",
-        f"Fitted on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; everything that was "
-        f"chosen was chosen on {card['data']['validation_strokes']:,} strokes of {card['data']['validation_matches']} others. "
+        f"Fitted on {card['data']['train_strokes']:,} strokes of {card['data']['train_matches']} matches; settings "
+        f"were chosen on {card['data']['validation_strokes']:,} strokes of {card['data']['validation_matches']} other matches. "
         f"Seed {card['seed']}.",
         "",
         _OBSERVED,
         "",
         f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
-        f"pairs; {100 * card['game']['clipped']:.1f} % of them were moved into the range that the data supports.",
+        f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data.",
         "",
         "## Predictions on the validation matches",
         "",
@@ -90,7 +90,7 @@ def as_markdown(card: dict[str, Any]) -> str:
     lines += ["", "| next stroke | top-1 | top-2 | top-3 | top-4 |", "|---|---|---|---|---|"]
     for key, title in (("shot_type", "shot type"), ("area", "area"), ("area_given_type", "area, shot type known")):
         lines.append(f"| {title} | " + " | ".join(f"{x:.3f}" for x in following[key]) + " |")
-    lines += ["", "### Reliability", "", "Mean prediction and observed share in fifteen bins of equal mass.", ""]
+    lines += ["", "### Reliability", "", "Mean prediction and observed frequency in fifteen bins of equal mass.", ""]
     for name in ("success", "return", "contact"):
         bins = scores[name]["reliability"]
         lines += [
@@ -103,8 +103,8 @@ def as_markdown(card: dict[str, Any]) -> str:
     if prior := card["chosen"].get("prior"):
         shifts = ", ".join(f"{name} {shift:+.3f}" for name, shift in prior["shifts"].items())
         lines += [
-            f"The models of game `{prior['game'][:16]}`, corrected: log-odds of a fault (success), of a return and of a contact "
-            f"above the net moved by {shifts}. Scores are those of the corrected models.",
+            f"The models of game `{prior['game'][:16]}`, corrected: shifts of the log-odds of a fault (success), of a return and "
+            f"of a contact above the net: {shifts}. Scores are those of the corrected models.",
             "",
         ]
     lines += _situations(card)
@@ -129,21 +129,21 @@ def as_markdown(card: dict[str, Any]) -> str:
 
 
 def _situations(card: dict[str, Any]) -> list[str]:
-    found = card["chosen"]["situations"]
-    effort = ", ".join(f"{np.exp(offset):.3f}" for offset in found["effort"])
+    situations = card["chosen"]["situations"]
+    effort = ", ".join(f"{np.exp(offset):.3f}" for offset in situations["effort"])
     lines = ["## Effort, duels and variants", ""]
     lines.append(
-        f"Odds of a fault after 0, 1, … own attacks (smashes, half-smashes) in the rally, at the last level so many or more: "
-        f"{effort}. Odds of a fault of a net shot after three or more net shots in a row: {np.exp(found['duel']):.3f}. Both are "
-        "relative to those of other strokes and were fitted on matches that the networks did not see."
+        f"Relative odds of a fault after 0, 1, … own attacks (smashes, half-smashes) in the rally; the last level includes more "
+        f"attacks: {effort}. Relative odds of a fault of a net shot after three or more consecutive net shots: "
+        f"{np.exp(situations['duel']):.3f}. Both were fitted to out-of-fold predictions of the networks."
     )
     if "share" in card["game"]:
         share = " and ".join(f"{100 * part:.1f} % {name}" for name, part in card["game"]["share"].items())
-        lines.append(f"The game is an average over disciplines, weighted by their strokes ({share}): the game of neither.")
+        lines.append(f"The game is an average over disciplines, weighted by their strokes ({share}).")
     if card.get("variants"):
         lines.append(
-            f"Variants: {', '.join(card['variants'])}. Those by number are refits on resampled training matches; what differs "
-            "between them is what the data leaves open."
+            f"Variants: {', '.join(card['variants'])}. The numbered ones are refits on resampled training matches; their "
+            "differences show the uncertainty of the fit."
         )
     return [*lines, ""]
 
@@ -153,16 +153,16 @@ def _solved(health: dict[str, Any]) -> list[str]:
     lines = [
         "## The solved game",
         "",
-        f"Minimax self-play: {health['minimax']['mean_rally']:.1f} strokes a rally, largest shot type "
+        f"Minimax self-play: {health['minimax']['mean_rally']:.1f} strokes a rally, most frequent shot type "
         f"{100 * health['largest_shot_share']:.1f} %, {health['shot_types_above_2_percent']} shot types above 2 %, value at the "
-        f"serve {health['value_at_serve']:+.3f}. Largest probability that a rally continues after a legal stroke (no serve): "
-        f"{health['largest_continuation']:.4f}. The best response to BC wins "
+        f"serve {health['value_at_serve']:+.3f}. Largest probability that a rally continues after a legal stroke other than a "
+        f"serve: {health['largest_continuation']:.4f}. The best response to BC wins "
         f"{100 * health['best_response_to_bc_wins']:.1f} % of rallies. BC against BC: {health['bc']['mean_rally']:.2f} strokes. "
-        f"Strokes with fewer than five real ones in their innermost cell of data: {thin}.",
+        f"Strokes with fewer than five real strokes in their innermost cell: {thin}.",
         "",
-        *(f"- {'' if kept else '**Warning**: '}{told}" for told, kept in criteria(health).values()),
+        *(f"- {'' if within else '**Warning**: '}{text}" for text, within in criteria(health).values()),
         "",
-        "These figures are reported, and no fit was chosen by them.",
+        "No fit was selected by these values.",
         "",
         "| share of strokes | " + " | ".join(SHOTS) + " |",
         "|---" * (len(SHOTS) + 1) + "|",
@@ -173,31 +173,31 @@ def _solved(health: dict[str, Any]) -> list[str]:
 
 
 def _truth(truth: dict[str, Any]) -> list[str]:
-    """Promises of the game beside what came true, from the measure of truth."""
-    judged = f"{truth['cross']} games, each without the matches it is compared with" if truth["cross"] else truth["split"]
+    """Predicted and realised advantages, from ``experiments.truth``."""
+    evaluation = f"{truth['cross']} games, each evaluated on held-out matches" if truth["cross"] else truth["split"]
     slopes = truth["decision_slope"]
     lines = [
         "",
-        "## Promised and realised",
+        "## Predicted and realised",
         "",
-        f"Compared with {truth['matches']} matches ({judged}). Slope of what happened on what was promised: "
+        f"Compared with {truth['matches']} matches ({evaluation}). Slope of realised on predicted advantages: "
         + ", ".join(f"{key} {s['value']:.2f} ({s['low']:.2f} to {s['high']:.2f})" for key, s in slopes.items())
-        + "; 1 in a true game. Points that choosing a shot type adds, per cent of rallies:",
+        + "; 1 if calibrated. Advantage of choosing a shot type, per cent of rallies:",
         "",
-        "| shot type | promised | brought | 95 %, by match | strokes |",
+        "| shot type | predicted | realised | 95 %, by match | strokes |",
         "|---|---|---|---|---|",
     ]
-    for shot, found in truth["promised_realised"].items():
-        brought = found["realised"]
+    for shot, advantage in truth["promised_realised"].items():
+        realised = advantage["realised"]
         lines.append(
-            f"| {shot} | {found['promised']:+.2f} | {brought['points']:+.2f} | {brought['low']:+.2f} to {brought['high']:+.2f} | "
-            f"{brought['n']:,} |"
+            f"| {shot} | {advantage['promised']:+.2f} | {realised['points']:+.2f} | "
+            f"{realised['low']:+.2f} to {realised['high']:+.2f} | {realised['n']:,} |"
         )
     return lines
 
 
 def plot_reliability(card: dict[str, Any], path: Path) -> None:
-    """Draw the three reliability diagrams."""
+    """Plot the three reliability diagrams."""
     import matplotlib as mpl  # noqa: PLC0415  slow to import
     from matplotlib.figure import Figure  # noqa: PLC0415
 

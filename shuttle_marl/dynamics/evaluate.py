@@ -1,11 +1,11 @@
-"""Scores of the models on matches that they were not fitted to, and the health of the game that they make.
+"""Evaluation: scores of the models on unseen matches, and health checks of the solved game.
 
-The baseline of the scores is gradient-boosted trees on the same rows and the same features (LightGBM, Ke et al., NIPS 2017).
+The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017).
 
-A model of badminton that predicts well can still be a bad game: one exploitable corner of the tables, and perfect play is
-a stall or a single killing stroke. So every fit is solved: perfect play, the best response to the behaviour-cloned player, and
-how both play, exactly, are part of its model card, with warnings where a figure leaves its limits. No fit is chosen by them:
-what should win in the game would then say what the game is.
+Models that predict well can still make a bad game: a single wrong entry of the tables can make perfect play a stall or a single
+winning stroke. So every fit is solved exactly. Its card reports perfect play, the best response to the behaviour-cloned player,
+and their statistics, with warnings for values outside of their limits. No fit is selected by these values: that would let
+opinions on optimal play determine the game.
 """
 
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def calibration_error(label: Bools, p: F64, bins: int = BINS) -> float:
 
 
 def reliability(label: Bools, p: F64, bins: int = BINS) -> list[dict[str, float]]:
-    """The reliability diagram: mean prediction, observed share and number of rows of each bin of equal mass."""
+    """Reliability diagram: mean prediction, observed frequency and number of rows of each bin of equal mass."""
     parts = np.array_split(np.argsort(p, kind="stable"), bins)
     return [
         {"predicted": round(float(p[i].mean()), 5), "observed": round(float(label[i].mean()), 5), "rows": len(i)}
@@ -62,7 +62,7 @@ def reliability(label: Bools, p: F64, bins: int = BINS) -> list[dict[str, float]
 
 
 def area_under_curve(label: Bools, p: F64) -> float:
-    """Area under the ROC curve; NaN if only one kind of label occurs."""
+    """Area under the ROC curve; NaN if all labels are equal."""
     positive = int(label.sum())
     negative = len(label) - positive
     if not positive or not negative:
@@ -71,7 +71,7 @@ def area_under_curve(label: Bools, p: F64) -> float:
 
 
 def scores(label: Bools, p: F64) -> dict[str, Any]:
-    """rows, log_loss, brier, auc, ece of a binary prediction."""
+    """``rows``, ``log_loss``, ``brier``, ``auc`` and ``ece`` of a binary prediction."""
     return {
         "rows": len(label),
         "log_loss": float(log_losses(label, p).mean()),
@@ -82,7 +82,7 @@ def scores(label: Bools, p: F64) -> dict[str, Any]:
 
 
 def difference_by_match(ours: F64, theirs: F64, match: Ints, seed: int = 0) -> dict[str, float]:
-    """Mean difference of log-losses (ours minus theirs) and its 95 % interval, by a bootstrap over matches."""
+    """Mean difference of log-losses (ours minus theirs), with a 95 % bootstrap interval over matches."""
     _, index = np.unique(match, return_inverse=True)
     total, count = np.bincount(index, ours - theirs), np.bincount(index)
     draws = np.random.default_rng(seed).integers(0, len(count), (RESAMPLES, len(count)))
@@ -92,16 +92,16 @@ def difference_by_match(ours: F64, theirs: F64, match: Ints, seed: int = 0) -> d
 
 
 def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[[str], None]) -> dict[str, Any]:
-    """All scores.
+    """Scores of all models.
 
     Args:
         models: the models.
-        train: rows that the trees are fitted to.
-        test: rows to score on.
+        train: rows to which the trees are fitted.
+        test: rows to score.
         report: called with a line before each stage.
 
     Returns:
-        ``success``, ``return``, ``contact``: scores, ``trees`` (the same of the trees), ``difference`` (ours minus trees by
+        ``success``, ``return``, ``contact``: scores, ``trees`` (scores of the trees), ``difference`` (models minus trees, by
         match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
     """
 
@@ -112,7 +112,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         return models.returned(rows.codes, shift=models.shift_of(rows.receiver, models.receiver))
 
     tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], F64], tuple[str, ...]]] = {
-        # Faults do not say where they were aimed: neither model nor trees may know the target (no leak).
+        # The target of a fault is unknown, so neither models nor trees may read it (no leak).
         "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, (*_CONTEXT, *_SITUATION)),
         "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
         "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
@@ -141,10 +141,10 @@ def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = T
     Args:
         models: the models.
         rows: strokes in context.
-        own: use the striker's own model where there is one.
+        own: use the striker's own model if there is one.
 
     Returns:
-        ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played.
+        ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the actual shot type.
     """
     player = models.choices.index(rows.striker) if own else np.full(len(rows), -1)
     choice = models.choices.shifted_choice(models.choice(rows.codes), rows.codes, player)
@@ -166,7 +166,7 @@ def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = T
 
 
 def top_k(probabilities: F64, label: Ints, most: int = 4) -> list[float]:
-    """Share of rows whose label is among the k likeliest, for k = 1 to ``most``."""
+    """Fraction of rows whose label is among the k likeliest classes, for k = 1 to ``most``."""
     ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :most]
     hit = ranked == np.asarray(label)[:, None]
     return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
@@ -180,13 +180,13 @@ def next_stroke_scores(models: FittedModels, rows: Rows, *, own: bool = True) ->
 def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str, Any]:
     """Top-1 to top-4 of shot type, area, and area given the shot type; cross-entropies in nats.
 
-    The area is scored on strokes that were no fault, because a fault does not say where it was aimed. ``cross_entropy`` is
-    that of shot type and area together, on the same strokes; ``shot_type_cross_entropy`` that of the shot type on all.
+    Faults are left out for the area, because their target is unknown, and for ``cross_entropy``, that of shot type and area
+    together. ``shot_type_cross_entropy`` is that of the shot type on all strokes.
 
     Args:
         shot: ``[N, 13]`` probability of each shot type.
         area: ``[N, 9]`` probability of each area.
-        given: ``[N, 9]`` probability of each area given the shot type that was played.
+        given: ``[N, 9]`` probability of each area given the actual shot type.
         rows: the N strokes.
     """
     good = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
@@ -209,12 +209,12 @@ def tree_predictions(
     match: Ints,
     test: dict[str, I16],
 ) -> F64:
-    """Fit on train, predict on test. Number of leaves and of rounds are chosen by cross-validation over matches.
+    """Predictions of trees; numbers of leaves and rounds are chosen by cross-validation over matches.
 
     Args:
-        names: slots that the trees read, all categorical.
-        train, test: their codes.
-        label: ``[N]`` what to predict, on the rows of train.
+        names: attributes read by the trees, all categorical.
+        train, test: attribute codes.
+        label: ``[N]`` labels of train.
         match: ``[N]`` match of each row of train.
 
     Returns:
@@ -226,7 +226,7 @@ def tree_predictions(
     lgb = lightgbm()
     x = np.stack([train[name] for name in names], axis=1).astype(np.int32)
     categorical = list(range(len(names)))
-    # A single match cannot be left out, so its rows are dealt to the folds.
+    # The rows of a single match are distributed over the folds.
     fold = fold_of_match(match if len(np.unique(match)) > 1 else np.arange(len(match)), _FOLDS)
     folds = [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in np.unique(fold)]
     best: tuple[float, int, int] | None = None
@@ -250,7 +250,7 @@ def tree_predictions(
 
 
 def play_statistics(policy: StatePolicy) -> dict[str, Any]:
-    """Length, endings and shot mix of the rallies of a policy against itself, exactly."""
+    """Exact length, endings and shot mix of rallies in self-play."""
     seen = visits(policy, policy, server=0)
     endings = seen.endings()
     faults = endings["fault of player 0"] + endings["fault of player 1"]
@@ -273,21 +273,20 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "minimax_thin": (0.0, 0.25),
     "best_response_thin": (0.0, 0.25),
 }
-"""Least and greatest of the figures of :func:`health` that leave no warning."""
+"""Limits of the values of :func:`health` without warning."""
 THIN: Final = 5.0
-"""A stroke with fewer real ones than this in its innermost cell of data is thinly supported."""
+"""A stroke with fewer real strokes in its innermost cell is thinly supported."""
 
 
 def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
-    """The figures that say whether the solved game looks like badminton, and which of them leave their limits.
+    """Health checks of the solved game: does it resemble badminton?
 
     Args:
-        bc: the behaviour-cloned average player, on the tables that are checked.
+        bc: the behaviour-cloned average player of the game.
         strokes: ``[E]`` real strokes in the innermost cell of each edge.
 
-    Returns:
-        The figures; ``thin``: the share of the strokes of BC, of the best response to it and of minimax that are thinly
-        supported; ``warnings``: one line for each figure outside of :data:`LIMITS`.
+    Returns: The statistics; ``thin``: fraction of thinly supported strokes in the play of BC, of the best response to BC and of
+        minimax; ``warnings``: a line for each value outside of :data:`LIMITS`.
     """
     solution, response = solve(bc.game), best_response(bc)
     perfect = play_statistics(solution.policy[0])
@@ -308,11 +307,11 @@ def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
         "bc": play_statistics(bc),
         "thin": shares,
     }
-    return {**figures, "warnings": [told for told, kept in criteria(figures).values() if not kept]}
+    return {**figures, "warnings": [text for text, within in criteria(figures).values() if not within]}
 
 
 def criteria(figures: dict[str, Any]) -> dict[str, tuple[str, bool]]:
-    """Every figure of :func:`health` that has limits: the figure with them in words, and whether it is within."""
+    """For every value of :func:`health` with limits, a description and whether it is within them."""
     limited = {
         **figures,
         "minimax_mean_rally": figures["minimax"]["mean_rally"],
@@ -326,7 +325,7 @@ def criteria(figures: dict[str, Any]) -> dict[str, tuple[str, bool]]:
 
 
 def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
-    """The legal pairs with the highest and lowest fault and winner probabilities, with what supports them."""
+    """The legal pairs with the highest and lowest fault and winner probabilities, with their support."""
     good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
     rally = np.flatnonzero(~is_serve_pair(game))
     probability = {"fault": 1 - good, "winner": good * (1 - returned)}
@@ -336,7 +335,7 @@ def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[di
     for kind, sign in (("fault", 1), ("fault", -1), ("winner", 1), ("winner", -1)):
         values = probability[kind][rally]
         order = rally[np.argsort(-sign * values, kind="stable")]
-        # One pair an edge: the probability hardly depends on the striker's own last stroke.
+        # One pair per edge: the probability hardly depends on the striker's previous stroke.
         _, first = np.unique(game.base_pair_edge[order], return_index=True)
         listed = []
         for pair in order[np.sort(first)][:count]:

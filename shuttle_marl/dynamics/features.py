@@ -5,14 +5,15 @@ previous stroke and of the incoming stroke, the contact height, and the discipli
 matches. Counts over the rally, attacks of each player and consecutive net shots, affect the probability of a fault only.
 
 **Target areas** have the same meaning for every outcome. The landing of a returned stroke is the receiver's contact point, that
-of a winner or an out stroke is a point on the floor, farther along the flight: unchanged, its depth would reveal the outcome. So
-these landings are moved along the line of flight to a depth at which a receiver could have met the shuttle:
+of a winner or an out stroke is a point on the floor, farther along the flight: unchanged, its depth would reveal the outcome.
+So these landings are moved along the line of flight to a depth at which a receiver could have met the shuttle:
 
 - **Winners** to the same quantile among the returned strokes of their shot type and contact height as the landing has among the
   winners of these. (Expectation maximisation over three depths, with the returned strokes as prior, predicts unseen matches no
   better: the data have no other information on where a winner would have been met.)
 - **Out strokes** to at most the 90 % quantile of the depth of returned strokes of the same shot type and height. Otherwise the
-  areas of most drives and net kills that went out would be areas where hardly any is met, which no player of the game can target.
+  areas of most drives and net kills that went out would be areas where hardly any is met, which no player of the game can
+  target.
 
 Simulated strokes record the target itself and are not moved.
 """
@@ -63,18 +64,13 @@ MAX_DEPTH_QUANTILE: Final = 0.9
 class Rows:
     """N strokes in context.
 
-    Attributes:
-        codes: ``[N]`` code of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing was
-            recorded.
-        outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
-        next_contact: ``[N]`` contact height of the next stroke, -1 without one.
-        match: ``[N]`` index into ``matches``.
-        matches: names of the matches.
-        striker, receiver: ``[N]`` identifiers of the players.
-        stroke: ``[N]`` number of the stroke in its rally, from 1.
-        attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1 where
-            a dropped row may have been one.
-        net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
+    Attributes: codes: ``[N]`` code of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing
+        was recorded. outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS. next_contact: ``[N]`` contact
+        height of the next stroke, -1 without one. match: ``[N]`` index into ``matches``. matches: names of the matches.
+        striker, receiver: ``[N]`` identifiers of the players. stroke: ``[N]`` number of the stroke in its rally, from 1.
+        attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
+        where a dropped row may have been one. net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a
+        dropped row may have been the first.
 
     The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
     """

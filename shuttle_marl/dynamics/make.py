@@ -192,10 +192,8 @@ def rows_of(rows: Rows, split: Split) -> Rows:
 def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     """Split rows by match into training and validation.
 
-    Args:
-        rows: all strokes.
-        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
-            names. None: all matches are published ones, whose split is fixed.
+    Args: rows: all strokes. share: fraction of the unpublished matches for validation, at least one and not all, in the order
+        of the SHA-256 of their names. None: all matches are published ones, whose split is fixed.
 
     Raises:
         ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.

@@ -1,16 +1,16 @@
-"""Effort and duels: the part of a rally beside the last two strokes that moves the probability of a fault.
+"""Effort and duels: effects of earlier strokes of the rally on the probability of a fault.
 
-A player who has attacked often faults more, and so does the striker of a net shot after three or more net shots in a row.
-Both are offsets of the log-odds that the networks give, fitted together with their calibration on matches that a network did
-not see:
+Players fault more after many attacks, and at net shots after three or more consecutive net shots. Both effects are offsets of
+the networks' log-odds, fitted together with their calibration to out-of-fold predictions:
 
-- **effort**: attacking strokes (smashes, half-smashes) of the striker so far in the rally, from 0 to :data:`LEVELS` - 1 (so
-  many or more); each adds the same offset. On blind likelihood a cap of three attacks gains 1.5 nats [-0.7, 3.6] over a cap of
-  two and free offsets lose 1.4 [0.6, 2.2] against a line, so it is a line with a cap of two; the opponent's attacks add nothing.
-- **duel**: whether the stroke is a net shot that follows :data:`LONG_DUEL` or more net shots in a row.
+- **effort**: number of previous attacks (smashes, half-smashes) of the striker in the rally, capped at :data:`LEVELS` - 1, with
+  a linear effect. In out-of-fold likelihood, a cap of three gains 1.5 nats [-0.7, 3.6] over a cap of two, and free offsets lose
+  1.4 [0.6, 2.2] against the linear effect; the opponent's attacks have no effect.
+- **duel**: whether the stroke is a net shot after :data:`LONG_DUEL` or more consecutive net shots.
 
-Where a dropped row leaves open how many attacks or net shots there were, the row has no part in the fit, and its probability is
-the mean over what it could be, weighted as in the training strokes with the same own last shot type.
+Rows whose number of attacks or net shots is unknown, because a row was dropped, are left out of the fit. Their probability is
+the mean over the possible situations, weighted by frequencies in the training strokes with the same previous shot type of the
+striker.
 """
 
 import dataclasses
@@ -27,24 +27,23 @@ from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
 LEVELS: Final = 3
 """Levels of effort."""
 LONG_DUEL: Final = 3
-"""Net shots in a row that make a duel long."""
+"""Minimum number of consecutive net shots before a stroke in a long duel."""
 _PRECISION: Final = 4.0
-"""Of the normal prior of an offset: half a unit of log-odds on either side of none."""
+"""Precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Situations:
-    """Offsets of the log-odds of a fault, and how often each situation occurs.
+    """Offsets of the log-odds of a fault, and frequencies of the situations.
 
-    A situation is a level of effort and whether the stroke is a net shot of a long duel. The probabilities of the networks,
-    calibrated, are those at effort 0 outside of long duels.
+    A situation is a level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the
+    networks are those at effort 0 outside of long duels.
 
     Attributes:
         effort: ``[L]`` offset of each level of effort; the first is 0.
         duel: offset of a net shot in a long duel.
-        effort_share: ``[15, L]`` share of each level among the strokes after each own last shot type (as coded in
-            ``own_shot``).
-        duel_share: share of long duels among the net shots that follow two net shots.
+        effort_share: ``[15, L]`` frequency of each level, by code of the striker's previous shot type (``own_shot``).
+        duel_share: frequency of long duels among the net shots after two net shots.
     """
 
     effort: F64
@@ -58,7 +57,7 @@ class Situations:
         return np.concatenate([self.effort, self.effort + self.duel])
 
     def weights(self, rows: Rows) -> F64:
-        """``[N, 2 L]`` probability of each situation: 1 for the one a stroke was played in, shares where it is not known."""
+        """``[N, 2 L]`` probability of each situation: 0 or 1 where it is known, frequencies where unknown."""
         level = np.where(rows.attacks < 0, -1, np.minimum(rows.attacks, len(self.effort) - 1))
         long = np.where(rows.net_run < 0, -1, rows.net_run >= LONG_DUEL)
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
@@ -67,16 +66,16 @@ class Situations:
         """``[N, 2 L]`` probability of each situation.
 
         Args:
-            own_shot: ``[N]`` code of the own last shot type.
-            level: ``[N]`` level of effort, -1 where it is not known.
-            long: ``[N]`` 1 for a net shot of a long duel, 0 for any other stroke, -1 for a net shot where it is not known.
+            own_shot: ``[N]`` code of the striker's previous shot type.
+            level: ``[N]`` level of effort, -1 where unknown.
+            long: ``[N]`` 1 for a net shot in a long duel, 0 for other strokes, -1 for a net shot where unknown.
         """
         levels = np.where((level < 0)[:, None], self.effort_share[own_shot], np.eye(len(self.effort))[level])
         inside = np.where(long < 0, self.duel_share, long)
         return np.concatenate([(1 - inside)[:, None] * levels, inside[:, None] * levels], axis=1)
 
     def mixed(self, logit: F64, weights: F64) -> F64:
-        """Probability of a fault over the situations.
+        """Probability of a fault, averaged over the situations.
 
         Args:
             logit: ``[N, ...]`` at effort 0 outside of long duels.
@@ -91,22 +90,22 @@ class Situations:
         return total
 
     def logit_of_mean(self, mean: F64, weights: F64) -> F64:
-        """``[N]`` logit at effort 0 outside of long duels, by the ``[N]`` mean probability over the situations.
+        """``[N]`` logit at effort 0 outside of long duels, for a given mean probability over the situations.
 
         Args:
-            mean: between 0 and 1.
+            mean: ``[N]`` probabilities between 0 and 1.
             weights: ``[N, 2 L]`` probability of each situation.
         """
-        aim = np.log(mean) - np.log1p(-mean)
-        logit = aim.copy()
-        # The mean's log-odds rise with the logit at a slope close to 1, so this converges fast.
+        target = np.log(mean) - np.log1p(-mean)
+        logit = target.copy()
+        # The slope of the mean's log-odds is close to 1, so the fixed-point iteration converges fast.
         for _ in range(20):
-            found = self.mixed(logit, weights)
-            logit += aim - (np.log(found) - np.log1p(-found))
+            current = self.mixed(logit, weights)
+            logit += target - (np.log(current) - np.log1p(-current))
         return logit
 
     def codes(self, rows: Rows) -> dict[str, I16]:
-        """``[N]`` each: the situation as codes, ``effort`` (L where it is not known) and ``duel`` (0, 1, 2: not known)."""
+        """``[N]`` codes of the situation: ``effort`` (L where unknown) and ``duel`` (0, 1, 2 where unknown)."""
         levels = len(self.effort)
         effort = np.where(rows.attacks < 0, levels, np.minimum(rows.attacks, levels - 1))
         duel = np.where(rows.net_run < 0, 2, rows.net_run >= LONG_DUEL)
@@ -114,16 +113,16 @@ class Situations:
 
 
 def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:
-    """Calibrate the log-odds of faults, and fit the offsets of the situations with them.
+    """Fit the calibration of the log-odds of faults together with the offsets of the situations.
 
     Args:
-        logit: ``[N, M]`` of a fault for each of M targets, from networks that did not see the match.
+        logit: ``[N, M]`` out-of-fold logit of a fault for each of M targets.
         share: ``[N, M]`` probability of each target.
         rows: N strokes of known outcome.
         levels: L, levels of effort.
 
     Returns:
-        ``[2]`` slope and shift of the logit, and the situations.
+        ``[2]`` slope and intercept of the logit, and the situations.
     """
     known = (rows.attacks >= 0) & (rows.net_run >= 0)
     effort = np.minimum(rows.attacks, levels - 1)
@@ -153,7 +152,7 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
 
 
 def _effort_shares(own_shot: Ints, effort: Ints, levels: int) -> F64:
-    """``[15, L]`` share of each level after each own last shot type; of all strokes where there was none."""
+    """``[15, L]`` frequency of each level by previous shot type; that of all strokes for shot types without strokes."""
     count = np.zeros((SLOTS["own_shot"], levels))
     np.add.at(count, (own_shot, effort), 1)
     count[count.sum(axis=1) == 0] = count.sum(axis=0)

@@ -88,7 +88,7 @@ def test_the_card_says_what_the_tables_say() -> None:
     assert f"{game.n_pairs:,} legal" in text
     assert "The data are observational" in text
     assert all(f"**Warning**: {warning}" in text for warning in card["health"]["warnings"])
-    assert "Promised and realised" not in text or "truth" in card
+    assert "Predicted and realised" not in text or "truth" in card
     for name in ("success", "return", "contact"):
         scores = card["validation"][name]
         assert scores["log_loss"] <= 1.005 * scores["trees"]["log_loss"]
