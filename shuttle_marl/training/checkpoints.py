@@ -40,13 +40,9 @@ def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], a
     """
     target = run / CHECKPOINTS / f"{iteration:08d}"
     part = target.with_name(f".{target.name}.part")
-    # Some tensors share their memory, which safetensors refuses.
-    content = save({name: tensor.clone() for name, tensor in state.items()})
-    hashes = {_STATE: hashlib.sha256(content).hexdigest()}
     try:
         shutil.rmtree(part, ignore_errors=True)
-        replace_file(part / _STATE, content)
-        replace_file(part / _ABOUT, seal({"iteration": iteration, "sha256": hashes, **about}))
+        write_state(part / _STATE, part / _ABOUT, state, {"iteration": iteration, **about})
         shutil.rmtree(target, ignore_errors=True)
         os.replace(part, target)
     except (OSError, ShuttleError) as error:
@@ -66,17 +62,36 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
         return None
     folder = complete[-1]
     try:
-        about = read_sealed(folder / _ABOUT)
-        with open_file(folder / _STATE) as file:
+        return read_state(folder / _STATE, folder / _ABOUT)
+    except FileReadError as error:
+        raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
+
+
+def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
+    """Write tensors, and then a description with their hash."""
+    # Some tensors share their memory, which safetensors refuses.
+    content = save({name: tensor.clone() for name, tensor in state.items()})
+    replace_file(path, content)
+    replace_file(about_path, seal({"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about}))
+
+
+def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """Read the description and the tensors of :func:`write_state`.
+
+    Raises:
+        FileReadError: a file is missing or damaged.
+    """
+    try:
+        about = read_sealed(about_path)
+        with open_file(path) as file:
             content = file.read()
-        if about.get("sha256") != {_STATE: hashlib.sha256(content).hexdigest()}:
-            raise FileReadError(f"{_STATE} does not match its hash in {_ABOUT}")
+        if about.get("sha256") != {path.name: hashlib.sha256(content).hexdigest()}:
+            raise FileReadError(f"{path.name} does not match its hash in {about_path.name}")
         return about, load(content)
     except OSError as error:
-        reason = problem(error)
-    except (SafetensorError, ShuttleError) as error:
-        reason = str(error)
-    raise TrainingError(f"{folder}: cannot be read ({reason}); delete it to continue from the one before")
+        raise FileReadError(problem(error)) from error
+    except SafetensorError as error:
+        raise FileReadError(str(error)) from error
 
 
 def _complete(run: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Exact figures of a policy while it learns: odds against the opponents, the normalised score, exploitability."""
+"""Exact evaluation of a policy: odds against its opponents, normalised score, exploitability."""
 
 import dataclasses
 import functools
@@ -16,20 +16,19 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
 
 _TOLERANCE = 1e-5
-"""Error bound of the values: far below what a figure of a learning curve can show."""
+"""Error bound of the values, far below the resolution of a learning curve."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Exact figures of a policy, means over the opponents where there are several.
+    """Exact figures of a policy, averaged over its opponents.
 
     Attributes:
-        rally_win: probability of winning a rally, both serving equally often.
-        match_win: probability of winning a match, the first server drawn at random.
-        normalised_score: 0 for ``bc``, 1 for the best response: the mean over the opponents of
-            ``(J(pi) - J(bc)) / (J(best response) - J(bc))`` with J the probability of winning a rally, without those to whom
-            ``bc`` is a best response already; None if it is one to all of them.
-        exploitability: what the best response to the policy gains, as a value from 0 to 1; None if it was not asked for.
+        rally_win: probability of winning a rally, averaged over both servers.
+        match_win: probability of winning a match with a random first server.
+        normalised_score: ``(J(pi) - J(bc)) / (J(best response) - J(bc))``, with J the probability of winning a rally; opponents
+            to whom ``bc`` is a best response are left out, None if there are no others.
+        exploitability: gain of a best response to the policy, from 0 to 1; None if it was not computed.
     """
 
     rally_win: float
@@ -39,21 +38,21 @@ class Evaluation:
 
     @property
     def score_text(self) -> str:
-        """The normalised score in words."""
+        """The normalised score, as text."""
         return "no normalised score" if self.normalised_score is None else f"normalised score {self.normalised_score:.3f}"
 
     @property
     def exploitability_text(self) -> str:
-        """The exploitability in words."""
+        """The exploitability, as text."""
         return "no exploitability" if self.exploitability is None else f"exploitability {self.exploitability:.3f}"
 
 
 class Evaluator:
-    """Evaluates policies against fixed opponents; solves what does not depend on the policy once.
+    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once.
 
     Args:
         game: the tables.
-        opponents: tabulated.
+        opponents: tabulated opponents.
     """
 
     def __init__(self, game: Game, opponents: Sequence[TabulatedPolicy]) -> None:
@@ -62,7 +61,7 @@ class Evaluator:
 
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
-        """For each opponent, the odds of ``bc`` and of the best response against it."""
+        """Odds of ``bc`` and of the best response against each opponent."""
         reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
         return list(zip(reference, best_odds(self._opponents), strict=True))
 
@@ -70,24 +69,15 @@ class Evaluator:
     def _chains(self) -> list[InducedChain]:
         return [_chain(opponent) for opponent in self._opponents]
 
-    def _odds(self, own: InducedChain) -> list[Odds]:
-        """Odds of a policy against each opponent."""
-        return [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
-
     def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
-        """The figures of a policy.
-
-        Args:
-            policy: of the same game.
-            exploitability: compute it too, which takes half of the time.
-        """
+        """Evaluate a policy of the same game; ``exploitability`` takes half of the time."""
         own = induced(policy)
-        odds = self._odds(own)
-        found = [
+        odds = [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
+        normalised = [
             normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
             for o, (bc, best) in zip(odds, self._scales, strict=True)
         ]
-        scores = [score for score in found if score is not None]
+        scores = [score for score in normalised if score is not None]
         return Evaluation(
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
@@ -96,7 +86,7 @@ class Evaluator:
         )
 
 
-# Opponents are few, and the same ones in all runs of a study.
+# The runs of a study share their few opponents.
 @functools.lru_cache(maxsize=2)
 def _chain(opponent: TabulatedPolicy) -> InducedChain:
     return induced(opponent)

@@ -1,9 +1,8 @@
-"""The networks that learn: attribute embeddings of what a striker observes, a masked head, and values.
+"""Networks: attribute embeddings of the observation, a masked policy head, and values.
 
-A state is two strokes, a contact, the length of a duel at the net and both players' efforts; a stroke is its shot type, area,
-contact height and technique. The first layer is the sum of an embedding of each attribute, one of the stroke as a whole, and
-one of each of the others, separately for the striker's own last stroke and for the incoming one: so what is learned about a
-smash is shared by all smashes.
+A state consists of two strokes, a contact, the length of a duel at the net and both players' efforts; a stroke has a shot type,
+area, contact height and technique. The first layer is the sum of an embedding of each attribute, of each stroke as a whole, and
+of the other parts of the state, separately for the striker's own last stroke and the incoming one; so all smashes share weights.
 """
 
 from typing import Any, ClassVar, Final
@@ -25,30 +24,30 @@ from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import DivergedError
 
 ILLEGAL: Final = -1e9
-"""Logit of an illegal stroke: finite, because minus infinity turns into NaN where a loss multiplies it by its probability 0."""
-LEAST: Final = -87.0
-"""Logarithm of the least normal number, about: exponentials of what is below take ten times as long."""
+"""Logit of an illegal stroke; finite, because a loss multiplies it by its probability 0."""
+MIN_LOG: Final = -87.0
+"""Approximate logarithm of the smallest normal float32; exponentials below it are ten times slower."""
 
 _LAST_LAYER: Final = ("1.weight", "1.bias")
-"""Weights of the layer that gives the logits (:func:`head`)."""
+"""Weights of the last layer of :func:`head`."""
 
 
 class LegalStrokes(Categorical):
-    """A distribution over the legal strokes, for TorchRL's actors and losses.
+    """Distribution over the legal strokes, for TorchRL's actors and losses.
 
-    Built on the softmax kernels throughout: on a CPU, `exp` and `logsumexp` of a masked row cost ten times as much. Sampled
-    by the inverse of the cumulative probabilities, because `torch.multinomial` costs more than the network.
+    It uses softmax kernels, because `exp` and `logsumexp` of masked rows are ten times slower on a CPU, and samples by the
+    inverse CDF, because `torch.multinomial` takes longer than the network.
 
     Args:
-        logits: ``[..., n]`` of all strokes.
-        mask: ``[..., n]`` bool, which strokes are legal.
+        logits: ``[..., n]`` logits of all strokes.
+        mask: ``[..., n]`` bool, True for legal strokes.
     """
 
     def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor) -> None:
         masked = torch.where(mask, logits, ILLEGAL)
         self.logits = functional.log_softmax(masked, dim=-1)
         if not self.logits.requires_grad:
-            self.logits.clamp_min_(LEAST)  # targets of SAC take the exponential of all of them
+            self.logits.clamp_min_(MIN_LOG)  # targets of SAC use all exponentials
         self.probs = functional.softmax(masked, dim=-1)
         self._param = self.logits
         self._num_events = logits.shape[-1]
@@ -56,33 +55,33 @@ class LegalStrokes(Categorical):
 
     @torch.no_grad()
     def sample(self, sample_shape: torch.Size | list[int] | tuple[int, ...] = ()) -> torch.Tensor:
-        """``[*sample_shape, *batch]`` strokes, none of them illegal."""
+        """``[*sample_shape, *batch]`` legal strokes."""
         total = self.probs.expand(*sample_shape, *self.probs.shape).cumsum(-1)
-        # A draw in (0, total]: the first entry that reaches it belongs to a stroke whose probability is not zero.
+        # A draw in (0, total]: the first entry that reaches it has a positive probability.
         draw = (1 - torch.rand(*total.shape[:-1], 1, device=total.device)) * total[..., -1:]
         return torch.searchsorted(total, draw).squeeze(-1).clamp_max_(total.shape[-1] - 1)
 
     @property
     def deterministic_sample(self) -> torch.Tensor:
-        """The most likely stroke."""
+        """The most probable stroke."""
         return self.probs.argmax(-1)
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """Log-probability of ``[*sample_shape, *batch]`` strokes; that of an illegal one is :data:`LEAST` or less."""
+        """Log-probability of ``[*sample_shape, *batch]`` strokes, :data:`MIN_LOG` or less for illegal ones."""
         return self.logits.expand(*value.shape, -1).gather(-1, value.unsqueeze(-1)).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
-        """In nats, over the legal strokes."""
+        """Entropy over the legal strokes, in nats."""
         return -(self.probs * self.logits).sum(-1)
 
 
 class DistinctStrokes(LegalStrokes):
-    """The same over U distinct states, for R strokes of which each says in which of the states it was played.
+    """Distributions in U distinct states, for R strokes played in them.
 
     Args:
-        logits: ``[U, n]`` of all strokes.
-        mask: ``[U, n]`` bool, which strokes are legal.
-        row: ``[R]`` state of each stroke.
+        logits: ``[U, n]`` logits of all strokes.
+        mask: ``[U, n]`` bool, True for legal strokes.
+        row: ``[R]`` index of the state of each stroke.
     """
 
     def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor, row: torch.Tensor) -> None:
@@ -90,17 +89,17 @@ class DistinctStrokes(LegalStrokes):
         self._row = row
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """``[R]`` log-probability of ``[R]`` strokes; of ``[K, U]`` strokes, one in each state, that of :class:`LegalStrokes`."""
+        """``[R]`` log-probability of ``[R]`` strokes; ``[K, U]`` of ``[K, U]`` strokes, one in each state."""
         return self.logits[self._row, value] if value.dim() == 1 else super().log_prob(value)
 
 
 class StateEncoder(nn.Module):
-    """Turns ``[..., 6]`` observations into ``[..., width]`` numbers, then through hidden layers of the same width.
+    """Embedding of ``[..., 6]`` observations, followed by hidden layers, with ``[..., width]`` outputs.
 
     Args:
-        game: whose strokes they are.
-        width: numbers in a layer.
-        hidden: layers behind the embedding.
+        game: the tables.
+        width: units of each layer.
+        hidden: number of hidden layers.
     """
 
     attributes: torch.Tensor
@@ -119,7 +118,7 @@ class StateEncoder(nn.Module):
         for table in (self.own, self.incoming, self.contact):
             nn.init.normal_(table.weight, std=0.4)
         for table in (self.duel, self.effort, self.opponent_effort):
-            # They change little of what a stroke is worth; what they do is learned from none.
+            # These attributes change values little, so their effect is learned from zero.
             nn.init.zeros_(table.weight)
         layers: list[nn.Module] = [nn.ReLU()]
         for _ in range(hidden):
@@ -128,7 +127,7 @@ class StateEncoder(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.tables.Game.observation`."""
-        # The strokes are few, so their vectors are made once and looked up; what comes with the incoming one is added before.
+        # There are few strokes, so their vectors are computed once and looked up, together with contact and duel.
         own = functional.embedding(self.attributes, self.own.weight).sum(-2)
         incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
         offered = (incoming[:, None, None] + self.contact.weight[:, None] + self.duel.weight).flatten(0, 2)
@@ -143,10 +142,10 @@ class StateEncoder(nn.Module):
 
 
 class Logits(nn.Linear):
-    """The last layer of a policy, with a temperature of its softmax that is no weight.
+    """Last layer of a policy.
 
     Attributes:
-        temperature: divides what the layer gives.
+        temperature: softmax temperature, which divides the output; it is not a weight.
     """
 
     temperature: float = 1.0
@@ -158,7 +157,7 @@ class Logits(nn.Linear):
 
 
 def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float, layer: type[nn.Linear] = nn.Linear) -> nn.Sequential:
-    """A network from observations to ``outputs`` numbers; ``scale`` shrinks the last layer, of some type, at the start."""
+    """Network from observations to ``outputs`` numbers; ``scale`` multiplies the initial weights of the last layer."""
     last = layer(width, outputs)
     with torch.no_grad():
         last.weight.mul_(scale)
@@ -167,14 +166,14 @@ def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float, lay
 
 
 def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, distinct: bool = False) -> ProbabilisticActor:
-    """A stochastic policy: observation and action mask to action (and its log-probability).
+    """Stochastic policy from observation and action mask to action.
 
     Args:
         game: the tables.
-        width: numbers in a layer.
-        hidden: layers behind the embedding.
-        log_prob: whether it gives the log-probability.
-        distinct: whether strokes say by ``row`` in which of some distinct states they were played (:class:`DistinctStrokes`).
+        width: units of each layer.
+        hidden: number of hidden layers.
+        log_prob: whether it also returns the log-probability.
+        distinct: whether it uses :class:`DistinctStrokes`, with the entry ``row``.
     """
     network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01, layer=Logits)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
@@ -188,20 +187,20 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
 
 
 def make_critic(game: Game, *, width: int, hidden: int) -> ValueOperator:
-    """The value of a state to its striker, in [-1, 1] when it has learned."""
+    """Value of a state to its striker."""
     return ValueOperator(head(game, 1, width=width, hidden=hidden, scale=0.1), in_keys=["observation"])
 
 
 def make_q_network(game: Game, *, width: int, hidden: int) -> "StrokeValues":
-    """The value of every stroke in each of U states, or of R strokes alone (:class:`StrokeValues`)."""
+    """Values Q(s, a) of strokes, see :class:`StrokeValues`."""
     return StrokeValues(head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1))
 
 
 class StrokeValues(TensorDictModuleBase):
-    """Values of strokes: of all in every state, or, where ``row`` and ``played`` are given, of those alone.
+    """Values of all strokes in U states, or of R single strokes if ``row`` and ``played`` are present.
 
     Args:
-        network: ``[U, 6]`` observations to ``[U, n]`` values.
+        network: network from ``[U, 6]`` observations to ``[U, n]`` values.
     """
 
     in_keys: ClassVar[list[str]] = ["observation", "row", "played"]
@@ -212,7 +211,7 @@ class StrokeValues(TensorDictModuleBase):
         self.network = network
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Add ``action_value``: ``[U, n]``, or ``[R, 1]`` of stroke ``played[r]`` in state ``row[r]``."""
+        """Set ``action_value``: ``[U, n]``, or ``[R, 1]`` of stroke ``played[r]`` in state ``row[r]``."""
         value = self.network(tensordict["observation"])
         if "row" in tensordict.keys():  # noqa: SIM118  a tensordict iterates over its rows
             value = value[tensordict["row"], tensordict["played"]].unsqueeze(-1)
@@ -220,25 +219,20 @@ class StrokeValues(TensorDictModuleBase):
 
 
 def logit_network(actor: ProbabilisticActor) -> nn.Module:
-    """The part of an actor that turns observations into logits."""
+    """The network of an actor from observations to logits."""
     network: nn.Module = actor.module[0].module
     return network
 
 
 def set_temperature(network: nn.Module, temperature: float) -> None:
-    """Set the temperature at which a network of :func:`logit_network` plays; no weight changes."""
+    """Set the softmax temperature of a network of :func:`logit_network`; no weight changes."""
     for module in network.modules():
         if isinstance(module, Logits):
             module.temperature = temperature
 
 
 def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str, F32]:
-    """The weights of an actor by name, as an agent's folder holds them.
-
-    Args:
-        actor: the policy.
-        temperature: of the softmax; the last layer is divided by it.
-    """
+    """Weights of an actor by name; the last layer is divided by the softmax temperature."""
     weights = {name: tensor.detach().cpu().numpy().copy() for name, tensor in logit_network(actor).state_dict().items()}
     for name in _LAST_LAYER:
         weights[name] /= np.float32(temperature)
@@ -246,15 +240,10 @@ def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str,
 
 
 def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -> TabulatedPolicy:
-    """An actor on every state, as it is played from its folder.
-
-    Args:
-        actor: the policy.
-        game: the tables.
-        temperature: of the softmax.
+    """Tabulate an actor at a softmax temperature.
 
     Raises:
-        DivergedError: the network gives numbers that are not finite.
+        DivergedError: an output of the network is not finite.
     """
     try:
         return PolicyNetwork.of_tensors(weights_of(actor, temperature), game).table(game)
@@ -263,21 +252,21 @@ def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -
 
 
 def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, *, steps: int = 600) -> float:
-    """Teach an actor to play like a policy; its draws come from torch's generator.
+    """Train an actor to imitate a policy, with torch's random generator.
 
     Args:
-        actor: changed in place.
-        policy: to be imitated.
-        weight: ``[S]`` how often each state is visited.
-        steps: gradient steps.
+        actor: trained in place.
+        policy: target policy.
+        weight: ``[S]`` frequency of each state.
+        steps: number of gradient steps.
 
     Returns:
-        Cross-entropy beyond the policy's own entropy, in nats a stroke, at the end.
+        KL divergence of the actor from the policy in the last step, in nats per stroke.
     """
     game = policy.game
     network = logit_network(actor)
     device = next(network.parameters()).device
-    # Half of the states as they are visited, half from anywhere: rare states matter when play changes.
+    # Half of the states by frequency, half uniformly: rare states matter when play changes.
     playable = torch.tensor(game.playable).double()
     cumulative = (torch.from_numpy(weight) / weight.sum() + playable / playable.sum()).cumsum(0)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)

@@ -1,7 +1,7 @@
-"""The rally log of a training run, without a share in what is learned.
+"""The rally log of a training run. Recording does not change the result of training.
 
-Rallies are played to their end in the iteration in which they begin, from draws that the seed of their segment and their number
-name. So a pairing of the log is what is played between two checkpoints, and its key is the seed of that segment.
+Rallies are played to their end in the iteration in which they start. Their random numbers depend on the seed of their segment
+between two checkpoints and on their number, so each segment is a pairing of the log, with its seed as key.
 """
 
 import dataclasses
@@ -30,8 +30,8 @@ class RunLog:
     """Log of the rallies of a run.
 
     Args:
-        recorder: writes them.
-        header: of the log; its first policy is the learner, the others its opponents.
+        recorder: writes the log.
+        header: header of the log; its first policy is the learner, the others are its opponents.
     """
 
     def __init__(self, recorder: RallyRecorder, header: LogHeader) -> None:
@@ -41,18 +41,18 @@ class RunLog:
         self._pending: Future[Rallies] | None = None
 
     def add(self, sampler: RallySampler, segment: int, update: int) -> None:
-        """Record what a sampler played in its last iteration; in self-play what the learner played with itself from the serve on.
+        """Record the rallies of the last iteration; in self-play, only those from the serve without other opponents.
 
-        The rallies are put together in a thread of their own, while the learner learns; :meth:`settle` waits for it. Where all
-        are recorded, the sampler notes those of the next iteration while it plays; of a sample it plays them again.
+        A thread builds the columns while the learner learns; :meth:`settle` waits for it. If all rallies are recorded, the
+        sampler records the next iteration while it plays; a sample is replayed.
 
         Args:
-            sampler: before its next iteration; nothing of it may change until :meth:`settle`.
-            segment: part of the run that ends with a checkpoint, counted from 0.
-            update: iterations before this one.
+            sampler: sampler of the rallies; it must not change until :meth:`settle`.
+            segment: number of the segment between two checkpoints, counted from 0.
+            update: number of iterations before this one.
 
         Raises:
-            RecordingError: the log cannot be written any further; every rally before is there.
+            RecordingError: the log cannot be written; earlier rallies are recorded.
         """
         if self._sampling.every == 1:
             sampler.note_next()
@@ -65,7 +65,7 @@ class RunLog:
         self._pending = self._thread.submit(self._rallies, sampler, numbers, segment, update)
 
     def settle(self) -> None:
-        """Wait until what was added last is put together, and hand it to the writer."""
+        """Wait for the columns of the last rallies, and pass them to the recorder."""
         if self._pending is not None:
             pending, self._pending = self._pending, None
             self._recorder.add(pending.result())
@@ -73,7 +73,7 @@ class RunLog:
     def _rallies(self, sampler: RallySampler, numbers: I64, segment: int, update: int) -> Rallies:
         rallies = sampler.record(numbers, figures="value" in self._header.columns)
         n = len(rallies)
-        own = len(self._header.policies) == 1  # a pool of self-play is not named
+        own = len(self._header.policies) == 1  # opponents of self-play variants are not in the log
         return dataclasses.replace(
             rallies,
             pairing=np.full(n, segment, np.uint32),
@@ -82,18 +82,18 @@ class RunLog:
         )
 
     def flush(self) -> int:
-        """Have everything on the disk; returns the number of rallies there."""
+        """Write all rallies to disk, and return their number."""
         self.settle()
         return self._recorder.flush()
 
     def close(self) -> None:
-        """Move the log into place."""
+        """Finish the log and move it to its final name."""
         self.settle()
         self._thread.shutdown()
         self._recorder.close()
 
     def abort(self) -> None:
-        """Leave the log unfinished, for a run that continues it."""
+        """Leave the log unfinished, for a resumed run."""
         self._thread.shutdown()
         self._recorder.abort()
 
@@ -107,18 +107,18 @@ def open_log(
     *,
     rallies: int,
 ) -> RunLog | None:
-    """The log of a run, or of the rest of one; None where nothing is recorded.
+    """Open the log of a run, or continue it; None if nothing is recorded.
 
     Args:
-        folder: of the run.
-        config: of the run.
+        folder: folder of the run.
+        config: settings of the run.
         game: the tables.
-        opponents: in the order of ``config.opponent``.
-        seeds: of the segments.
-        rallies: number in the log at the checkpoint from which the run continues.
+        opponents: opponents in the order of ``config.opponent``.
+        seeds: seeds of the segments.
+        rallies: number of recorded rallies at the last checkpoint.
 
     Raises:
-        RecordingError: the log cannot be written, or holds fewer rallies than that.
+        RecordingError: the log cannot be written, or holds fewer rallies.
     """
     if not Sampling.parse(config.record).every:
         return None

@@ -1,4 +1,4 @@
-"""The same training with many seeds, side by side, and the spread of what they reach."""
+"""Training with many seeds in parallel, and the spread of the results."""
 
 import dataclasses
 import multiprocessing
@@ -25,12 +25,12 @@ _Config = TypeVar("_Config")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Study:
-    """Finished runs that differ in their seeds alone.
+    """Finished runs that differ only in their seeds.
 
     Attributes:
-        folder: of all of them; each lies in ``seed-N`` there.
-        evaluations: of each seed, its last exact figures by name.
-        figures: by name the interquartile mean over the seeds with its 95 % interval, and the lowest and highest seed.
+        folder: run folder, with a folder ``seed-N`` for each seed.
+        evaluations: by seed, its last exact figures by name.
+        figures: by name, the interquartile mean over the seeds with its 95 % interval, and the lowest and highest value.
     """
 
     folder: Path
@@ -39,21 +39,20 @@ class Study:
 
 
 def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console | None = None) -> Study:
-    """Train with the seeds ``config.seed`` to ``config.seed + seeds - 1``; each ends as it would alone.
+    """Train with the seeds ``config.seed`` to ``config.seed + seeds - 1``.
 
     Args:
-        config: of each run; ``out``, ``resume`` and ``overwrite`` are those of the folder of all.
-        seeds: number of runs, two or more.
-        jobs: how many run at once, each in a process of its own.
-        console: shows progress; None shows nothing.
+        config: settings of each run; ``out``, ``resume`` and ``overwrite`` are those of the common folder.
+        seeds: number of runs, 2 or more.
+        jobs: number of parallel processes; does not change the results.
+        console: shows progress; None: silent.
 
     Raises:
-        TrainingError: too few seeds or jobs, or a run failed as :func:`~shuttle_marl.training.run.train` says; what is over is
-            kept.
+        TrainingError: too few seeds or jobs, or a run failed (:func:`~shuttle_marl.training.run.train`); finished runs are kept.
         RunError: the folder cannot be used.
     """
     if seeds < 2 or jobs < 1:
-        raise TrainingError(f"--seeds {seeds} --jobs {jobs}: expected 2 seeds or more and 1 job or more")
+        raise TrainingError(f"--seeds {seeds} --jobs {jobs}: expected at least 2 seeds and 1 job")
     fixed = {**config.fixed(), "seeds": seeds}
     name = f"{config.algorithm}-{seeds}-seeds"
     with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as folder:
@@ -83,23 +82,23 @@ def _figures(evaluations: Sequence[dict[str, float | None]]) -> dict[str, dict[s
 
 
 def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
-    """Start or continue every training run; each ends with the same weights whatever runs beside it.
+    """Start or resume training runs, in parallel.
 
     Args:
-        configs: each with a run folder of its own.
-        jobs: how many run at once.
+        configs: settings of the runs, with different run folders.
+        jobs: number of parallel processes; does not change the results.
         console: shows progress.
     """
     side_by_side(_train, configs, jobs, console)
 
 
 def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jobs: int, console: Console) -> None:
-    """Call a function with each of the configurations, in processes that end with this one.
+    """Call a function with each configuration, in processes that end with this one.
 
     Args:
-        work: a function of a module; it gets one configuration.
-        configs: in the order in which they are started.
-        jobs: how many run at once.
+        work: function of a module, called with one configuration.
+        configs: the configurations, in the order in which they start.
+        jobs: number of parallel processes.
         console: shows progress.
     """
     context = multiprocessing.get_context("spawn")
@@ -114,7 +113,7 @@ def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jo
 
 
 def end_with_parent() -> None:
-    """Let a worker end when the process that started it does, however that ends."""
+    """End this worker when its parent process ends for any reason."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -1,7 +1,7 @@
-"""Rallies played by PyTorch, on any of its devices: a stroke of all rallies at once, by tables that lie there.
+"""Rallies played by PyTorch on any device: one stroke of all rallies at a time, from tables on the device.
 
-The same draws, thresholds and entries give the strokes that the compiled kernel plays, bit for bit: tests hold the two equal, and
-the kernel plays rallies again for the log. It also writes the entries; those that change are copied to the device.
+The draws, thresholds and table entries are those of the compiled kernel, so the strokes are equal bit for bit, which tests check;
+the kernel replays rallies for the log. The kernel also writes the table entries, and changed ones are copied to the device.
 """
 
 import itertools
@@ -25,23 +25,23 @@ from shuttle_marl.kernel.table_play import StrokeList, new_stroke_list
 from shuttle_marl.kernel.table_rallies import START
 
 _WAITS: Final = 0
-"""Stands for the turn in which a rally ends while it waits for an entry."""
+"""Value of ``turn`` of a rally that waits for a table entry."""
 _RANKS: Final = 256
-"""As many legal strokes as a state may have."""
+"""Maximum number of legal strokes in a state."""
 
 
 class _Rallies(NamedTuple):
     """Rallies that are played together.
 
     Attributes:
-        key: ``[R]`` of the draws.
-        opponent: ``[R]`` of the learner, which sits at seat 0; -1 for none.
+        key: ``[R]`` key of the draws.
+        opponent: ``[R]`` opponent of the learner, who has seat 0; -1: the learner itself.
         both: ``[R]`` whether both players are the learner.
-        server: ``[R]`` seat that begins.
-        state: ``[R]`` of the last stroke, or of that which waits for an entry.
-        outcome: ``[R]`` of the last stroke.
-        length: ``[R]`` in strokes of both players.
-        turn: ``[R]`` in which it ended; the network is asked between two turns. _WAITS where it has to be asked.
+        server: ``[R]`` seat that serves.
+        state: ``[R]`` state of the last stroke, or of a missing table entry.
+        outcome: ``[R]`` outcome of the last stroke.
+        length: ``[R]`` number of strokes of both players.
+        turn: ``[R]`` turn in which it ended (the network is evaluated between turns), or _WAITS.
     """
 
     key: torch.Tensor
@@ -55,33 +55,33 @@ class _Rallies(NamedTuple):
 
 
 class _Struck(NamedTuple):
-    """Strokes of either player.
+    """Strokes of both players.
 
     Attributes:
         row: ``[N]`` rally.
-        t: ``[N]`` number in the rally.
-        state: ``[N]`` where it was played.
+        t: ``[N]`` number within the rally.
+        state: ``[N]`` state of the striker.
         pair: ``[N]`` legal pair.
-        kept: ``[N]`` whether it is the learner's and counts: from an entry that may be used.
+        counts: ``[N]`` whether it is the learner's, played from a valid table entry.
     """
 
     row: torch.Tensor
     t: torch.Tensor
     state: torch.Tensor
     pair: torch.Tensor
-    kept: torch.Tensor
+    counts: torch.Tensor
 
 
 class _Learners(NamedTuple):
-    """The learner's strokes, rally after rally.
+    """Strokes of the learner, rally after rally.
 
     Attributes:
-        state: ``[N]`` where it was played.
+        state: ``[N]`` state of the striker.
         pair: ``[N]`` legal pair.
-        advantage: ``[N]`` float64, lambda-weighted, by the values of the table.
-        credited: ``[N]`` place in the order in which strokes are credited: rally after rally, but the last stroke of each first.
-        following: ``[N]`` next state of the learner (in self-play: of the opponent), -1 where the rally ends before.
-        gain: ``[N]`` float64 reward, with what shaping adds.
+        advantage: ``[N]`` float64 generalised advantage.
+        credited: ``[N]`` position in the order of the kernel: rally after rally, each from its last stroke.
+        following: ``[N]`` next state of the learner (in self-play: of the opponent), -1 at the end of the rally.
+        gain: ``[N]`` float64 reward, including shaping.
     """
 
     state: torch.Tensor
@@ -97,21 +97,21 @@ def _here(tensor: torch.Tensor, kind: npt.DTypeLike) -> npt.NDArray[Any]:
 
 
 class TorchSampler(RallySampler):
-    """Plays a learner's rallies as :class:`~shuttle_marl.kernel.RallySampler` does, on a device of PyTorch.
+    """:class:`~shuttle_marl.kernel.RallySampler` on a PyTorch device.
 
-    Strokes, states and outcomes are the same, and sums of advantages up to rounding. So is the order of strokes that are kept one
-    by one, unless the kernel's list has to grow.
+    Strokes, states and outcomes are equal to the kernel's; sums of advantages are equal up to rounding. The order of transitions
+    is equal unless the kernel's buffer has to grow.
 
     Args:
         game: the tables.
-        opponents: tabulated; none: both players are the learner.
-        device: where rallies are played.
+        opponents: tabulated opponents; none: self-play.
+        device: PyTorch device.
         decay: lambda of the advantages.
         age: iterations for which an entry of the table may be used.
         shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
 
     Raises:
-        KernelError: an opponent of another game, or a number out of its range.
+        KernelError: an opponent of another game, or a number out of range.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class TorchSampler(RallySampler):
         self._thresholds = self._there(game.limits.reshape(-1, 3).astype(np.int32))
         self._limit_row = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)
         self._arrivals = torch.empty(game.n_pairs, 2, dtype=torch.int32, device=self._device)
-        for block in range(game.n_blocks):  # one after the other, so that what is needed on the way stays small
+        for block in range(game.n_blocks):  # block by block, to limit the size of temporary arrays
             part = game.block_pairs(block)
             self._limit_row[part] = self._there(game.limit_row(part))
             self._arrivals[part] = self._there(game.arrivals(part))
@@ -139,7 +139,7 @@ class TorchSampler(RallySampler):
         self._collected = _Learners(*(torch.zeros(0, dtype=torch.int64, device=self._device) for _ in _Learners._fields))
         super().__init__(game, opponents, decay=decay, age=age, shaping=shaping)
         self._added = self._there(self._shaping)
-        # The learner's table chooses a legal stroke in states without an entry too; what it then plays does not count.
+        # States without a table entry need a legal stroke too, although it does not count.
         self._learned.players.cumulative[0, game.last_pairs] = CHOICE_ONE
         self._choices = torch.empty((len(opponents) + 1) * game.n_pairs, dtype=torch.int64, device=self._device)
         for player in range(len(opponents) + 1):
@@ -149,12 +149,12 @@ class TorchSampler(RallySampler):
         return torch.tensor(array, device=self._device)
 
     def reset(self, seed: int, known: Ints | None = None) -> None:
-        """Begin again with rally 0 of a seed; see :meth:`shuttle_marl.kernel.RallySampler.reset`."""
+        """Restart with rally 0 of a seed, see :meth:`shuttle_marl.kernel.RallySampler.reset`."""
         super().reset(seed, known)
         self._written.zero_()
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Put another policy in the place of an opponent; see :meth:`shuttle_marl.kernel.RallySampler.replace_opponent`."""
+        """Replace an opponent, see :meth:`shuttle_marl.kernel.RallySampler.replace_opponent`."""
         super().replace_opponent(number, policy)
         self._copy_all(number + 1)
 
@@ -168,14 +168,14 @@ class TorchSampler(RallySampler):
             self._written[where] = self._there(self._learned.written[states])
 
     def _copy(self, player: int, states: Ints) -> None:
-        """Copy a player's entries of some states to the device."""
+        """Copy a player's table entries of some states to the device."""
         row, pairs = self.game.pairs(states)
         first = (player * self.game.n_states + states.astype(np.int64)) * ONE
         entries = first[row] + self._learned.players.cumulative[player, pairs]
         self._choices[self._there(player * self.game.n_pairs + pairs)] = self._there(entries)
 
     def _copy_all(self, player: int) -> None:
-        """Copy all entries of a player to the device."""
+        """Copy all table entries of a player to the device."""
         states = np.arange(self.game.n_states)
         for block in range(self.game.n_blocks):
             self._copy(player, states[self.game.block_states(block)])
@@ -183,10 +183,10 @@ class TorchSampler(RallySampler):
     # Play.
 
     def _discard(self) -> None:
-        """Nothing is added up before it is taken."""
+        """Do nothing: sums are computed in :meth:`take`."""
 
     def note_next(self) -> None:
-        """Nothing: for a log, the kernel plays the rallies again."""
+        """Do nothing: the kernel replays rallies for a log."""
 
     def _begin(self, count: int, *, keep: bool) -> None:
         super()._begin(count, keep=False)
@@ -200,7 +200,7 @@ class TorchSampler(RallySampler):
         rallies = _Rallies(key, opponent, opponent < 0, server, *(torch.zeros_like(number) for _ in range(4)))
         row = torch.arange(len(numbers), device=self._device)
         t, state, struck = torch.zeros_like(number), self._start(key, opponent), list[_Struck]()
-        # What waits for entries stands still until no rally can continue; then the network is asked about all of them together.
+        # Rallies that wait for table entries stop until no rally can continue; then the network is evaluated for all of them.
         for turn in itertools.count(1):
             struck += self._advance(rallies, turn, row, t, state)
             row = (rallies.turn == _WAITS).nonzero().squeeze(1)
@@ -214,17 +214,17 @@ class TorchSampler(RallySampler):
     def _advance(
         self, rallies: _Rallies, turn: int, row: torch.Tensor, t: torch.Tensor, state: torch.Tensor
     ) -> Iterator[_Struck]:
-        """Play rallies until each has ended or waits for an entry.
+        """Play rallies until each has ended or waits for a table entry.
 
         Args:
-            rallies: changed in place.
+            rallies: all rallies, changed in place.
             turn: number of this turn.
-            row: ``[A]`` those to be played.
-            t: ``[A]`` number of the stroke that is due.
-            state: ``[A]`` where it is due.
+            row: ``[A]`` rallies to play.
+            t: ``[A]`` number of the next stroke.
+            state: ``[A]`` state of its striker.
 
         Yields:
-            The strokes, one of each rally at a time.
+            One stroke of each active rally.
         """
         while len(row):
             bits, mine = draw(rallies.key[row], t), rallies.both[row] | ((rallies.server[row] + t) % 2 == 0)
@@ -234,12 +234,12 @@ class TorchSampler(RallySampler):
             yield _Struck(row, t, state, pair, mine & ~waits)
             rallies.state[row], rallies.outcome[row] = state, outcome
             rallies.length[row], rallies.turn[row] = t + (~waits).long(), torch.where(waits, _WAITS, turn)
-            # One look a stroke at what the device has computed: how many rallies continue.
+            # The only synchronisation with the device per stroke: the number of rallies that continue.
             on = (~waits & (outcome >= RETURNED_BELOW)).nonzero().squeeze(1)
             row, t, state = row[on], t[on] + 1, self._arrivals[pair[on], outcome[on] - RETURNED_BELOW].long()
 
     def _start(self, key: torch.Tensor, opponent: torch.Tensor) -> torch.Tensor:
-        """``[R]`` states in which rallies begin: the serve, or in some of self-play one that is drawn."""
+        """``[R]`` initial states: the serve, or a drawn state in some rallies of self-play."""
         serve, states = torch.zeros_like(key), self._starts.states
         if not len(states):
             return serve
@@ -248,9 +248,9 @@ class TorchSampler(RallySampler):
         return torch.where((opponent < 0) & ((bits & (ONE - 1)) < int(self._starts.fraction[0])), drawn, serve)
 
     def _chosen(self, state: torch.Tensor, player: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
-        """``[R]`` legal pairs that players choose: the first entry above the draw.
+        """``[R]`` chosen legal pairs: the first table entry above the draw.
 
-        The entries of all players rise from one to the next, because each state of each player has a range of its own.
+        Each state of each player has its own range of numbers, so the entries of all players are sorted.
         """
         numbers = (player * self.game.n_states + state) * ONE + ((shifted(bits, 32) * CHOICE_ONE) >> 32)
         return torch.searchsorted(self._choices, numbers, right=True) - player * self.game.n_pairs
@@ -258,16 +258,16 @@ class TorchSampler(RallySampler):
     # Credit.
 
     def _credit(self, rallies: _Rallies, struck: _Struck) -> None:
-        """Add up rallies that came to their end."""
+        """Compute rewards and advantages of finished rallies."""
         both, server, outcome, length = rallies.both, rallies.server, rallies.outcome, rallies.length
         reward = torch.where(both | ((server + length) % 2 == 1), 2 * outcome - 1, 1 - 2 * outcome)
         own = torch.where(both, length, (length - server + 1) // 2)
         counts = (own.sum(), len(own), (~both & (reward > 0)).sum(), length.sum())
         self._sums.total[[0, 1, 2, 5]] += [int(count) for count in counts]
-        # The learner's strokes, rally after rally, those that ended in the first turn before those of the second.
+        # The learner's strokes, rally after rally, in the order of the turns in which the rallies ended.
         order = rallies.turn.argsort(stable=True)
         first = torch.empty_like(own).scatter_(0, order, own[order].cumsum(0) - own[order])
-        row, t, state, pair, _ = (part[struck.kept.nonzero().squeeze(1)] for part in struck)
+        row, t, state, pair, _ = (part[struck.counts.nonzero().squeeze(1)] for part in struck)
         place = torch.where(both[row], t, (t - server[row]) // 2)
         in_order = (first[row] + place).argsort()
         row, t, state, pair, place = (part[in_order] for part in (row, t, state, pair, place))
@@ -275,7 +275,7 @@ class TorchSampler(RallySampler):
         gain = torch.where(last, reward[row], 0).double()
         if len(self._added):
             gain = torch.where(both[row], gain, gain + self._added[self._limit_row[pair].long()].double())
-        # In self-play what follows belongs to the opponent, so it counts negatively.
+        # gamma = -1 in self-play, where the next state belongs to the opponent, and 0 at the end of a rally.
         sign = torch.where(last, 0.0, torch.where(both[row], -1.0, 1.0)).double()
         advantage = self._advantages(gain, sign, state, t)
         following = torch.where(last, -1, state.roll(-1))
@@ -283,18 +283,18 @@ class TorchSampler(RallySampler):
         self._parts.append(_Learners(state, pair, advantage, credited, following, gain))
 
     def _advantages(self, gain: torch.Tensor, sign: torch.Tensor, state: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-        """``[N]`` lambda-weighted advantages of the learner's strokes, rally after rally.
+        """``[N]`` generalised advantages, A_t = r_t + gamma V(s_{t+1}) - V(s_t) + gamma lambda A_{t+1}.
 
         Args:
-            gain: ``[N]`` reward of each.
-            sign: ``[N]`` that of the value of the next one, 0 where there is none.
-            state: ``[N]`` where it was played.
-            t: ``[N]`` number in its rally.
+            gain: ``[N]`` reward r of each stroke of the learner, rally after rally.
+            sign: ``[N]`` gamma.
+            state: ``[N]`` state s.
+            t: ``[N]`` number within the rally.
         """
         value, weight = self._value[state].double(), sign * self._decay
         advantage = torch.zeros(len(t) + 1, dtype=torch.float64, device=self._device)
         advantage[:-1] = gain + sign * value.roll(-1) - value
-        # All strokes of a number together, the last number first: those that follow have theirs already.
+        # All strokes with the same number at once, backwards from the last number.
         for now in reversed(torch.split(t.argsort(), t.bincount().tolist())):
             advantage[now] += weight[now] * advantage[now + 1]
         return advantage[:-1]
@@ -306,7 +306,7 @@ class TorchSampler(RallySampler):
         for place, amounts in ((3, played.advantage), (4, played.advantage.square())):
             numbers, unit = whole(amounts)
             self._sums.total[place] = int(numbers.sum()) * unit
-        # The states in the order in which strokes are credited, as the kernel visits them.
+        # States in the order in which the kernel visits them.
         seen, of = played.state[credited.argsort()].sort(stable=True)
         visited, count = torch.unique_consecutive(seen, return_counts=True)
         self._known = _here(visited[of[count.cumsum(0) - count].argsort()], np.int32)
@@ -317,7 +317,7 @@ class TorchSampler(RallySampler):
             self.strokes = StrokeList(*(_here(column, kind) for column, kind in zip(columns, kinds, strict=True)))
 
     def take(self, order: Ints | None = None) -> Distinct:
-        """Take what was collected, as distinct states; see :meth:`shuttle_marl.kernel.RallySampler.take`."""
+        """Take the collected strokes as distinct states, see :meth:`shuttle_marl.kernel.RallySampler.take`."""
         states = np.sort(self._known) if order is None else self._known[np.asarray(order)]
         played, size = self._collected, len(states)
         self._collected = _Learners(*(part[:0] for part in played))
@@ -347,7 +347,7 @@ class TorchSampler(RallySampler):
 
 
 def signed(number: int) -> int:
-    """A number of 64 bits without a sign as PyTorch's integers hold it; sums and products of them wrap around."""
+    """An unsigned 64-bit number as int64 with the same bits."""
     return number - (1 << 64) if number >> 63 else number
 
 
@@ -355,7 +355,7 @@ _GOLDEN, _MIX_1, _MIX_2 = (signed(int(number)) for number in (GOLDEN, MIX_1, MIX
 
 
 def shifted(x: torch.Tensor, bits: int) -> torch.Tensor:
-    """Shifted to the right, with zeros from the left."""
+    """Logical right shift."""
     return (x >> bits) & ((1 << (64 - bits)) - 1)
 
 
@@ -377,13 +377,10 @@ def draw(key: torch.Tensor, counter: torch.Tensor | int) -> torch.Tensor:
 
 
 def whole(amounts: torch.Tensor) -> tuple[torch.Tensor, float]:
-    """Amounts as whole numbers of a unit that is small enough for them and large enough for their sum.
-
-    Args:
-        amounts: ``[N]`` float64, finite.
+    """Fixed-point representation of ``[N]`` finite float64 amounts whose sum does not overflow.
 
     Returns:
-        ``[N]`` int64, and the unit, a power of two.
+        ``[N]`` int64 multiples of a unit, and the unit, a power of two.
     """
     if not len(amounts):
         return amounts.long(), 1.0
@@ -393,6 +390,6 @@ def whole(amounts: torch.Tensor) -> tuple[torch.Tensor, float]:
 
 
 def sums(group: torch.Tensor, amounts: torch.Tensor, groups: int) -> torch.Tensor:
-    """``[groups]`` float64 sums of ``[N]`` amounts by group, the same whatever the order in which they are added."""
+    """``[groups]`` float64 sums of ``[N]`` amounts by group, independent of the order of summation."""
     numbers, unit = whole(amounts)
     return numbers.new_zeros(groups).index_add_(0, group, numbers).double() * unit

@@ -6,7 +6,6 @@ sent with a turn, and output files are sent back.
 """
 
 import dataclasses
-import hashlib
 import multiprocessing
 import tempfile
 import time
@@ -18,16 +17,16 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from safetensors.numpy import save as save_arrays
-from safetensors.torch import load, save
+from safetensors.numpy import save
 
 from shuttle_marl import exact
 from shuttle_marl.cluster import Cluster, Task
-from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
+from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
+from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import SELF, A2CConfig, DivergedError, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import Tables
@@ -177,25 +176,18 @@ class _Turn:
         """
         about_path, path = _paths(self.folder, self.turn.member, self.turn.round - 1)
         try:
-            about = read_sealed(about_path)
-            with open_file(path) as file:
-                content = file.read()
-            if about.get("sha256") != hashlib.sha256(content).hexdigest():
-                raise FileReadError("it does not match its hash")
-            self.trainer.load_state_dict(load(content))
-        except (OSError, FileReadError, KeyError, ValueError, RuntimeError) as error:
+            self.trainer.load_state_dict(read_state(path, about_path)[1])
+        except (FileReadError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
     def _save(self, seconds: float) -> TurnResult:
         turn, trainer, policy = self.turn, self.trainer, self.trainer.learner.eval_actor
-        content = save({name: tensor.clone() for name, tensor in trainer.state_dict().items()})
+        state = trainer.state_dict()
         about_path, path = _paths(self.folder, turn.member, turn.round)
         name = self.tables.save(tabulated(policy, self.game))
-        replace_file(network_path(self.folder, turn.member, turn.round), save_arrays(weights_of(policy)))
-        replace_file(path, content)
+        replace_file(network_path(self.folder, turn.member, turn.round), save(weights_of(policy)))
         result = TurnResult(member=turn.member, hash=name, strokes=trainer.strokes, seconds=seconds, iterations=trainer.iteration)
-        about = {"turn": turn.as_json(), "result": dataclasses.asdict(result), "sha256": hashlib.sha256(content).hexdigest()}
-        replace_file(about_path, seal(about))
+        write_state(path, about_path, state, {"turn": turn.as_json(), "result": dataclasses.asdict(result)})
         return result
 
 
