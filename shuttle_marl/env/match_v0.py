@@ -9,7 +9,7 @@ from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, S
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
-from shuttle_marl.game.scoring import BWF, Rules, as_shares, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
 from shuttle_marl.game.tables import Game
 from shuttle_marl.rally.stepper import RallyDraws
 
@@ -79,11 +79,12 @@ class raw_env(ShuttleEnv):
         self.first_server = first_server
         self.reward = reward
         self.rules = rules
-        self._clear_match(server=0)
+        self._match_winner: int | None = None
+        self._set_score(Score(rules=rules))
 
     def score_of(self, player: int) -> tuple[int, int, int, int]:
         """Own points, the opponent's points, own games and the opponent's games before the current rally."""
-        points, games, other = self._by_game[-1], self._games, 1 - player
+        points, games, other = self._score.by_game[-1], self._score.games, 1 - player
         return points[player], points[other], games[player], games[other]
 
     def _begin_episode(self) -> int:
@@ -91,23 +92,13 @@ class raw_env(ShuttleEnv):
         self._draws = RallyDraws(self.last_seed, self.episode)
         self._rally = 0
         server = self._draws.first_server(0) if self.first_server is None else self.first_server
-        self._clear_match(server)
+        self._match_winner = None
+        self._set_score(Score(server=server, rules=self.rules))
         return server
 
-    def _clear_match(self, server: int) -> None:
-        self._by_game: list[list[int]] = [[0, 0]]
-        self._games = [0, 0]
-        self._match_winner: int | None = None
-        self._note_score(server)
-
     def _end_rally(self, winner: int) -> None:
-        points = self._by_game[-1]
-        counted = count_rally(points[winner], points[1 - winner], self._games[winner], self.rules)
-        points[winner], self._games[winner] = counted.points, counted.games
-        if counted.game_won and not counted.match_won:
-            self._by_game.append([0, 0])
-        self._note_score(winner)
-        if counted.match_won:
+        self._set_score(self._score.after(winner))
+        if self._score.over:
             self._end_episode(winner)
             return
         if self.reward == "rally":
@@ -119,15 +110,15 @@ class raw_env(ShuttleEnv):
         self._match_winner = winner
         super()._end_episode(winner)
 
-    def _note_score(self, server: int) -> None:
-        """Prepare what both see of the score: own and other points, own and other games, own and other serve."""
+    def _set_score(self, score: Score) -> None:
+        """Set the score, and what both players observe of it."""
+        self._score = score
         rows = []
         for own in (0, 1):
-            points, games, other = self._by_game[-1], self._games, 1 - own
-            shares = as_shares((points[own], points[other]), (games[own], games[other]), self.rules)
-            rows.append(np.array([*shares, server == own, server == other], dtype=np.float32))
+            points, other_points, games, other_games = self.score_of(own)
+            fractions = score_fractions((points, other_points), (games, other_games), self.rules)
+            rows.append(np.array([*fractions, score.server == own, score.server != own], dtype=np.float32))
         self._scores = tuple(rows)
-        self._server = server
 
     def _vector(self, row: F32, player: int) -> F32:
         vector = np.empty(RALLY_WIDTH + SCORE_WIDTH, dtype=np.float32)
@@ -136,11 +127,10 @@ class raw_env(ShuttleEnv):
         return vector
 
     def _match_info(self) -> dict[str, Any]:
-        return {"points": tuple(self._by_game[-1]), "games": tuple(self._games), "server": AGENTS[self._server]}
+        return {"points": self._score.by_game[-1], "games": self._score.games, "server": AGENTS[self._score.server]}
 
     def _snapshot_of_match(self) -> dict[str, Any]:
-        by_game = tuple((a, b) for a, b in self._by_game)
-        return {"by_game": by_game, "match_winner": self._match_winner}
+        return {"by_game": self._score.by_game, "match_winner": self._match_winner}
 
     def _title(self) -> str:
         return f"match {self.episode + 1} of seed {self.last_seed}"

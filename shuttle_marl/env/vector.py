@@ -15,7 +15,7 @@ from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
-from shuttle_marl.game.scoring import BWF, Rules, as_shares
+from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
@@ -350,6 +350,6 @@ class MatchVectorEnv(VersusVectorEnv):
     def _scores(self, rows: Intp) -> F32:
         """``[D, 6]`` the score as each learner sees it; see ``match_v0``."""
         matches = self._batch.matches
-        shares = as_shares(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)
+        shares = score_fractions(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)
         serves = matches.server[rows] == self._batch.opponents.seat[rows]
         return np.stack([*shares, serves, ~serves], axis=1).astype(np.float32)

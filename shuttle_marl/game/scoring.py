@@ -1,4 +1,4 @@
-"""Points, games and matches, for a batch at a time, and the exact odds of winning them.
+"""Points, games and matches, and the exact probabilities of winning them.
 
 BWF Laws of Badminton, Law 7: best of three games to 21; a game is won by two clear points, at the latest by the 30th
 point; the winner of a rally serves next, so the winner of a game serves first in the next one.
@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I8, I16, I64, Bools, Ints
+from shuttle_marl.arrays import F64, I8, Bools, Ints
 from shuttle_marl.errors import ShuttleError
 
 
@@ -51,13 +51,13 @@ class Rules:
         return self.max_games * (2 * self.cap - 1)
 
     @property
-    def numbers(self) -> "Numbers":
-        """The same for compiled code."""
-        return Numbers(self.points, self.clear, self.cap, self.games)
+    def as_tuple(self) -> "RulesTuple":
+        """The same values for compiled code."""
+        return RulesTuple(self.points, self.clear, self.cap, self.games)
 
 
-class Numbers(NamedTuple):
-    """The numbers of :class:`Rules`, as compiled code takes them."""
+class RulesTuple(NamedTuple):
+    """Values of :class:`Rules` for compiled code."""
 
     points: int
     clear: int
@@ -69,8 +69,8 @@ BWF: Final = Rules()
 """The rules of the sport since 2006."""
 
 
-class Counted(NamedTuple):
-    """Result of counting one rally; numbers, or arrays of the shape that was given.
+class RallyCount(NamedTuple):
+    """Result of counting one rally; numbers, or arrays of the shape of the arguments.
 
     Attributes:
         points: points of the rally's winner in this game, with this rally.
@@ -85,21 +85,21 @@ class Counted(NamedTuple):
     match_won: Any
 
 
-def count_rally(own: Any, other: Any, games: Any, rules: Any) -> Counted:
-    """Count one rally: the rule of all matches, wherever they are played, checked or shown.
+def count_rally(own: Any, other: Any, games: Any, rules: Any) -> RallyCount:
+    """Count one rally. Everything that plays, checks or shows matches uses this function.
 
-    The kernel compiles this function as it stands, so it is arithmetic alone.
+    It is plain arithmetic because the kernel compiles it unchanged.
 
     Args:
         own: points of the rally's winner in the current game before the rally; a number, or an array of signed integers.
         other: points of the rally's loser.
         games: games won so far by the rally's winner.
-        rules: :class:`Rules`; in compiled code :class:`Numbers`.
+        rules: :class:`Rules`; in compiled code :class:`RulesTuple`.
     """
     points = own + 1
     game_won = ((points >= rules.points) & (points - other >= rules.clear)) | (points >= rules.cap)
     games = games + game_won
-    return Counted(points, games, game_won, games >= rules.games)
+    return RallyCount(points, games, game_won, games >= rules.games)
 
 
 @overload
@@ -125,8 +125,8 @@ def open_scores(rules: Rules = BWF) -> Iterator[tuple[tuple[int, int], tuple[int
                 yield (games[0], games[1]), (own, other)
 
 
-def as_shares(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rules = BWF) -> tuple[Any, Any, Any, Any]:
-    """Points and games of both players as shares of the most that they can have, for observations: from 0 to 1.
+def score_fractions(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rules = BWF) -> tuple[Any, Any, Any, Any]:
+    """Points and games of both players as fractions of their maxima, for observations.
 
     Numbers, or arrays of one shape.
     """
@@ -148,90 +148,58 @@ def ends_changed(points: tuple[int, int], games: tuple[int, int], rules: Rules =
     return bool((sum(games) + halved) % 2)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Score:
-    """The scores of B matches, of at most G games each. Players are 0 and 1.
+    """Score of one match before a rally. Seats are 0 and 1.
 
     Attributes:
-        by_game: ``[B, G, 2]`` int8 points in each game, zero in games not yet begun.
-        games: ``[B, 2]`` int8 games won.
-        server: ``[B]`` int8 who serves the next rally: the winner of the last one.
-        rules: when a game and a match are won.
+        points: of both seats in the current game; (0, 0) when the match is over.
+        games: won by both seats.
+        finished: points of both seats in each finished game.
+        server: seat that serves the next rally, the winner of the last one.
+        rules: when a game and the match are won.
     """
 
-    by_game: I8
-    games: I8
-    server: I8
-    rules: Rules
-
-    def __len__(self) -> int:
-        return len(self.server)
+    points: tuple[int, int] = (0, 0)
+    games: tuple[int, int] = (0, 0)
+    finished: tuple[tuple[int, int], ...] = ()
+    server: int = 0
+    rules: Rules = BWF
 
     @property
-    def over(self) -> Bools:
-        """``[B]`` whether the match is over."""
-        return is_over(self.games, self.rules)
+    def over(self) -> bool:
+        """Whether the match is over."""
+        return max(self.games) >= self.rules.games
 
     @property
-    def winner(self) -> I8:
-        """``[B]`` who won the match, -1 while it continues."""
-        return np.where(self.over, self.games.argmax(axis=1), -1).astype(np.int8)
+    def winner(self) -> int | None:
+        """Seat that won the match; None while it continues."""
+        return self.server if self.over else None
 
     @property
-    def game(self) -> I64:
-        """``[B]`` index of the current game, of the last one played when the match is over."""
-        return self.games.sum(axis=1, dtype=np.int64) - self.over
+    def by_game(self) -> tuple[tuple[int, int], ...]:
+        """Points of both seats in each game that has begun."""
+        return self.finished if self.over else (*self.finished, self.points)
 
-    @property
-    def points(self) -> I8:
-        """``[B, 2]`` points in the current game, of the last one played when the match is over."""
-        return self.by_game[np.arange(len(self)), self.game]
+    def seen_by(self, seat: int) -> tuple[int, int, int, int]:
+        """Points of a seat, of the other seat, games of the seat and of the other seat."""
+        return self.points[seat], self.points[1 - seat], self.games[seat], self.games[1 - seat]
 
-    def seen_by(self, player: Ints | int) -> I16:
-        """``[B, 4]`` points of a player, of the opponent, games of the player, of the opponent."""
-        rows = np.arange(len(self))
-        points = self.points
-        columns = (points[rows, player], points[rows, 1 - player], self.games[rows, player], self.games[rows, 1 - player])
-        return np.stack(columns, axis=1).astype(np.int16)
-
-
-def new(first_server: npt.ArrayLike, rules: Rules = BWF) -> Score:
-    """B matches at love all.
-
-    Args:
-        first_server: ``[B]`` who serves the first rally, 0 or 1.
-        rules: when a game and a match are won.
-
-    Raises:
-        ScoringError: a server that is neither 0 nor 1, or no one-dimensional batch.
-    """
-    server = np.asarray(first_server)
-    if server.ndim != 1 or not np.isin(server, (0, 1)).all():
-        raise ScoringError(f"first server {first_server!r}: expected a one-dimensional array of 0 and 1")
-    batch = len(server)
-    return Score(
-        by_game=np.zeros((batch, rules.max_games, 2), dtype=np.int8),
-        games=np.zeros((batch, 2), dtype=np.int8),
-        server=server.astype(np.int8),
-        rules=rules,
-    )
-
-
-def step(score: Score, winner: Ints) -> Score:
-    """Count one rally of each match.
-
-    Args:
-        score: before the rally; not changed.
-        winner: ``[B]`` who won it, 0 or 1; -1 where no rally has ended. Matches that are over stay as they are.
-    """
-    rows = np.flatnonzero((winner >= 0) & ~score.over)
-    won_by = winner[rows]
-    by_game, games, server = score.by_game.copy(), score.games.copy(), score.server.copy()
-    game = score.game[rows]
-    server[rows] = won_by
-    counted = count_rally(by_game[rows, game, won_by], by_game[rows, game, 1 - won_by], games[rows, won_by], score.rules)
-    by_game[rows, game, won_by], games[rows, won_by] = counted.points, counted.games
-    return Score(by_game=by_game, games=games, server=server, rules=score.rules)
+    def after(self, winner: int) -> "Score":
+        """Score after a rally that a seat won; a match that is over stays as it is."""
+        if self.over:
+            return self
+        points, games = [*self.points], [*self.games]
+        counted = count_rally(points[winner], points[1 - winner], games[winner], self.rules)
+        points[winner], games[winner] = counted.points, counted.games
+        now = (points[0], points[1])
+        return Score(
+            points=(0, 0) if counted.game_won else now,
+            games=(games[0], games[1]),
+            finished=(*self.finished, now) if counted.game_won else self.finished,
+            server=winner,
+            rules=self.rules,
+        )
 
 
 def game_win_probability(

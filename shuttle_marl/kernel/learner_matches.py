@@ -8,7 +8,7 @@ import numpy as np
 from shuttle_marl.arrays import F32, I8, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array
@@ -62,7 +62,7 @@ class _Play(NamedTuple):
     rows: Rows
     matches: MatchRows
     opponents: Opponents
-    rules: Numbers
+    rules: RulesTuple
     each: int
 
 
@@ -221,7 +221,7 @@ class LearnerMatchBatch(OpponentBatch):
             reason=np.zeros(batch, np.int8),
         )
         super().__init__(game, batch, opponents=opponents, seat=seat, server=server, threads=threads)
-        self._play = _Play(self.rows, self.matches, self.opponents, rules.numbers, int(each_rally))
+        self._play = _Play(self.rows, self.matches, self.opponents, rules.as_tuple, int(each_rally))
         self.reset(seed)
 
     def reseed(self, seed: int) -> None:

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.arrays import I8, I32, U8, U64, UInts
-from shuttle_marl.game.scoring import BWF, Numbers, Rules, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array, checked_number
@@ -77,7 +77,7 @@ class _Setup(NamedTuple):
     players: Players
     entrant: I32
     key: U64
-    rules: Numbers
+    rules: RulesTuple
 
 
 @inlined
@@ -148,7 +148,7 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: _Log, step
 
 def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules, *, keep: bool) -> MatchResults:
     size, rallies = len(matches), rules.max_rallies
-    setup = _Setup(players, matches.entrant, matches.key, rules.numbers)
+    setup = _Setup(players, matches.entrant, matches.key, rules.as_tuple)
     log = _Log(
         begun=np.zeros(size, np.int32),
         length=np.zeros(size, np.int32),

@@ -6,10 +6,10 @@ import pytest
 from shuttle_marl import match_v0
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game import default_game
-from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.rules import OUTCOMES, strike
-from shuttle_marl.game.scoring import Rules, new, step
+from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.tables import ROOT
 from tests.exact.exact_games import tiring_game
 
@@ -22,8 +22,8 @@ SHORT = Rules(points=3, clear=2, cap=5, games=2)
 def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed, reward, game):
     env = match_v0.env(rules=SHORT, reward=reward, game=game)
     for episode in range(3):
-        striker = int(draw(stream(seed, episode, 0), 0)[0] >> np.uint64(16)) & 1
-        score = new([striker], SHORT)
+        striker = int(first_server(draw(stream(seed, episode, 0), 0))[0])
+        score = Score(server=striker, rules=SHORT)
         state = ROOT
         rally = count = 0
         owed = [0.0, 0.0]
@@ -32,17 +32,17 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
             player = AGENTS.index(agent)
             assert paid == owed[player]
             owed[player] = 0.0
-            points, games, server = score.points[0].tolist(), score.games[0].tolist(), int(score.server[0])
+            points, games, server = score.by_game[-1], score.games, score.server
             own_first = slice(None, None, 1 if player == 0 else -1)
             serving = [server == player, server != player]
             expected = np.r_[np.array(points[own_first]) / 5, np.array(games[own_first]) / 2, serving]
             assert seen["observation"][RALLY_WIDTH:] == pytest.approx(expected)
             assert env.observation_space(agent).contains(seen)
             if info:
-                assert info["points"] == tuple(points)
-                assert info["games"] == tuple(games)
+                assert info["points"] == points
+                assert info["games"] == games
                 assert info["server"] == AGENTS[server]
-            assert terminated == score.over[0]
+            assert terminated == score.over
             if terminated:
                 continue
             assert player == striker
@@ -55,12 +55,12 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
             state = int(following[0])
             if state < 0:
                 winner = striker if OUTCOMES[outcome[0]] == "fault" else 1 - striker
-                score = step(score, np.array([winner]))
-                if reward == "rally" or score.over[0]:
+                score = score.after(winner)
+                if reward == "rally" or score.over:
                     owed[winner] += 1
                     owed[1 - winner] -= 1
                 state, count, rally, striker = ROOT, 0, rally + 1, winner
-        assert score.over[0]
+        assert score.over
         assert owed == [0, 0]
 
 

@@ -31,11 +31,11 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, i
     """(match, rally, server, winner, reason, score before, strokes) of every rally, a stroke at a time."""
     rallies = []
     for m in range(len(matches)):
-        score = scoring.new([matches.first_server[m]], rules)
+        score = scoring.Score(server=int(matches.first_server[m]), rules=rules)
         for rally in itertools.count():
-            server = int(score.server[0])
+            server = score.server
             key = draws.extend(matches.key[m : m + 1], 2 * rally + server)
-            before = tuple(int(x) for x in (*score.points[0], *score.games[0]))
+            before = (*score.points, *score.games)
             state, striker, strokes = ROOT, server, []
             while True:
                 bits = draws.draw(key, len(strokes))
@@ -50,8 +50,8 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, i
                 state, striker = int(following[0]), 1 - striker
             winner = striker if outcome[0] == WINNER else 1 - striker
             rallies.append((m, rally, server, winner, OUTCOMES[outcome[0]], before, strokes))
-            score = scoring.step(score, np.array([winner]))
-            if score.over[0]:
+            score = score.after(winner)
+            if score.over:
                 break
     return rallies
 

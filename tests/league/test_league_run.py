@@ -108,12 +108,12 @@ def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
                 first, last = batch.first_stroke[i : i + 2]
                 if score is None:
                     assert batch.rally[i] == 0
-                    score = scoring.new([(batch.match[i] >> 1) & 1])
-                striker = (int(score.server[0]) + last - first - 1) % 2
+                    score = scoring.Score(server=int(batch.match[i] >> 1) & 1)
+                striker = (score.server + last - first - 1) % 2
                 winner = 1 - striker if outcome[last - 1] == FAULT else striker
-                served = score.server[0] == seat
-                games = score.games[0].copy()
-                score = scoring.step(score, np.array([winner]))
+                served = score.server == seat
+                games = score.games
+                score = score.after(int(winner))
                 counts = {
                     "rallies": 1,
                     "strokes": int(last - first),
@@ -121,14 +121,14 @@ def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
                     "points_lost": winner != seat,
                     "served": served,
                     "served_won": served and winner == seat,
-                    "games_won": score.games[0, int(seat)] - games[int(seat)],
-                    "games_lost": score.games[0, 1 - int(seat)] - games[1 - int(seat)],
-                    "matches": score.over[0],
-                    "wins": score.winner[0] == seat,
+                    "games_won": score.games[int(seat)] - games[int(seat)],
+                    "games_lost": score.games[1 - int(seat)] - games[1 - int(seat)],
+                    "matches": score.over,
+                    "wins": score.winner == seat,
                 }
                 for name, count in counts.items():
                     expected[pairing, int(seat), name] += int(count)
-                if score.over[0]:
+                if score.over:
                     score = None
     rows = pyarrow.parquet.read_table(finished / "results.parquet").to_pylist()
     names_of_counts = {name for _, _, name in expected}

@@ -51,11 +51,11 @@ def counted_by_hand(winners: Sequence[int], rules: Rules) -> list[tuple[int, ...
 
 def by_scoring(rules: Rules) -> Iterator[list[Rally]]:
     rng = np.random.default_rng(1)
-    score, rallies = scoring.new([0], rules), []
-    while not score.over[0]:
+    score, rallies = scoring.Score(rules=rules), []
+    while not score.over:
         winner = int(rng.integers(2))
-        rallies.append(((*score.points[0].tolist(), *score.games[0].tolist()), winner))
-        score = scoring.step(score, np.array([winner]))
+        rallies.append(((*score.points, *score.games), winner))
+        score = score.after(winner)
     yield rallies
 
 
@@ -137,12 +137,12 @@ def test_the_kernel_compiles_the_function_of_scoring() -> None:
     assert count.py_func is scoring.count_rally  # type: ignore[attr-defined]
 
     @compiled
-    def count_one(own: int, other: int, games: int, rules: scoring.Numbers) -> Any:
+    def count_one(own: int, other: int, games: int, rules: scoring.RulesTuple) -> Any:
         return count(own, other, games, rules)
 
     for rules in RULES:
         for own, other in itertools.product(range(rules.cap), repeat=2):
-            assert count_one(own, other, 0, rules.numbers) == scoring.count_rally(own, other, 0, rules)
+            assert count_one(own, other, 0, rules.as_tuple) == scoring.count_rally(own, other, 0, rules)
 
 
 def _own_rules(tree: ast.AST) -> Iterator[int]:

@@ -7,19 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, ends_changed, new, step, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, ends_changed, wins_game
 
 
 def play(score: Score, winners: str) -> Score:
-    """Play rallies of a batch of one, given who wins them."""
+    """The score after rallies, given who wins them."""
     for winner in winners:
-        score = step(score, np.array([int(winner)]))
+        score = score.after(int(winner))
     return score
 
 
 def line(score: Score) -> str:
-    played = int(score.game[0]) + 1
-    return " ".join(f"{a}-{b}" for a, b in score.by_game[0, :played])
+    return " ".join(f"{a}-{b}" for a, b in score.by_game)
 
 
 @pytest.mark.parametrize(
@@ -35,63 +34,51 @@ def test_when_a_game_is_won(own: int, other: int, won: bool) -> None:
 
 
 def test_a_match_in_two_games() -> None:
-    score = play(new([1]), "0" * 21)
+    score = play(Score(server=1), "0" * 21)
     assert line(score) == "21-0 0-0"
-    assert score.games.tolist() == [[1, 0]]
-    assert score.points.tolist() == [[0, 0]]
-    assert score.server.tolist() == [0], "the winner of a game serves first in the next"
+    assert score.games == (1, 0)
+    assert score.points == (0, 0)
+    assert score.server == 0, "the winner of a game serves first in the next"
     score = play(score, "1" * 19 + "0" * 20)
     assert line(score) == "21-0 20-19"
-    assert not score.over[0]
-    assert score.winner.tolist() == [-1]
+    assert not score.over
+    assert score.winner is None
     score = play(score, "0")
-    assert score.over[0]
-    assert score.winner.tolist() == [0]
+    assert score.over
+    assert score.winner == 0
     assert line(score) == "21-0 21-19"
-    assert score.points.tolist() == [[21, 19]]
+    assert score.by_game[-1] == (21, 19)
 
 
 def test_a_match_that_is_over_does_not_change() -> None:
-    over = play(new([0]), "1" * 42)
+    over = play(Score(), "1" * 42)
     after = play(over, "0" * 30)
     assert line(after) == line(over) == "0-21 0-21"
-    assert (after.server == over.server).all()
-    assert (after.games == over.games).all()
+    assert after == over
 
 
 def test_setting_up_to_the_cap() -> None:
-    score = play(new([0]), "01" * 29)
+    score = play(Score(), "01" * 29)
     assert line(score) == "29-29"
     score = play(score, "1")
     assert line(score) == "29-30 0-0"
 
 
 def test_a_third_game_decides() -> None:
-    score = play(new([0]), "0" * 21 + "1" * 21 + "0" * 20 + "1" * 22)
+    score = play(Score(), "0" * 21 + "1" * 21 + "0" * 20 + "1" * 21)
+    assert line(score) == "21-0 0-21 20-21"
+    assert score.seen_by(1) == (21, 20, 1, 1)
+    assert score.seen_by(0) == (20, 21, 1, 1)
+    score = play(score, "1")
     assert line(score) == "21-0 0-21 20-22"
-    assert score.winner.tolist() == [1]
-    assert score.seen_by(1).tolist() == [[22, 20, 2, 1]]
-    assert score.seen_by(np.array([0])).tolist() == [[20, 22, 1, 2]]
+    assert score.winner == 1
+    assert score.games == (1, 2)
 
 
-def test_rallies_without_result_change_nothing() -> None:
-    before = play(new([1]), "0")
-    after = step(before, np.array([-1]))
-    assert (after.by_game == before.by_game).all()
-    assert (after.server == before.server).all()
-
-
-def test_the_score_before_a_rally_is_kept() -> None:
-    before = new([0, 1])
-    step(before, np.array([1, 0]))
-    assert not before.by_game.any()
-    assert before.server.tolist() == [0, 1]
-
-
-@pytest.mark.parametrize("server", [2, [0, 2], [[0, 1]], [0.5]])
-def test_first_servers_are_checked(server: object) -> None:
-    with pytest.raises(ScoringError, match="expected a one-dimensional array of 0 and 1"):
-        new(server)  # type: ignore[arg-type]
+def test_the_score_before_a_rally_does_not_change() -> None:
+    before = Score(server=1)
+    before.after(0)
+    assert before == Score(server=1)
 
 
 @pytest.mark.parametrize("wrong", [{"points": 0}, {"cap": 20}, {"clear": 0}, {"clear": 22}, {"cap": 200}, {"games": 0}])
@@ -130,39 +117,33 @@ rules_of_short_games = st.builds(
 )
 
 
-@given(rules_of_short_games, st.lists(st.lists(st.integers(0, 1), min_size=60, max_size=60), min_size=1, max_size=5))
-def test_a_batch_is_scored_like_single_matches(rules: Rules, winners: list[list[int]]) -> None:
-    rallies = np.array(winners)
-    batch = len(rallies)
-    score = new(np.arange(batch) % 2, rules)
-    told = [OneMatch(i % 2, rules) for i in range(batch)]
-    for winner in rallies.T:
-        score = step(score, winner)
-        for i in range(batch):
-            told[i].rally(winner[i])
-            assert score.games[i].tolist() == told[i].games
-            assert score.server[i] == told[i].server
-            games = [*told[i].done, *([] if max(told[i].games) == rules.games else [tuple(told[i].now)])]
-            assert [tuple(g) for g in score.by_game[i, : len(games)].tolist()] == games
-            assert not score.by_game[i, len(games) :].any()
-            assert score.points[i].tolist() == list(games[-1])
-            assert score.over[i] == (max(told[i].games) == rules.games)
+@given(rules_of_short_games, st.integers(0, 1), st.lists(st.integers(0, 1), min_size=60, max_size=60))
+def test_scores_follow_the_laws(rules: Rules, server: int, winners: list[int]) -> None:
+    score, told = Score(server=server, rules=rules), OneMatch(server, rules)
+    for winner in winners:
+        score = score.after(winner)
+        told.rally(winner)
+        over = max(told.games) == rules.games
+        assert score.over == over
+        assert score.games == tuple(told.games)
+        assert score.server == told.server
+        assert score.points == tuple(told.now)
+        assert score.by_game == (*told.done, *([] if over else [tuple(told.now)]))
 
 
 def test_matches_to_21_last_between_42_and_177_rallies() -> None:
-    score = new(np.arange(4000) % 2)
     rng = np.random.default_rng(0)
-    length = np.zeros(4000, int)
-    while not score.over.all():
-        length += ~score.over
-        score = step(score, rng.integers(0, 2, 4000))
-    assert length.min() >= 42
-    assert length.max() <= 3 * 59
-    for game in range(3):
-        a, b = np.sort(score.by_game[:, game].astype(int), axis=1).T
-        played = b > 0
-        legal = ((b == 21) & (a <= 19)) | ((b > 21) & (b < 30) & (b - a == 2)) | ((b == 30) & (a >= 28))
-        assert legal[played].all()
+    lengths, played = [], []
+    for match in range(1000):
+        score, length = Score(server=match % 2), 0
+        while not score.over:
+            score, length = score.after(int(rng.integers(2))), length + 1
+        lengths.append(length)
+        played += [sorted(game) for game in score.by_game]
+    assert min(lengths) >= 42
+    assert max(lengths) <= 3 * 59
+    a, b = np.array(played).T
+    assert (((b == 21) & (a <= 19)) | ((b > 21) & (b < 30) & (b - a == 2)) | ((b == 30) & (a >= 28))).all()
 
 
 @pytest.mark.parametrize(
