@@ -23,8 +23,9 @@ from benchmarks.machine import this_machine
 from shuttle_marl.exact import crossplay
 from shuttle_marl.game import default_game
 from shuttle_marl.league.entrants import Entrant, enter
+from shuttle_marl.league.pairings import round_robin
 from shuttle_marl.league.ratings import ratings
-from shuttle_marl.league.tournament import Tournament, round_robin
+from shuttle_marl.league.tournament import MatchOptions, Tournament
 
 STYLES: Final = ("safe", "attacking", "defensive")
 _EXACT_PAIRS: Final = 60
@@ -41,7 +42,7 @@ def pool(size: int) -> list[str]:
 def sampled(entrants: list[Entrant], workers: int, matches: int) -> dict[str, Any]:
     """Play a round robin."""
     pairings = round_robin([entrant.name for entrant in entrants])
-    tournament = Tournament(default_game(), entrants, matches=matches, seed=0, batch=8192, keep_strokes=False, workers=workers)
+    tournament = Tournament(default_game(), entrants, MatchOptions(matches=matches, seed=0), workers=workers)
     begun = time.perf_counter()
     cells = [result.cells for blocks in tournament.play(pairings) for result, _ in blocks]
     seconds = time.perf_counter() - begun

@@ -6,19 +6,19 @@ Exact figures are the limits of the samples after infinitely many matches.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pyarrow as pa
+from scipy.stats import binomtest
 
 from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
+from shuttle_marl.league.pairings import COUNTS, PairResult
 from shuttle_marl.league.ratings import ELO, TAILS, exact_ratings, rank_intervals, ratings
-from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread, Values
@@ -216,21 +216,11 @@ def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[li
     return played, np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3), pairs
 
 
-def wilson(wins: int, matches: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, J. Am. Stat. Assoc. 1927); NaN without matches."""
-    if not matches:
-        return float("nan"), float("nan")
-    share, z = wins / matches, NormalDist().inv_cdf(0.975)
-    middle = (share + z**2 / (2 * matches)) / (1 + z**2 / matches)
-    half = z / (1 + z**2 / matches) * math.sqrt(share * (1 - share) / matches + (z / (2 * matches)) ** 2)
-    return middle - half, middle + half
-
-
 def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tuple[float, float, float]) -> Standing:
     own = [result.seen_by(name) for result in played if name in result.names]
     count = {c: sum(counts[c] for counts in own) for c in COUNTS}
     matches, wins = count["matches"], count["wins"]
-    low, high = wilson(wins, matches)
+    low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (math.nan, math.nan)
     nothing = float("nan")
     shown = [float(x) for x in rating] if matches else [nothing] * 3
     return Standing(
@@ -242,8 +232,8 @@ def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tu
         matches=matches,
         wins=wins,
         share=_ratio(wins, matches),
-        share_low=low,
-        share_high=high,
+        share_low=float(low),
+        share_high=float(high),
         rally_share=_ratio(count["points_won"], count["rallies"]),
         serving=_ratio(count["served_won"], count["served"]),
         receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),

@@ -29,11 +29,11 @@ from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page.learning import METRICS, Curve, read_curve
 from shuttle_marl.league.page.tournament import TournamentReport, page
+from shuttle_marl.league.pairings import Pairing, PairResult, stages
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
-from shuttle_marl.league.schedule import stages
 from shuttle_marl.league.style import styles
-from shuttle_marl.league.tournament import Pairing, PairResult, Tournament
+from shuttle_marl.league.tournament import MatchOptions, Tournament
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
@@ -145,18 +145,15 @@ def _play(
         if recorder is not None:
             stack.enter_context(recorder)
         advance = stack.enter_context(_progress(console, len(pairings), done))
-        tournament = Tournament(
-            game,
-            entrants,
+        options = MatchOptions(
             matches=config.matches,
             seed=config.seed,
             batch=config.batch,
             keep_strokes=recorder is not None,
             sample=None if recorder is None else recorder.sample,
             decide=config.decide,
-            workers=config.workers,
-            cluster=cluster,
         )
+        tournament = Tournament(game, entrants, options, workers=config.workers, cluster=cluster)
         strokes = 0
 
         counting = threading.Lock()

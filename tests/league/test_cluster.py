@@ -233,7 +233,7 @@ def test_a_tournament_on_two_nodes_of_which_one_dies(
     config: dict[str, Any] = {**PLAYED, "pool": pool, "batch": 40, "game": reduced_model()}
     run_league(LeagueConfig(**config, out=tmp_path / "serial"))
     # Pairings of this game end within milliseconds, before a node could die.
-    monkeypatch.setattr("shuttle_marl.league.tournament._played", _slowly)
+    monkeypatch.setattr("shuttle_marl.league.tournament._play_remote", _slowly)
     with Half(tmp_path / "cluster" / "pairings.jsonl", 10, kill) as half:
         run_league(LeagueConfig(**config, ray=address, out=tmp_path / "cluster"))
     assert half.done

@@ -13,8 +13,9 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
+from shuttle_marl.league.pairings import round_robin
 from shuttle_marl.league.ranking import rank, results_table
-from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
+from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import FunctionPolicy, time_limit
 from shuttle_marl.policy.registry import resolve
@@ -114,7 +115,7 @@ def entrant(name: str, function: Callable[[States], Any], *, reads_score: bool =
 
 
 def tournament(entrants: list[Entrant], matches: int = 4, batch: int = 8192) -> Tournament:
-    return Tournament(GAME, entrants, matches=matches, seed=0, batch=batch, keep_strokes=True)
+    return Tournament(GAME, entrants, MatchOptions(matches=matches, seed=0, batch=batch, keep_strokes=True))
 
 
 @pytest.mark.parametrize("function", FAILURES, ids=lambda f: f.__name__)

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from scipy.stats import binomtest
 
-from shuttle_marl.league.ranking import wilson
 from shuttle_marl.league.ratings import (
     ELO,
     bradley_terry,
@@ -109,16 +107,6 @@ def test_no_one_played() -> None:
     found, drawn = ratings(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), 3, seed=0, replicates=10)
     assert np.array_equal(found, np.zeros(3))
     assert np.array_equal(drawn, np.zeros((10, 3)))
-
-
-@given(st.integers(0, 1000), st.integers(1, 1000))
-def test_wilson(wins: int, losses: int) -> None:
-    expected = binomtest(wins, wins + losses).proportion_ci(method="wilson")
-    assert wilson(wins, wins + losses) == pytest.approx((expected.low, expected.high), abs=1e-12)
-
-
-def test_wilson_without_matches() -> None:
-    assert all(map(math.isnan, wilson(0, 0)))
 
 
 def test_entrants_in_two_separate_groups_are_rated_within_them() -> None:

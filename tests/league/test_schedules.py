@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game import load_game
 from shuttle_marl.league import LeagueConfig, LeagueError, run_league
-from shuttle_marl.league.schedule import stages
-from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
+from shuttle_marl.league.pairings import COUNTS, PairResult, forfeited, round_robin, stages
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 
@@ -55,6 +54,14 @@ def test_swiss_pairs_equals() -> None:
     results = [result(pairing, 5) for pairing in known[0]]
     assert [pairing.names for pairing in known[0]] == [("a", "b"), ("c", "d")]
     assert [pairing.names for pairing in stages("abcd", "swiss", results)[1]] == [("a", "c"), ("b", "d")]
+
+
+def test_a_bye_counts_as_one_win() -> None:
+    (first,) = stages("abcde", "swiss", [])
+    assert [pairing.names for pairing in first] == [("a", "b"), ("c", "d")]
+    results = [result(pairing, 5) for pairing in first]
+    # Now a, c and e, which had the bye, have one point each; d rests.
+    assert [pairing.names for pairing in stages("abcde", "swiss", results)[1]] == [("a", "c"), ("b", "e")]
 
 
 @given(st.integers(2, 5), st.lists(st.integers(1, 3), max_size=3), st.sampled_from(["round-robin", "gauntlet"]))

@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from shuttle_marl.game import load_game
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.sequential import BOUND, ERROR, decided, log_likelihood_ratio, share_of
-from shuttle_marl.league.tournament import Tournament, round_robin
+from shuttle_marl.league.pairings import round_robin
+from shuttle_marl.league.tournament import BOUND, ERROR, MatchOptions, Tournament, decided, log_likelihood_ratio, share_of
 
 ELO = 40.0
 
@@ -61,6 +61,10 @@ def test_errors_are_as_rare_as_promised() -> None:
     assert cells < 100  # a fixed number of cells with the same errors needs about twice as many
 
 
+def test_bounds_of_the_test_are_those_of_wald() -> None:
+    assert pytest.approx(math.log(0.95 / 0.05)) == BOUND
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("correlation", [-0.6, -0.3, 0.0, 0.4])
 def test_error_rates_by_simulation(correlation: float) -> None:
@@ -78,7 +82,8 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytes
     entrants = [asked, enter("random", game), enter("attacking", game)]
 
     def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
-        tournament = Tournament(game, entrants, matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
+        options = MatchOptions(matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
+        tournament = Tournament(game, entrants, options)
         blocks = [block for group in tournament.play(round_robin(["a", "b", "c"])) for block in group]
         return [(sum(seat["matches"] for seat in result.seats), result.cells) for result, _ in blocks]
 

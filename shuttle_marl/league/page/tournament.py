@@ -11,10 +11,10 @@ from shuttle_marl.league.folder import PAIRINGS, RALLIES, REPORT
 from shuttle_marl.league.page import charts
 from shuttle_marl.league.page.document import Cell, Column, Table, interval, name, number, percent, render, table
 from shuttle_marl.league.page.learning import Curve, learning_charts
+from shuttle_marl.league.pairings import PairResult
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import LEAST_SHOWN, TITLES
 from shuttle_marl.league.style import AXES, PEOPLE
-from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 
 if TYPE_CHECKING:
