@@ -15,7 +15,6 @@ from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.table_cache import cached_table
 from shuttle_marl.tensor_files import read_tensors
 
@@ -65,8 +64,13 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         weights = read_tensors(path, digest).arrays
     except (OSError, ValueError) as error:
         raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error
-    decided_by = f"network {_EVALUATION} {digest}"
-    return cached_table(game, decided_by, lambda: PolicyNetwork.of_tensors(weights, game).table(game))
+
+    def evaluate() -> TabulatedPolicy:
+        from shuttle_marl.policy.network import PolicyNetwork  # noqa: PLC0415  numba
+
+        return PolicyNetwork.of_tensors(weights, game).table(game)
+
+    return cached_table(game, f"network {_EVALUATION} {digest}", evaluate)
 
 
 def read_card(folder: Path) -> dict[str, Any]:

@@ -1,23 +1,26 @@
-"""Policy networks, evaluated on every state without PyTorch and to the last bit alike on every machine.
+"""Policy networks, evaluated on every state without PyTorch and with the same bits on every machine.
 
-The sum in a matrix product depends on the order of its terms, and so on the machine. Here both factors are rounded to whole
-numbers of so few bits (22, and 24 for a layer of 128 numbers: as many as a float32 has) that every sum of products is a whole
-number below 2^53, which no order of terms changes. What is left is additions of two numbers, and an exponential made of those.
+Rounding in a matrix product depends on the order of its terms, and therefore on the machine. Here both factors are rounded to
+integers of so few bits (22, and 24 for a layer of 128 numbers: as many as a float32 has) that every sum of products is an integer
+below 2^53, which is exact in any order. The remaining operations are additions of two numbers, and an exponential made of those;
+they run in compiled loops that perform the operations of IEEE 754 one by one.
 """
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.arrays import F64, I64, U16
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import LONGEST_DUEL, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel.compiling import cached
 from shuttle_marl.tensor_files import checked
 
 _WEIGHT_BITS: Final = 22
@@ -26,6 +29,25 @@ _EXACT_BITS: Final = 53
 _LEAST_EXPONENT: Final = -900
 """Of a factor's largest number: below, its unit would be no number of float64."""
 _HIGHEST: Final = float(np.finfo(np.float32).max)
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_LOG2E: Final = 1.4426950408889634
+_LN2_HIGH: Final = 0.693147180369123816490
+_LN2_LOW: Final = 1.90821492927058770002e-10
+"""ln 2 as a number of 33 bits, of which small multiples are exact, and the rest."""
+_TERMS: Final = 14
+_INVERSE: Final = tuple(1.0 / n for n in range(1, _TERMS + 1))
+_SMALLEST: Final = -700.0
+"""Logits so far below the highest one count as this: a probability of 10^-304."""
+_BIAS: Final = 1023
+_FRACTION_BITS: Final = 52
+"""Of a float64: what its exponent is stored with, and the bits below it."""
+
+
+def _compiled(function: F) -> F:
+    """Compile where no number is NaN and the sign of zero is of no account, so that maxima are taken side by side."""
+    return cached(function, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
 
 
 def attribute_rows(catalogue: Catalogue) -> I64:
@@ -99,8 +121,6 @@ class PolicyNetwork:
         Raises:
             PolicyError: a number in the network is beyond those of float32.
         """
-        from shuttle_marl.policy import compiled  # noqa: PLC0415  waits until numba is wanted
-
         base = np.flatnonzero(game.playable[: game.n_base_states])
         own, incoming, contact, duel = game.observation(base).T[:4]
         efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, -1)
@@ -114,17 +134,17 @@ class PolicyNetwork:
             legal = game.legal_strokes(first)
             both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
             x = np.empty((game.n_blocks * len(group), len(both)))
-            highest = compiled.spread(self.own[own[group]] + both + self.duel[duel[group]], efforts, x)
+            highest = _spread(self.own[own[group]] + both + self.duel[duel[group]], efforts, x)
             farthest = 0.0
             for layer, bias in hidden:
                 x, unit = _product(x, layer, highest)
-                far, highest = compiled.rectify(x, unit, bias)
+                far, highest = _rectify(x, unit, bias)
                 farthest = max(farthest, far)
             x, unit = _product(x, _rounded(last[legal]), highest)
             # While it learned, the network was one of float32 numbers.
-            if not max(farthest, compiled.shift(x, unit, last_bias[legal])) <= _HIGHEST:
+            if not max(farthest, _shift(x, unit, last_bias[legal])) <= _HIGHEST:
                 raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
-            compiled.limits(x, (blocks + game.base_pair_start[base[group]]).ravel(), cumulative.ravel())
+            limits(x, (blocks + game.base_pair_start[base[group]]).ravel(), cumulative.ravel())
         return TabulatedPolicy(game=game, cumulative=cumulative.ravel())
 
 
@@ -149,15 +169,96 @@ def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, fl
     Returns:
         ``[N, W']`` whole numbers, and what they count.
     """
-    from shuttle_marl.policy import compiled  # noqa: PLC0415  waits until numba is wanted
-
     factor, unit = weight
     terms = max(1, factor.shape[1] - 1).bit_length()
     x_unit = _unit(highest, _EXACT_BITS - _WEIGHT_BITS - terms)
-    compiled.round_to(x, 1 / x_unit)
+    _round_to(x, 1 / x_unit)
     return x @ factor.T, x_unit * unit
 
 
 def _unit(highest: float, bits: int) -> float:
     """The power of two of which numbers up to the highest are whole ones of at most some bits."""
     return float(2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits))
+
+
+@_compiled
+def _spread(base: F64, efforts: F64, out: F64) -> float:
+    """``[B, W]`` added to each row of ``[G, W]``, negative numbers set to 0: ``[B G, W]``; returns the largest number."""
+    highest = 0.0
+    for block in range(len(efforts)):
+        effort = efforts[block]
+        for row in range(len(base)):
+            first, values = base[row], out[block * len(base) + row]
+            for i in range(values.size):
+                values[i] = max(first[i] + effort[i], 0.0)
+                highest = max(highest, values[i])
+    return highest
+
+
+@_compiled
+def _rectify(x: F64, unit: float, bias: F64) -> tuple[float, float]:
+    """Multiply ``[N, W]`` by a unit, add ``[W]`` and set negative numbers to 0, in place.
+
+    Returns:
+        the largest absolute value before and the largest number after negative ones were set to 0.
+    """
+    farthest = highest = 0.0
+    for row in range(len(x)):
+        values = x[row]
+        for i in range(values.size):
+            value = values[i] * unit + bias[i]
+            farthest = max(farthest, abs(value))
+            values[i] = max(value, 0.0)
+            highest = max(highest, value)
+    return farthest, highest
+
+
+@_compiled
+def _shift(x: F64, unit: float, bias: F64) -> float:
+    """Multiply ``[N, W]`` by a unit and add ``[W]`` in place; returns the largest absolute value."""
+    farthest = 0.0
+    for row in range(len(x)):
+        values = x[row]
+        for i in range(values.size):
+            values[i] = values[i] * unit + bias[i]
+            farthest = max(farthest, abs(values[i]))
+    return farthest
+
+
+@_compiled
+def _round_to(x: F64, per_unit: float) -> None:
+    """Make numbers whole ones of a unit, in place."""
+    for row in range(len(x)):
+        values = x[row]
+        for i in range(values.size):
+            values[i] = np.rint(values[i] * per_unit)
+
+
+@_compiled
+def limits(logits: F64, start: I64, cumulative: U16) -> None:
+    """``[N, K]`` logits to the cumulative probabilities of their softmax, in units of 1/65535, each row from its start on."""
+    length = logits.shape[1]
+    total = np.empty(length)
+    power = np.empty(length, np.int64)
+    scale = power.view(np.float64)
+    for row in range(len(logits)):
+        top = logits[row, 0]
+        for i in range(1, length):
+            top = max(top, logits[row, i])
+        for i in range(length):
+            x = max(logits[row, i] - top, _SMALLEST)
+            whole = np.rint(x * _LOG2E)
+            rest = x - whole * _LN2_HIGH - whole * _LN2_LOW
+            power[i] = (np.int64(whole) + _BIAS) << _FRACTION_BITS
+            # The series of the exponential, from its last term on.
+            y = 1.0
+            for n in range(_TERMS - 1, -1, -1):
+                y = y * rest * _INVERSE[n] + 1.0
+            total[i] = y
+        so_far = 0.0
+        for i in range(length):
+            so_far += total[i] * scale[i]
+            total[i] = so_far
+        found = cumulative[start[row] : start[row] + length]
+        for i in range(length):
+            found[i] = np.uint16(np.rint(total[i] / so_far * CHOICE_ONE))

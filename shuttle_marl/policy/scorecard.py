@@ -46,8 +46,6 @@ Watch = Callable[[Rallies], None]
 _Z: Final = NormalDist().inv_cdf(0.975)
 _BATCH: Final = 1 << 12
 """So many matches are played side by side."""
-MOST_MATCHES: Final = 10_000_000
-"""Largest number of matches that a command plays out."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ def robust_policy(game: Game) -> TabulatedPolicy:
     Raises:
         PolicyError: the game has no refits.
     """
-    from shuttle_marl.exact.robust import solve_robust  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.optimal import solve_robust  # noqa: PLC0415  numba, only when it is asked for
 
     others = refits_of(game)
     if not others:

@@ -23,8 +23,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import network, registry, table_cache
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
-from shuttle_marl.policy.compiled import limits
-from shuttle_marl.policy.network import PolicyNetwork
+from shuttle_marl.policy.network import PolicyNetwork, limits
 from shuttle_marl.training import Evaluator
 from shuttle_marl.training.networks import logit_network, make_actor, weights_of
 from tests.exact.exact_games import random_game, tiring_game
