@@ -25,6 +25,7 @@ from shuttle_marl.files import NO_ROOM
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.losses import Holes
+    from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., Any]
@@ -201,6 +202,26 @@ def home_and_away(rows: Sequence["Headlines"]) -> Table:
             mean, low, high = (percent(float(part)) for part in (there.value, there.low, there.high))
             table.add_row(Text("") if i else _name(name), _FIGURES[figure], percent(value), mean, f"{low} to {high}")
     return table
+
+
+def home_and_away_json(home: Mapping[str, Any], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+    """Results at home and away as JSON; null away without refits."""
+    return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
+
+
+def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> None:
+    """Print results at home and away if requested, or why there are none."""
+    if not asked or not rows:
+        return
+    out = console()
+    if not refits:
+        out.print("The model has no refits on resampled matches, so there are no results away from home.")
+        return
+    out.print(home_and_away(rows))
+    out.print(
+        f"away: policies tabulated at home, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
+        "95 % interval for one more refit. The best response behind exploitability knows the refit."
+    )
 
 
 def matrix(title: str, names: Sequence[str], probabilities: "F64") -> Table:

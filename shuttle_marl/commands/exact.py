@@ -1,56 +1,66 @@
-"""``python -m shuttle_marl.exact COMMAND``: the game solved (``solve``), and policies measured by it, in several ways."""
+"""``python -m shuttle_marl.exact COMMAND``: exact solution of the game, and exact measures of policies."""
 
 import contextlib
+import dataclasses
 import functools
 import json as json_format
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import tyro
 from rich.progress import track
 
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import Profile, refits_of, resolve_game
-from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
+from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
     from shuttle_marl.rally.record import Rallies
 
-Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
-Json = Annotated[bool, tyro.conf.arg(name="json")]
-File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlotOptions:
+    """A chart of the solved game."""
+
+    plot: File = None
+    """Draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF)."""
+    incoming: str | None = None
+    """Incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect play."""
+    own: str | None = None
+    """The striker's own last stroke in the chart; default: the mean over all."""
+
+
+Model = tyro.conf.OmitArgPrefixes[GameOptions]
+PlayedModel = tyro.conf.OmitArgPrefixes[PolicyOptions]
+_GAME: Final = GameOptions()
+_PLAYED: Final = PolicyOptions()
+_NO_PLOT: Final = PlotOptions()
+_SAMPLES: Final = SampleOptions()
 
 
 def solve(
     *,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: Model = _GAME,
     away: bool = True,
     tolerance: float = 1e-9,
-    plot: File = None,
-    incoming: str | None = None,
-    own: str | None = None,
+    chart: tyro.conf.OmitArgPrefixes[PlotOptions] = _NO_PLOT,
     json_output: Json = False,
 ) -> None:
-    """Solve the game: what a rally is worth under perfect play, and what perfect play looks like.
+    """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
 
     Args:
-        game: model whose game is solved: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        away: play the solution in the refits of the game too.
-        tolerance: largest error bound of a value that is good enough.
-        plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
-        incoming: the stroke replied to in the picture, as in smash:middle-left:above:forehand; default: the one that perfect
-            players meet most often.
-        own: the striker's own last stroke in the picture; default: the mean over all.
+        model: the game.
+        away: also play the solution in the refits of the game.
+        tolerance: largest acceptable error bound of a value.
+        chart: a chart of the solution.
         json_output: print JSON.
     """
     from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
@@ -59,14 +69,14 @@ def solve(
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
-    tables = resolve_game(game, profile)
-    strokes = _strokes_to_plot(tables, plot, incoming, own)
+    tables = model.load()
+    strokes = _strokes_to_plot(tables, chart)
     warm_up(tables)
     begun = time.perf_counter()
     solution = solve_game(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
-    if plot is not None:
-        _plot(solution, plot, *strokes)
+    if chart.plot is not None:
+        _plot(solution, chart.plot, *strokes)
     others = refits_of(tables) if away else ()
     spreads = over(others, functools.partial(of_solution, solution)) if others else None
     figures = {
@@ -77,7 +87,7 @@ def solve(
         "residual": solution.residual,
         "error_bound": solution.error_bound,
         "seconds": seconds,
-        **_home_and_away({"server_win": (1 + solution.value_at_serve) / 2, "exploitability": 0.0}, spreads),
+        **cli.home_and_away_json({"server_win": (1 + solution.value_at_serve) / 2, "exploitability": 0.0}, spreads),
     }
     if json_output:
         _say(json_format.dumps(figures))
@@ -96,59 +106,44 @@ def solve(
         "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
     }
     cli.console().print(cli.facts(rows))
-    _print_away([("minimax", figures["home"], spreads)], others, asked=away)
+    cli.print_home_and_away([("minimax", figures["home"], spreads)], others, asked=away)
 
 
 def evaluate(
     policies: Policies,
     *,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: PlayedModel = _PLAYED,
     away: bool = True,
-    matches: int = 400,
-    seed: int = 0,
-    record: str = "all",
-    log: File = None,
-    policy_timeout: float = POLICY_TIMEOUT,
+    samples: tyro.conf.OmitArgPrefixes[SampleOptions] = _SAMPLES,
     json_output: Json = False,
 ) -> None:
     """Measure policies exactly: against bc, against their best responses, and against perfect play.
 
-    A policy that reads the score has no table over states; it is sampled instead, with 95 % intervals, and its rallies are
-    recorded.
+    A policy that reads the score has no table of states; its matches are sampled, with 95 % intervals, and its rallies recorded.
 
     Args:
         policies: names of policies (docs/league.md).
-        game: model whose game is played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        away: play the policies in the refits of the game too.
-        matches: matches played out for a policy that is sampled.
-        seed: of their draws.
-        record: which of their rallies are recorded: all, sample:N (those of one match in N) or none.
-        log: the rally log they go into; default: runs/evaluate-SEED.mcap, or the next such name that is free.
-        policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
+        model: the game.
+        away: also play the policies in the refits of the game.
+        samples: matches of policies that read the score.
         json_output: print JSON.
     """
     from shuttle_marl.game.policy import reads_score  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
-    from shuttle_marl.policy.scorecard import MOST_MATCHES, Scorer  # noqa: PLC0415  numba
+    from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     _check_some(policies)
-    if not 1 <= matches <= MOST_MATCHES:
-        raise ExactError(f"--matches {matches}: expected a number from 1 to {MOST_MATCHES:,}")
-    if not 0 <= seed < 1 << 63:
-        raise ExactError(f"--seed {seed}: expected a number from 0 up to 2^63")
-    tables = resolve_game(game, profile)
+    tables = model.load()
     scorer = Scorer(tables, refits=refits_of(tables) if away else ())
-    with time_limit(policy_timeout):
+    with time_limit(model.policy_timeout):
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
     cards: list[Scorecard] = []
-    with _recorded(sampled, scorer, seed, record, log) as add:
+    with _recorded(sampled, scorer, samples) as add:
         watches = {name: functools.partial(add, i) for i, name in enumerate(sampled)} if add is not None else {}
         for name, policy in _progress(found, "policies"):
             watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
-            cards.append(scorer.score(policy, name, matches=matches, seed=seed, watch=watch))
+            cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
     if json_output:
         _say(json_format.dumps([card.as_json() for card in cards]))
         return
@@ -161,7 +156,9 @@ def evaluate(
         "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play. "
         "thin: share of its strokes that the data hardly know, with fewer than five real ones behind them."
     )
-    _print_away([(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away)
+    cli.print_home_and_away(
+        [(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away
+    )
     exact = [card.error_bound for card in cards if card.error_bound is not None]
     if exact:
         console.print(f"exact: every figure is within {max(exact):.0e} of the true one.")
@@ -172,36 +169,29 @@ def evaluate(
 
 
 def best_response(
-    policy: Annotated[str, tyro.conf.Positional],
+    policy: Policy,
     *,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: PlayedModel = _PLAYED,
     away: bool = True,
     save: File = None,
-    policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
 ) -> None:
-    """Compute what beats a policy most.
+    """Compute the best response to a policy.
 
     Args:
         policy: name of a policy (docs/league.md).
-        game: model whose game is played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        away: play the response, as it was computed at home, in the refits of the game too.
-        save: write the response as a table; table:FILE is its name from then on.
-        policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
+        model: the game.
+        away: also play the response in the refits of the game.
+        save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
     """
     from shuttle_marl.exact import best_response as respond  # noqa: PLC0415  numba
     from shuttle_marl.exact import visits  # noqa: PLC0415
     from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
-    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
-    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    tables = resolve_game(game, profile)
-    with time_limit(policy_timeout):
-        opponent = tabulate(resolve(policy, tables), tables, policy)
+    tables = model.load()
+    (opponent,) = model.tabulate([policy], tables)
     answer = respond(opponent)
     odds, seen = answer.value.odds(), visits(answer.policy, opponent)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
@@ -221,7 +211,7 @@ def best_response(
         "shot_mix": mix[0],
         "error_bound": max(answer.value.error_bound, seen.error_bound),
         "saved": None if save is None else str(save),
-        **_home_and_away({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
+        **cli.home_and_away_json({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
     }
     if json_output:
         _say(json_format.dumps(figures))
@@ -240,37 +230,30 @@ def best_response(
     if save is not None:
         rows["saved as"] = f"table:{save}"
     cli.console().print(cli.facts(rows))
-    _print_away([("the response", figures["home"], spreads)], others, asked=away)
+    cli.print_home_and_away([("the response", figures["home"], spreads)], others, asked=away)
 
 
 def holes(
-    policy: Annotated[str, tyro.conf.Positional],
+    policy: Policy,
     *,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: PlayedModel = _PLAYED,
     top: int = 10,
-    policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
 ) -> None:
     """List the states in which a policy loses most to its best response.
 
     Args:
         policy: name of a policy (docs/league.md).
-        game: model whose game is played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
+        model: the game.
         top: number of states to list.
-        policy_timeout: seconds that the policy may take for one answer; 0 for no limit.
         json_output: print JSON.
     """
     from shuttle_marl.exact import holes as find  # noqa: PLC0415  numba
-    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
-    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     if top < 1:
         raise ExactError(f"--top {top}: expected a number from 1 on")
-    tables = resolve_game(game, profile)
-    with time_limit(policy_timeout):
-        found = find(tabulate(resolve(policy, tables), tables, policy), top=top)
+    tables = model.load()
+    found = find(*model.tabulate([policy], tables), top=top)
     if json_output:
         _say(json_format.dumps({"policy": policy, **found.as_json()}))
         return
@@ -287,33 +270,26 @@ def holes(
 def crossplay(
     policies: Policies,
     *,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: PlayedModel = _PLAYED,
     away: bool = False,
-    policy_timeout: float = POLICY_TIMEOUT,
     json_output: Json = False,
 ) -> None:
-    """Compute the odds of every policy against every other.
+    """Compute the win probability of every policy against every other.
 
     Args:
         policies: names of policies (docs/league.md).
-        game: model whose game is played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        away: play all pairs in the refits of the game too, which takes nine times as long.
-        policy_timeout: seconds that a policy may take for one answer; 0 for no limit.
+        model: the game.
+        away: also play all pairs in the refits of the game, which takes nine times as long.
         json_output: print JSON.
     """
     import numpy as np  # noqa: PLC0415
 
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415
-    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
-    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     _check_some(policies)
-    tables = resolve_game(game, profile)
-    with time_limit(policy_timeout):
-        entrants = [tabulate(resolve(name, tables), tables, name) for name in _progress(policies, "tables")]
+    tables = model.load()
+    entrants = model.tabulate(_progress(policies, "tables"), tables)
     pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
     begun = time.perf_counter()
     odds = play_all(entrants, progress=lambda: next(pairs))
@@ -333,7 +309,7 @@ def crossplay(
             "match_win": odds.match().tolist(),
             "error_bound": odds.error_bound,
             "seconds": seconds,
-            **_home_and_away({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
+            **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
         }
         _say(json_format.dumps(figures))
         return
@@ -341,7 +317,7 @@ def crossplay(
     console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
     console.print(cli.matrix("Rallies won by the row against the column", policies, odds.rally))
     shares = np.asarray(home["match_share"])
-    _print_away(
+    cli.print_home_and_away(
         [(name, {"match_share": shares[i]}, None if spreads is None else {"match_share": spreads["match_share"].at(i)})
          for i, name in enumerate(policies)],
         others, asked=away,
@@ -349,57 +325,35 @@ def crossplay(
     console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
 
 
-_NO_REFITS: Final = "The model has no refits on resampled matches, so there are no figures away from home."
-
-
-def _home_and_away(home: Mapping[str, Any], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
-    return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
-
-
-def _print_away(rows: "Sequence[cli.Headlines]", refits: "Sequence[Game]", *, asked: bool) -> None:
-    """The table of figures at home and away, where it was asked for, or why there is none."""
-    if not asked or not rows:
-        return
-    console = cli.console()
-    if not refits:
-        console.print(_NO_REFITS)
-        return
-    console.print(cli.home_and_away(rows))
-    console.print(
-        f"away: policies as they were tabulated at home, in {len(refits)} refits of the game on resampled matches: mean, and\n"
-        "95 % interval for one more refit. The best response behind exploitability knows the refit."
-    )
-
-
 @contextlib.contextmanager
 def _recorded(
-    sampled: Sequence[str], scorer: "Scorer", seed: int, record: str, log: Path | None
+    sampled: Sequence[str], scorer: "Scorer", samples: SampleOptions
 ) -> "Iterator[Callable[[int, Rallies], None] | None]":
-    """Recorder of the matches of policies that are sampled; None if there is nothing to record."""
+    """Recorder of the matches of sampled policies; None if nothing is recorded."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
     from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415
 
-    if not Sampling.parse(record).every or not sampled:
+    if not Sampling.parse(samples.record).every or not sampled:
         yield None
         return
-    path = log or free_name(Path("runs") / f"evaluate-{seed}.mcap")
+    path = samples.log or free_name(Path("runs") / f"evaluate-{samples.seed}.mcap")
     opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
-    with sampled_log(path, sampled, opponent, scorer.game, seed=seed, record=record) as add:
+    with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed, record=samples.record) as add:
         yield add
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _strokes_to_plot(game: "Game", path: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
-    """Check what is to be drawn before anything is computed; catalogue indices of the incoming and of one's own stroke."""
+def _strokes_to_plot(game: "Game", chart: PlotOptions) -> tuple[int | None, int | None]:
+    """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
 
-    if path is None:
-        if incoming is not None or own is not None:
-            raise ExactError("--incoming and --own choose what is drawn; name the picture with --plot FILE")
+    if chart.plot is None:
+        if chart.incoming is not None or chart.own is not None:
+            raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
-    pictures.check_format(path)
-    chosen = tuple(None if name is None else pictures.stroke_index(game, name) for name in (incoming, own))
+    pictures.check_format(chart.plot)
+    chosen = tuple(None if name is None else pictures.stroke_index(game, name) for name in (chart.incoming, chart.own))
     if chosen[0] is not None:
         pictures.edges_of(game, chosen[0], chosen[1])
     return chosen[0], chosen[1]
@@ -413,9 +367,8 @@ def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> N
         import numpy as np  # noqa: PLC0415
 
         tables = solution.games[0]
-        there = tables.incoming(np.arange(tables.n_states))
-        seen = np.bincount(there, visits(*solution.policy).states[0], tables.n_strokes + 1)
-        incoming = int(seen[: tables.n_strokes].argmax())
+        stroke = tables.incoming(np.arange(tables.n_states))
+        incoming = int(np.bincount(stroke, visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
     pictures.save(pictures.best_replies(solution, incoming, own), path)
 
 
@@ -443,5 +396,5 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    description = "The game solved exactly, and policies measured against the solution; every result states its error bound."
+    description = "Exact solution of the game, and policies measured against it; every result states its error bound."
     return cli.run(COMMANDS, prog="python -m shuttle_marl.exact", description=description, argv=argv)

@@ -1,17 +1,19 @@
-"""``shuttle-marl policies``: every policy by name, with a line about each."""
+"""``shuttle-marl policies``: all policies by name, with one line about each."""
 
 import sys
 from collections.abc import Sequence
 from json import dumps
 from typing import Final
 
+import tyro
 from rich.table import Table
 from rich.text import Text
 
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import GameOptions
 from shuttle_marl.errors import printable
-from shuttle_marl.game.shipped import Profile, resolve_game
 
+_DEFAULT: Final = GameOptions()
 _OWN: Final = {
     "MODULE:ATTRIBUTE": "policy of your own: an object, class or function in a module in this folder or installed",
     "NAME@TEMPERATURE": "any of them, sharper below 1 and flatter above, such as bc@0.5",
@@ -19,17 +21,16 @@ _OWN: Final = {
 }
 
 
-def policies(*, game: str = "default", profile: Profile | None = None, json: bool = False) -> None:
-    """List every policy by name: those of a game, and how to name your own.
+def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: bool = False) -> None:
+    """List all policies by name: those of a game, and how to name your own.
 
     Args:
-        game: model whose policies are listed: a shipped one or a folder.
-        profile: the game of one discipline alone; default: the average of both.
+        model: the game.
         json: print JSON.
     """
     from shuttle_marl.policy.registry import described_names, forms  # noqa: PLC0415  keeps --help quick
 
-    named = described_names(resolve_game(game, profile))
+    named = described_names(model.load())
     own = {**forms(), **_OWN}
     if json:
         sys.stdout.write(dumps({"policies": named, "forms": own}, ensure_ascii=False) + "\n")

@@ -17,14 +17,15 @@ if TYPE_CHECKING:
         Exploitability,
         Regret,
         Response,
+        RobustSolution,
         Solution,
         best_response,
         nash_conv,
         policy_regret,
         solve,
+        solve_robust,
     )
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
-    from shuttle_marl.exact.robust import RobustSolution, solve_robust
     from shuttle_marl.exact.soft import SoftSolution, solve_soft
 
 __all__ = [
@@ -66,9 +67,19 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "losses": ("Hole", "Holes", "holes"),
         "match": ("Odds", "least_gain"),
         "occupancy": ("Visits", "visits"),
-        "optimal": ("Exploitability", "Regret", "Response", "Solution", "best_response", "nash_conv", "policy_regret", "solve"),
+        "optimal": (
+            "Exploitability",
+            "Regret",
+            "Response",
+            "RobustSolution",
+            "Solution",
+            "best_response",
+            "nash_conv",
+            "policy_regret",
+            "solve",
+            "solve_robust",
+        ),
         "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
-        "robust": ("RobustSolution", "solve_robust"),
         "soft": ("SoftSolution", "solve_soft"),
     },
 )

@@ -1,9 +1,8 @@
-"""Optimal play: minimax, best responses, and the value that a policy gives away to them.
+"""Optimal play: minimax, robust play, best responses, and the loss of a policy relative to them.
 
-The regret of a policy is what it gives away to perfect play, stroke by stroke. In a state s it loses
-regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a) by not playing the best stroke, Q* the minimax value of a stroke. Weighted by how
-often the policy strikes in s, the regrets add up exactly to what it loses against a perfect opponent (the performance
-difference lemma: Kakade & Langford, ICML 2002):
+The regret of a policy in a state s is regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a), with Q* the minimax value of a stroke.
+Weighted by how often the policy strikes in s, the regrets add up exactly to its loss against a perfect opponent (the
+performance difference lemma: Kakade & Langford, ICML 2002):
 
     V* - V^pi = sum_s visits(s) regret(s),        visits: of the policy against the minimax policy.
 """
@@ -16,10 +15,11 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, I32, Intp
 from shuttle_marl.exact.blocks import BlockLinear, BlockSweep, by_blocks
-from shuttle_marl.exact.fixed_point import TOLERANCE, Linear, largest_continuation, newton
+from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
+from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import InducedChain, ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import after_block_choices, after_choices, block_choices, choices
+from shuttle_marl.exact.sweeps import Choices, after_block_choices, after_choices, block_choices, choices
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -54,6 +54,27 @@ class Solution:
         return float(self.value[0][ROOT])
 
 
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class RobustSolution:
+    """The best worst case over several games.
+
+    Attributes:
+        games: from which nature picks.
+        policy: of the robust player, for the first of the games.
+        value: of the robust player, player 0, against a perfect opponent with nature on their side.
+        sweeps: how often all legal pairs were swept.
+    """
+
+    games: tuple[Game, ...]
+    policy: TabulatedPolicy
+    value: ProfileValue
+    sweeps: int
+
+    def odds(self) -> Odds:
+        """Probabilities of winning a rally that are guaranteed in every one of the games, against every opponent."""
+        return self.value.odds()
+
+
 def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
     """Minimax value and policies.
 
@@ -68,28 +89,73 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     if other is None or other is game:
         return _solve_symmetric(game, tolerance)
     check_same_layout(game, other)
-    contraction = largest_continuation(game) * largest_continuation(other)
-
-    def operator(x: F64) -> tuple[F64, Linear]:
-        theirs = choices([other], x)
-        own = choices([game], theirs.value)
-        first, second = after_choices([game], own), after_choices([other], theirs)
-        return own.value, lambda change: first(second(change))
-
-    start, swept = by_blocks(game, best_sweep([game]), best_sweep([other]), contraction, tolerance)
-    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
-    theirs = choices([other], z)
-    own = choices([game], theirs.value)
-    z[ROOT] = own.value[ROOT]
+    value, (own, theirs), sweeps = _solve_players([game], [other], tolerance)
     return Solution(
         games=(game, other),
-        value=(z, theirs.value),
+        value=value.striking,
         policy=(pure_policy(game, own.rank), pure_policy(other, theirs.rank)),
-        sweeps=2 * (swept + sweeps) + 2,
-        residual=residual,
-        contraction=contraction,
-        error_bound=bound,
+        sweeps=sweeps,
+        residual=value.residual,
+        contraction=value.contraction,
+        error_bound=value.error_bound,
     )
+
+
+def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> RobustSolution:
+    """The policy with the best worst case over several games, such as refits on resampled matches.
+
+    After every stroke, of either player, nature picks the game whose probabilities apply, against the robust player. With X the
+    value to the robust player where they strike, Y the value to the opponent where the opponent strikes, and Q_g the value of a
+    stroke in the game g,
+
+        X(s) = max_a min_g Q_g(s, a; Y),        Y(s) = max_a max_g Q_g(s, a; X).
+
+    The worst case of the policy, X at the serve, is a lower bound in every one of the games, against every opponent, even if the
+    game changes from stroke to stroke. That nature picks for each stroke separately is called rectangular uncertainty (Iyengar,
+    Math. Oper. Res. 30, 2005; Nilim & El Ghaoui, Oper. Res. 53, 2005). Both operators contract with the largest continuation of
+    all games, so the error bound is that of :func:`solve`. One game drawn by nature for the whole rally would be less cautious,
+    but finding its best policy is NP-hard (Wiesemann, Kuhn & Rustem, Math. Oper. Res. 38, 2013).
+
+    Args:
+        games: of one layout, from which nature picks after every stroke; of one game: the minimax policy.
+        tolerance: largest acceptable error bound of a value.
+
+    Raises:
+        ExactError: there is no game, the layouts differ, or some stroke never ends a rally.
+    """
+    if not games:
+        raise ExactError("robust play over no games: give one or more")
+    for game in games[1:]:
+        check_same_layout(games[0], game)
+    value, (own, _), sweeps = _solve_players(games, games, tolerance, against=True)
+    return RobustSolution(games=tuple(games), policy=pure_policy(games[0], own.rank), value=value, sweeps=sweeps)
+
+
+def _solve_players(
+    games: Sequence[Game], others: Sequence[Game], tolerance: float, *, against: bool = False
+) -> tuple[ProfileValue, tuple[Choices, Choices], int]:
+    """Values and best strokes of two players who are not alike, and the number of sweeps.
+
+    Args:
+        games, others: with which player 0 and player 1 strike; of several, nature picks one after each stroke.
+        tolerance: largest acceptable error bound of a value.
+        against: whether nature picks against player 0.
+    """
+    contraction = max(map(largest_continuation, games)) * max(map(largest_continuation, others))
+
+    def operator(x: F64) -> tuple[F64, Linear]:
+        theirs = choices(others, x)
+        own = choices(games, theirs.value, against=against)
+        first, second = after_choices(games, own), after_choices(others, theirs)
+        return own.value, lambda change: first(second(change))
+
+    start, swept = by_blocks(games[0], best_sweep(games, against=against), best_sweep(others), contraction, tolerance)
+    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
+    theirs = choices(others, z)
+    own = choices(games, theirs.value, against=against)
+    z[ROOT] = own.value[ROOT]
+    value = ProfileValue(striking=(z, theirs.value), residual=residual, contraction=contraction, error_bound=bound)
+    return value, (own, theirs), 2 * (swept + sweeps) + 2
 
 
 def _solve_symmetric(game: Game, tolerance: float) -> Solution:

@@ -16,10 +16,10 @@ import dataclasses
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I32
+from shuttle_marl.arrays import F32, F64
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, check_same_layout
-from shuttle_marl.exact.sweeps import arranged, probabilities
+from shuttle_marl.exact.sweeps import Replies, gathered, probabilities, replies
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.kernel.compiling import compiled
 
@@ -28,14 +28,14 @@ from shuttle_marl.kernel.compiling import compiled
 def _soften(
     rewards: F32,
     continuation: F32,
-    pair_start: I32,
-    first_reply: I32,
+    replies: Replies,
     prior: F64,
     tau: float,
     following: F64,
     out: F64,
     policy: F64,
 ) -> None:
+    pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
         reward, weight = rewards[first : first + count], continuation[2 * first : 2 * (first + count)]
@@ -62,7 +62,8 @@ def _soften(
 
 
 @compiled
-def _continue(continuation: F32, pair_start: I32, first_reply: I32, policy: F64, following: F64, out: F64) -> None:
+def _continue(continuation: F32, replies: Replies, policy: F64, following: F64, out: F64) -> None:
+    pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
         weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]
@@ -73,7 +74,7 @@ def _continue(continuation: F32, pair_start: I32, first_reply: I32, policy: F64,
         out[s] = -total / 65536.0
 
 
-class _Player:
+class _SoftPlayer:
     """A player of the regularised game: the soft maximum over the strokes, and the policy at its last call."""
 
     def __init__(self, prior: StatePolicy, tau: float) -> None:
@@ -84,22 +85,22 @@ class _Player:
     def values(self, following: F64) -> F64:
         """``[S]`` the soft maximum, ``following`` the value of the next states to the receiver."""
         game, table = self.game, probabilities(self.game)
-        out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
+        out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
         for block, prior in enumerate(self._prior):
-            level, value = block // game.levels, arranged(game, following, block, room)
-            where = table.reward[level], table.continuation[level], game.base_pair_start, game.first_reply
-            found = out[game.block_states(block)], self.policy[game.block_pairs(block)]
-            _soften(*where, prior, self._tau, value, *found)
+            level = block // game.levels
+            gathered(game, following, block, values)
+            block_out = out[game.block_states(block)], self.policy[game.block_pairs(block)]
+            _soften(table.reward[level], table.continuation[level], replies(game), prior, self._tau, values, *block_out)
         return out
 
     def linear(self, following: F64) -> F64:
         """``[S]`` the linear part at the last call of :meth:`values`: minus what follows under the policy."""
         game, table = self.game, probabilities(self.game)
-        out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
+        out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
         for block in range(game.n_blocks):
-            value, policy = arranged(game, following, block, room), self.policy[game.block_pairs(block)]
-            where = table.continuation[block // game.levels], game.base_pair_start, game.first_reply
-            _continue(*where, policy, value, out[game.block_states(block)])
+            gathered(game, following, block, values)
+            policy, block_out = self.policy[game.block_pairs(block)], out[game.block_states(block)]
+            _continue(table.continuation[block // game.levels], replies(game), policy, values, block_out)
         return out
 
 
@@ -152,7 +153,7 @@ def solve_soft(
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
-    own = _Player(prior, tau)
+    own = _SoftPlayer(prior, tau)
     start = np.zeros(own.game.n_states)
     if opponent is None or opponent is prior:
         contraction = largest_continuation(own.game)
@@ -161,7 +162,7 @@ def solve_soft(
         values, players, sweeps = (z, z), (own, own), sweeps + 1
     else:
         check_same_layout(prior.game, opponent.game)
-        other = _Player(opponent, tau)
+        other = _SoftPlayer(opponent, tau)
         contraction = largest_continuation(own.game) * largest_continuation(other.game)
 
         def operator(x: F64) -> tuple[F64, Linear]:

@@ -1,10 +1,9 @@
-"""Sweeps over all legal pairs of a game, compiled: the best stroke of every state, the mean under a policy, and its transpose.
+"""Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
-The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). So a sweep
-takes one block of states after the other, and first arranges the values of the states that can follow in the order of the
-replies, contact below and above in turn: those of a state with K legal strokes are 2 K neighbours. It then reads weights and
-values in order and needs no index of its own. Sums run in four lanes whose order is fixed: they have the same bits on every
-machine.
+The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
+processes one block of states after the other. It first gathers the values of the successor states in the order of the replies,
+contact below and above alternating, so that the successors of a state with K legal strokes are 2 K contiguous values, and then
+reads weights and values in order. Sums are accumulated in four lanes in a fixed order: they have the same bits on every machine.
 """
 
 import functools
@@ -26,61 +25,97 @@ Weights = F64 | U32
 F = TypeVar("F", bound=Callable[..., Any])
 
 TIE: Final = 1e-12
-"""Of strokes whose values differ by less, the first one in the catalogue is played, so that rounding decides nothing."""
+"""Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
 
 
 def _compiled(function: F) -> F:
-    """Compile once, without the interpreter's lock, and keep the machine code on disk."""
+    """Compile without the interpreter's lock, and cache the machine code on disk."""
     return cached(function, nogil=True)
 
 
 def _compiled_without_nan(function: F) -> F:
-    """The same where no value is NaN and the sign of zero is of no account, so that maxima are taken side by side."""
+    """Compile code without NaN in which the sign of zero does not matter, so that maxima are vectorised."""
     return cached(function, nogil=True, fastmath={"nnan", "nsz"})
 
 
+class Replies(NamedTuple):
+    """Legal strokes of the base states, and the states that follow them."""
+
+    pair_start: I32
+    """``[base states + 1]`` first legal pair of each state."""
+    first_reply: I32
+    """``[base states]`` first reply of each state; the replies of a state are contiguous."""
+    edge: I32
+    """``[V]`` edge of the state graph that each reply follows."""
+    attack: Bools
+    """``[edges]`` whether the stroke of an edge is an attack, which raises the effort."""
+
+
+def replies(game: Game) -> Replies:
+    """The replies of a game."""
+    return Replies(game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
+
+
+class Choices(NamedTuple):
+    """The best stroke of every state."""
+
+    value: F64
+    """``[S]`` value to the striker; 0 in a state without legal strokes."""
+    rank: I32
+    """``[S]`` position of the best stroke among the legal ones, the first one of a tie; -1 in a state without any."""
+    game: I32
+    """``[S]`` index of the game in which it is played."""
+
+
 @_compiled
-def _arrange(values: F64, after_attack: F64, reply_edge: I32, attack: Bools, out: F64) -> None:
-    """Values of the states that follow each reply, from those of the block after a stroke that is no attack and after one."""
-    for v in range(reply_edge.size):
-        edge = reply_edge[v]
-        source = after_attack if attack[edge] else values
+def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
+    """``[2 V]`` values of the successors of each reply.
+
+    Args:
+        plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.
+        replies: of the game.
+        out: the result.
+    """
+    for v in range(replies.edge.size):
+        edge = replies.edge[v]
+        source = after_attack if replies.attack[edge] else plain
         out[2 * v] = source[2 * edge]
         out[2 * v + 1] = source[2 * edge + 1]
 
 
 @_compiled
-def _hand_back(arranged: F64, reply_edge: I32, attack: Bools, plain: F64, after_attack: F64) -> None:
-    """The transpose of :func:`_arrange`: adds what came to each reply to the states that follow it."""
-    for v in range(reply_edge.size):
-        edge = reply_edge[v]
-        target = after_attack if attack[edge] else plain
-        target[2 * edge] += arranged[2 * v]
-        target[2 * edge + 1] += arranged[2 * v + 1]
+def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64) -> None:
+    """Transpose of :func:`_gather`: scatter-adds the values of each reply to its successors."""
+    for v in range(replies.edge.size):
+        edge = replies.edge[v]
+        target = after_attack if replies.attack[edge] else plain
+        target[2 * edge] += gathered[2 * v]
+        target[2 * edge + 1] += gathered[2 * v + 1]
 
 
 @_compiled_without_nan
-def _choose(
-    rewards: F32,
-    continuation: F32,
-    pair_start: I32,
-    first_reply: I32,
-    following: F64,
-    against: bool,
-    out: F64,
-    rank: I32,
-    picked: I32,
-) -> None:
+def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, against: bool, best_of: Choices) -> None:
+    """Best strokes of the states of a block; see :func:`choices`.
+
+    Args:
+        rewards, continuation: of the games, see :func:`_stacked`.
+        replies: of the games.
+        following: ``[2 V]`` gathered values.
+        against: whether nature picks the worst game for the striker.
+        best_of: the result.
+    """
+    pair_start, first_reply = replies.pair_start, replies.first_reply
+    out, rank, picked = best_of.value, best_of.rank, best_of.game
     longest = 0
     for s in range(out.size):
         longest = max(longest, pair_start[s + 1] - pair_start[s])
-    room = np.empty(longest)
+    scratch = np.empty(longest)
     for s in range(out.size):
         first, last = pair_start[s], pair_start[s + 1]
         out[s], rank[s], picked[s] = 0.0, -1, 0
         if first == last:
             continue
-        values = room[: last - first]
+        values = scratch[: last - first]
         after = following[2 * first_reply[s] : 2 * (first_reply[s] + values.size)]
         for g in range(len(rewards)):
             reward, weight = rewards[g, first:last], continuation[g, 2 * first : 2 * last]
@@ -110,7 +145,9 @@ def _choose(
 
 
 @_compiled
-def _mean(weights: Weights, unit: float, pair_start: I32, first_reply: I32, following: F64, out: F64) -> None:
+def _mean(weights: Weights, unit: float, replies: Replies, following: F64, out: F64) -> None:
+    """Weighted sums of the gathered values of each state's successors."""
+    pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(out.size):
         weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
         value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
@@ -127,30 +164,22 @@ def _mean(weights: Weights, unit: float, pair_start: I32, first_reply: I32, foll
 
 
 @_compiled
-def _follow(
-    continuation: F32,
-    pair_start: I32,
-    first_reply: I32,
-    reply_edge: I32,
-    attack: Bools,
-    rank: I32,
-    picked: I32,
-    plain: F64,
-    after_attack: F64,
-    out: F64,
-) -> None:
-    """Change in the value of each state's chosen stroke, from the changes of the states that follow."""
+def _follow(continuation: F32, replies: Replies, chosen: Choices, plain: F64, after_attack: F64, out: F64) -> None:
+    """Change in the value of each state's chosen stroke, from the changes of its successors."""
     for s in range(out.size):
         out[s] = 0.0
-        if rank[s] >= 0:
-            p, edge = pair_start[s] + rank[s], reply_edge[first_reply[s] + rank[s]]
-            change = after_attack if attack[edge] else plain
-            below, above = continuation[picked[s], 2 * p], continuation[picked[s], 2 * p + 1]
+        if chosen.rank[s] >= 0:
+            p = replies.pair_start[s] + chosen.rank[s]
+            edge = replies.edge[replies.first_reply[s] + chosen.rank[s]]
+            change = after_attack if replies.attack[edge] else plain
+            below, above = continuation[chosen.game[s], 2 * p], continuation[chosen.game[s], 2 * p + 1]
             out[s] = -(below * change[2 * edge] + above * change[2 * edge + 1]) / 65536.0
 
 
 @_compiled
-def _propagate(weights: Weights, unit: float, pair_start: I32, first_reply: I32, visits: F64, out: F64) -> None:
+def _propagate(weights: Weights, unit: float, replies: Replies, visits: F64, out: F64) -> None:
+    """Transpose of :func:`_mean`: adds the visits of each state to the gathered values of its successors."""
+    pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(visits.size):
         if visits[s] == 0.0:
             continue
@@ -161,7 +190,7 @@ def _propagate(weights: Weights, unit: float, pair_start: I32, first_reply: I32,
 
 
 @_compiled
-def _play(chance: Chances, unit: float, limits: U16, pair_start: I32, weight: Weights, reward: F64, continuation: F64) -> None:
+def _weigh(chance: Chances, unit: float, limits: U16, pair_start: I32, weight: Weights, reward: F64, continuation: F64) -> None:
     for s in range(reward.size):
         gained = continued = 0.0
         for p in range(pair_start[s], pair_start[s + 1]):
@@ -190,32 +219,21 @@ def probabilities(game: Game) -> Probabilities:
     return Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
 
 
-def arranged(game: Game, following: F64, block: int, out: F64 | None = None) -> F64:
-    """``[2 V]`` values of the states that follow each reply in a block, contact below and above in turn, from ``[S]`` values."""
+def gathered(game: Game, following: F64, block: int, out: F64 | None = None) -> F64:
+    """``[2 V]`` values of the successors of each reply in a block, contact below and above alternating, from ``[S]`` values."""
     out = np.empty(2 * len(game.reply_edge)) if out is None else out
     plain, attack = (following[game.block_states(after)] for after in game.block_following(block))
-    _arrange(plain, attack, game.reply_edge, game.edge_attack, out)
+    _gather(plain, attack, replies(game), out)
     return out
 
 
-class Choices(NamedTuple):
-    """The best stroke of every state."""
-
-    value: F64
-    """``[S]`` value to the striker; 0 in a state without legal strokes."""
-    rank: I32
-    """``[S]`` which legal stroke is played, the first one of a tie; -1 in a state without any."""
-    game: I32
-    """``[S]`` number of the game in which it is played."""
-
-
 def choices(games: Sequence[Game], following: F64, *, against: bool = False) -> Choices:
-    """The best strokes where nature picks the game after each, or of the one game there is.
+    """The best strokes; of several games, nature picks the one that is played after each stroke.
 
     Args:
-        games: tables of the striker, of one layout; nature picks the first one of a tie.
+        games: tables of the striker, of one layout; of tied games nature picks the first.
         following: ``[S]`` value of the next states to the receiver.
-        against: whether nature picks the game that is worst for the striker; else the best one.
+        against: whether nature picks the worst game for the striker; else the best one.
     """
     game = games[0]
     parts = []
@@ -230,17 +248,16 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
 
     Args:
         games: as for :func:`choices`.
-        block: its number.
-        plain, after_attack: ``[base states]`` values of the block that follows a stroke that is no attack, and an attack.
+        block: index of the block.
+        plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
         against: as for :func:`choices`.
     """
     game = games[0]
     size = game.n_base_states
     found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
-    room = np.empty(2 * len(game.reply_edge))
-    _arrange(plain, after_attack, game.reply_edge, game.edge_attack, room)
-    tables = _stacked(tuple(games), block // game.levels)
-    _choose(*tables, game.base_pair_start, game.first_reply, room, against, found.value, found.rank, found.game)
+    values = np.empty(2 * len(game.reply_edge))
+    _gather(plain, after_attack, replies(game), values)
+    _choose(*_stacked(tuple(games), block // game.levels), replies(game), values, against, found)
     return found
 
 
@@ -248,13 +265,12 @@ def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> B
     """The linear part of :func:`block_choices`."""
     game = games[0]
     _, continuation = _stacked(tuple(games), block // game.levels)
-    where = (game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
     none = np.zeros(game.n_base_states)
 
     def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
         out = np.empty(game.n_base_states)
         first, second = (none if change is None else change for change in (plain, after_attack))
-        _follow(continuation, *where, chosen.rank, chosen.game, first, second, out)
+        _follow(continuation, replies(game), chosen, first, second, out)
         return out
 
     return linear
@@ -270,7 +286,7 @@ def _stacked(games: tuple[Game, ...], level: int) -> tuple[F32, F32]:
 
 
 def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
-    """The linear part of :func:`choices`: ``[S]`` minus what follows the chosen strokes, the end of the rally counting as 0."""
+    """Linear part of :func:`choices`: ``[S]`` minus the mean value after the chosen strokes, 0 at the end of a rally."""
     playable = chosen.rank >= 0
     pairs = games[0].pair_start[:-1][playable] + chosen.rank[playable]
     picked = chosen.game[playable]
@@ -320,63 +336,63 @@ def played(game: Game, level: int, chance: Chances) -> Played:
     # A probability of a table times one of a game is a whole number of 32 bits: half of the memory, and exact.
     numbers = np.dtype(np.uint32 if chance.dtype.kind == "u" else np.float64)
     found = Played(np.empty(2 * game.n_base_pairs, numbers), np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _play(chance, weight_unit(numbers), game.limits[level], game.base_pair_start, *found)
+    _weigh(chance, weight_unit(numbers), game.limits[level], game.base_pair_start, *found)
     return found
 
 
 def mean_following(game: Game, weights: Sequence[Weights], following: F64) -> F64:
-    """``[S]`` what follows a state on average.
+    """``[S]`` mean value of the successors of each state.
 
     Args:
         game: the layout.
-        weights: for each block ``[2 base pairs]`` weight of the next states of each legal pair, as in :class:`Played`.
+        weights: for each block ``[2 base pairs]`` weights of the successors of each legal pair, as in :class:`Played`.
         following: ``[S]`` values of the next states.
     """
-    out, room = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
+    out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):
-        value = arranged(game, following, block, room)
-        _mean(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, value, out[game.block_states(block)])
+        gathered(game, following, block, values)
+        _mean(weight, weight_unit(weight.dtype), replies(game), values, out[game.block_states(block)])
     return out
 
 
 def block_mean(game: Game, weight: Weights, plain: F64, after_attack: F64) -> F64:
-    """``[base states]`` what follows the states of one block on average.
+    """``[base states]`` mean value of the successors of each state of one block.
 
     Args:
         game: the layout.
         weight: ``[2 base pairs]`` of the block, as for :func:`mean_following`.
-        plain, after_attack: ``[base states]`` values of the block that follows a stroke that is no attack, and an attack.
+        plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
     """
-    out, room = np.empty(game.n_base_states), np.empty(2 * len(game.reply_edge))
-    _arrange(plain, after_attack, game.reply_edge, game.edge_attack, room)
-    _mean(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, room, out)
+    out, values = np.empty(game.n_base_states), np.empty(2 * len(game.reply_edge))
+    _gather(plain, after_attack, replies(game), values)
+    _mean(weight, weight_unit(weight.dtype), replies(game), values, out)
     return out
 
 
 def propagate(game: Game, weights: Sequence[Weights], visits: F64) -> F64:
-    """``[S]`` how often each state follows ``[S]`` visits: the transpose of :func:`mean_following`."""
-    out, room = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
+    """``[S]`` expected visits of the successors of ``[S]`` visits: the transpose of :func:`mean_following`."""
+    out, values = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):
         here = visits[game.block_states(block)]
         if not here.any():
             continue
-        room[:] = 0.0
-        _propagate(weight, weight_unit(weight.dtype), game.base_pair_start, game.first_reply, here, room)
+        values[:] = 0.0
+        _propagate(weight, weight_unit(weight.dtype), replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
-        _hand_back(room, game.reply_edge, game.edge_attack, plain, attack)
+        _scatter_add(values, replies(game), plain, attack)
     return out
 
 
 def warm_up(game: Game) -> None:
     """Compile all sweeps, or load them from the disk, by sweeping the first state alone."""
-    room, state, one = np.zeros(2 * len(game.reply_edge)), np.zeros(game.n_base_states), np.empty(1)
-    table, where = probabilities(game), (game.base_pair_start, game.first_reply)
-    _arrange(state, state, game.reply_edge[:1], game.edge_attack, room)
-    _hand_back(room, game.reply_edge[:1], game.edge_attack, state, state)
-    _choose(table.reward[:1], table.continuation[:1], *where, room, False, one, *np.empty((2, 1), np.int32))
-    first = np.zeros(1, np.int32)
-    _follow(table.continuation[:1], *where, game.reply_edge, game.edge_attack, first, first, state, state, one)
+    values, state, one = np.zeros(2 * len(game.reply_edge)), np.zeros(game.n_base_states), np.empty(1)
+    table, every = probabilities(game), replies(game)
+    first = every._replace(edge=every.edge[:1])
+    _gather(state, state, first, values)
+    _scatter_add(values, first, state, state)
+    _choose(table.reward[:1], table.continuation[:1], every, values, False, Choices(one, *np.empty((2, 1), np.int32)))
+    _follow(table.continuation[:1], every, Choices(one, *np.zeros((2, 1), np.int32)), state, state, one)
     for chances in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
         weight = played(game, 0, chances).weight
-        _mean(weight, 1.0, *where, room, one)
-        _propagate(weight, 1.0, *where, one, room)
+        _mean(weight, 1.0, every, values, one)
+        _propagate(weight, 1.0, every, one, values)

@@ -1,0 +1,72 @@
+"""Options that several commands share, as dataclasses whose fields become flags."""
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import tyro
+
+from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
+
+if TYPE_CHECKING:
+    from shuttle_marl.game.tables import Game
+    from shuttle_marl.game.tabulated import TabulatedPolicy
+
+Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
+Policy = Annotated[str, tyro.conf.Positional]
+Json = Annotated[bool, tyro.conf.arg(name="json")]
+File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_MOST_MATCHES: Final = 10_000_000
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GameOptions:
+    """The game that is solved or played."""
+
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+    profile: Profile | None = None
+    """Men or women: the game of that discipline alone; default: the average of both."""
+
+    def load(self) -> "Game":
+        """The tables of the game."""
+        return resolve_game(self.game, self.profile)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolicyOptions(GameOptions):
+    """The game that policies play."""
+
+    policy_timeout: float = POLICY_TIMEOUT
+    """Seconds that a policy may take for one answer; 0 for no limit."""
+
+    def tabulate(self, names: Iterable[str], game: "Game") -> "list[TabulatedPolicy]":
+        """The tables of policies by name."""
+        from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
+        from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
+
+        with time_limit(self.policy_timeout):
+            return [tabulate(resolve(name, game), game, name) for name in names]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SampleOptions:
+    """Matches of policies that read the score."""
+
+    matches: int = 400
+    """Number of matches played for a policy that is sampled."""
+    seed: int = 0
+    """Random seed of these matches."""
+    record: str = "all"
+    """Which of their rallies are recorded: all, sample:N (those of one match in N) or none."""
+    log: File = None
+    """Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.matches <= _MOST_MATCHES:
+            raise ExactError(f"--matches {self.matches}: expected a number from 1 to {_MOST_MATCHES:,}")
+        if not 0 <= self.seed < 1 << 63:
+            raise ExactError(f"--seed {self.seed}: expected a number from 0 up to 2^63")
