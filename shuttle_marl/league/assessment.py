@@ -1,4 +1,4 @@
-"""Assessment of a tournament beyond its ranking: the game between the entrants, cycles, and how firmly the ranks stand."""
+"""Assessment of a tournament beyond its ranking: the meta-game of the entrants, cycles, and the robustness of the ranks."""
 
 import dataclasses
 import itertools
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from scipy.stats import kendalltau
+from scipy.stats import kendalltau, rankdata
 
 from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.league.meta_games import alpha_rank, maximal_lottery, nash_average
@@ -17,7 +17,7 @@ from shuttle_marl.league.ratings import ELO, Misfit, fewest_to_flip, misfit, pri
 from shuttle_marl.league.style import Style
 
 ANCHOR: Final = "minimax"
-"""Perfect play, which can absorb all probability of an equilibrium; games are shown without it too."""
+"""Perfect play, which can take all probability of an equilibrium; meta-games are also solved without it."""
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
@@ -29,9 +29,9 @@ class MetaGame:
 
     Attributes:
         names: the entrants.
-        nash_average: ``[N]`` the equilibrium of most entropy, by the probability to win a match.
-        maximal_lottery: ``[N]`` the same if only counts who wins more often than not.
-        alpha_rank: ``[N]`` shares of an evolving population.
+        nash_average: ``[N]`` maximum-entropy equilibrium, with the probability of winning a match as payoff.
+        maximal_lottery: ``[N]`` the same where the payoff is only which entrant wins more often.
+        alpha_rank: ``[N]`` stationary distribution of an evolving population.
     """
 
     names: tuple[str, ...]
@@ -42,10 +42,10 @@ class MetaGame:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cycle:
-    """Three entrants of whom each beats the next, and the last the first.
+    """Three entrants each of which beats the next, and the last the first.
 
     Attributes:
-        names: the three.
+        names: the entrants.
         wins: probability of each to beat the next.
     """
 
@@ -58,9 +58,9 @@ class Flip:
     """Neighbours in the ranking.
 
     Attributes:
-        above, below: the two.
-        matches: how many matches need to be removed so that they change places; None if no removal does it.
-        played: matches of the whole tournament.
+        above, below: the two entrants.
+        matches: least number of matches whose removal makes them change places; None if there is none.
+        played: number of matches of the tournament.
     """
 
     above: str
@@ -71,13 +71,13 @@ class Flip:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Stability:
-    """Ranks by the exact share of matches won, in R refits of the game.
+    """Ranks by the exact fraction of matches won, in R refits of the game.
 
     Attributes:
         names: N entrants with a table.
         home: ``[N]`` rank in the game itself.
         away: ``[R, N]`` ranks in the refits.
-        agreement: ``[R]`` Kendall's tau between the two: 1 for the same order, -1 for the reverse.
+        agreement: ``[R]`` Kendall's tau between the two, from -1 (reversed) to 1 (the same order).
     """
 
     names: tuple[str, ...]
@@ -92,16 +92,16 @@ class Assessment:
 
     Attributes:
         names: in the order of the pool.
-        win: ``[N, N]`` probability that the row wins a match against the column: exact, else as sampled, with the prior of
-            the ratings, else by the ratings.
+        win: ``[N, N]`` probability that the row wins a match against the column: exact, else sampled with the prior of the
+            ratings, else by the ratings.
         misfit: of the ratings to the P pairings that were played.
-        pairs: the names of those.
-        games: games between all, and without :data:`ANCHOR` where that is not all, by description.
-        cyclic_share: share of the log-odds, squared, that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
-        cycles: those of three, the clearest first.
+        pairs: names of the entrants of these pairings.
+        games: meta-games by description: of all, and without :data:`ANCHOR`.
+        cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
+        cycles: of three entrants, the clearest first.
         flips: neighbours in the ranking.
-        stability: None without figures away from home.
-        styles: by name, of those with a table.
+        stability: None without results away from home.
+        styles: by name, of entrants with a table.
     """
 
     names: tuple[str, ...]
@@ -129,8 +129,8 @@ def assess(
         standings: its ranking.
         pool: N entrants.
         results: of all pairings.
-        exact: the exact figures.
-        styles: of the entrants that have one.
+        exact: exact results.
+        styles: by name, of entrants with a table.
     """
     played, cells, pairs = played_cells(pool, results)
     rating = {standing.player: standing.rating / ELO for standing in standings}
@@ -153,7 +153,7 @@ def assess(
                 played=int(2 * cells.sum()),
             )
             for above, below in itertools.pairwise(rated)
-            if above.rating > below.rating  # forfeits put entrants behind those with lower ratings
+            if above.rating > below.rating  # entrants that forfeited are ranked behind lower ratings
         ],
         stability=stability(exact),
         styles=styles,
@@ -167,15 +167,15 @@ def _win(exact: ExactOdds, cells: F64, pairs: Intp, theta: F64) -> F64:
     played = wins + wins.T
     win = np.where(played > 0, wins / np.where(played > 0, played, 1), win)
     win = np.where(np.isnan(exact.match), win, exact.match)
-    # The two directions of a pair are rounded on their own.
+    # The two directions of a pair are rounded separately.
     return np.asarray(np.round((win + 1 - win.T) / 2, _DECIMALS + 1))
 
 
 def meta_games(names: Sequence[str], pool: Sequence[str], win: F64) -> dict[str, MetaGame]:
-    """The games between entrants: all of them, and without perfect play if it is one of three or more.
+    """The meta-games of all entrants, and of all but perfect play if it is one of three or more.
 
     Args:
-        names: those who play, of the pool.
+        names: entrants that played.
         pool: names of the rows and columns.
         win: ``[N, N]`` probability that the row wins a match against the column.
     """
@@ -196,7 +196,7 @@ def _meta_game(names: Sequence[str], win: F64) -> MetaGame:
 
 
 def cyclic_share(win: F64) -> float:
-    """Share of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
+    """Fraction of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
 
     Args:
         win: ``[N, N]`` probability that the row wins against the column.
@@ -209,7 +209,7 @@ def cyclic_share(win: F64) -> float:
 
 
 def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
-    """Threes of whom each beats the next and the last the first: those whose closest match is clearest first, twenty at most.
+    """At most twenty cycles of three entrants, sorted by the clearness of their closest match.
 
     Args:
         names: N entrants.
@@ -218,7 +218,7 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
     margin, n = win - 0.5, len(names)
     found = []
     for i in range(n):
-        # A cycle begins with the first of its three in the pool.
+        # A cycle starts with the entrant that is first in the pool.
         weakest = np.minimum(np.minimum(margin[i][:, None], margin), margin[:, i][None, :])
         weakest[: i + 1], weakest[:, : i + 1] = 0, 0
         found += [(float(weakest[j, k]), (i, int(j), int(k))) for j, k in np.argwhere(weakest > 0)]
@@ -230,7 +230,7 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
 
 
 def stability(exact: ExactOdds) -> Stability | None:
-    """Stability of the exact ranks in refits of the game; None without shares there."""
+    """Stability of the exact ranks in refits of the game; None without refits."""
     if not exact.away_shares.size:
         return None
     known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))
@@ -241,15 +241,15 @@ def stability(exact: ExactOdds) -> Stability | None:
     return Stability(names=tuple(exact.names[i] for i in known), home=home, away=away, agreement=np.array(tau))
 
 
-def _ranks(shares: F64) -> Intp:
-    """``[N]`` ranks from 1 for the largest share; equal ones share the better rank."""
-    return np.asarray(1 + (shares[None, :] > shares[:, None]).sum(axis=1))
+def _ranks(fractions: F64) -> Intp:
+    """``[N]`` ranks from 1 for the largest fraction; ties share the better rank."""
+    return np.asarray(rankdata(-fractions, method="min"), dtype=np.intp)
 
 
 def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:
-    """Content of ``report.json``: nothing but numbers, text, lists and null."""
+    """Content of ``report.json`` as numbers, text, lists and None."""
     fit, stable = assessment.misfit, assessment.stability
-    found = {
+    content = {
         "ranking": [dataclasses.asdict(standing) for standing in standings],
         "payoffs": {"players": assessment.names, "match_win": assessment.win.tolist()},
         "misfit": {
@@ -283,12 +283,12 @@ def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, 
         },
         "styles": {name: dataclasses.asdict(style) for name, style in assessment.styles.items()},
     }
-    plain: dict[str, Any] = _plain(found)
+    plain: dict[str, Any] = _plain(content)
     return plain
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no NaN; rounded, files have the same bytes on every machine."""
+    """Replace NaN by None, and round so that files have the same bytes on every machine."""
     if isinstance(value, Mapping):
         return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):

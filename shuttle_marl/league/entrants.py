@@ -1,4 +1,4 @@
-"""Settings of a tournament, the flags of its command line; and its entrants, as tables or as calls where they read the score."""
+"""Configuration of a tournament, and its entrants: tables, or calls where a policy reads the score."""
 
 import dataclasses
 import json
@@ -23,13 +23,13 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000
-"""Largest number of matches of a pairing: its rallies are kept in memory until it is finished."""
+"""Largest number of matches of a pairing, whose rallies are held in memory until it is finished."""
 _MOST_WORKERS: Final = 256
 _MOST_ELO: Final = 1000
 _OWN_PLAYERS: Final = 6
-"""So many players' own models are in the default pool; ``--pool`` takes any number."""
+"""Number of individual players in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
-"""Solved policies of the default pool, which no one trained: what all others are measured by."""
+"""Solved policies of the default pool, the ends of the scale."""
 TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 """Trained agents of the default pool; see docs/training.md."""
 
@@ -38,44 +38,44 @@ Format = Literal["round-robin", "swiss", "gauntlet"]
 
 
 class LeagueError(ShuttleError):
-    """A tournament that cannot be played as asked, or a run folder that cannot be used."""
+    """A tournament with invalid options, or a run folder that cannot be used."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueConfig:
-    """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another form."""
+    """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another format."""
 
     pool: tuple[str, ...] = ()
-    """Entrants by name (see `docs/league.md`); without any: behaviour-cloned players, scripted styles, random, trained
-    agents, and the solved anchors."""
+    """Entrants by name (see `docs/league.md`); default: behaviour-cloned players, scripted styles, random, trained agents, and
+    the solved anchors."""
     matches: int = 1000
-    """Matches of every pair; an even number, because each is played twice with the seats swapped and the same draws."""
+    """Matches of every pair; even, because each is played twice with the same draws and the seats swapped."""
     format: Format = "round-robin"
-    """Round robin: every pair. Gauntlet: the first entrant of the pool against each other. Swiss: rounds in which those play each
-    other who have won about as much."""
+    """Round robin: every pair. Gauntlet: the first entrant of the pool against every other. Swiss: rounds between entrants with
+    similar scores."""
     rounds: int = 0
-    """Rounds of a Swiss tournament; 0: as many as halving the pool takes."""
+    """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
     decide: float | None = None
-    """Stop a pairing with an entrant that has no table as soon as a sequential test has decided who is better, with errors of 5 %
-    where one is so many Elo points better; default: play all matches."""
+    """Stop a pairing with an entrant that has no table when a sequential test has decided which entrant is better, with errors of
+    5 % at a difference of so many Elo points; default: play all matches."""
     seed: int = 0
-    """Names every random draw: the same seed gives the same rallies."""
+    """Random seed: the same seed gives the same rallies."""
     out: Path | None = None
-    """Run folder; default runs/league-SEED, with a number behind it if that exists."""
+    """Run folder; default: runs/league-SEED, with a number appended if that exists."""
     resume: bool = False
     """Continue the unfinished run in --out, or else the latest one of this seed."""
     extend: bool = False
-    """Add entrants to the run in --out, with the same flags else: only the pairings that are missing are played."""
+    """Add entrants to the run in --out, with otherwise the same flags: only the missing pairings are played."""
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "all"
-    """Rallies that go into the rally log: all, none, or sample:N for one match in N, drawn at random."""
+    """Recorded rallies: all, none, or sample:N for one match in N, drawn at random."""
     game: str = "default"
-    """Model whose game is played: a shipped one or a folder."""
+    """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
-    """The game of one discipline alone; default: the average of both."""
+    """The game of one discipline; default: the average of both."""
     exact: bool = True
-    """Solve every pair, the best response to every entrant, and its style, beside what is sampled: seconds for each entrant."""
+    """Also solve every pair, the best response to every entrant, and its style exactly: seconds for each entrant."""
     away: bool = False
     """Solve all pairs in the refits of the game too: how the ranking holds if other matches had been recorded. Changes no
     other figure; takes some minutes."""
@@ -83,16 +83,16 @@ class LeagueConfig:
     """Show in the report the states in which each of the best so many entrants loses most to its best response; takes a few
     seconds for each, and changes no figure."""
     workers: int = 1
-    """Threads that play pairings of policies with tables side by side; changes speed, never a result."""
+    """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
     """Play pairings of policies with tables on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine
-    belongs to), HOST:PORT of its head, or ray://HOST:PORT; changes speed, never a result. Then --workers does not count."""
+    belongs to), HOST:PORT of its head, or ray://HOST:PORT; replaces --workers; results do not depend on it."""
     batch: int = 8192
-    """Matches played in lock-step; changes speed and memory, never a result."""
+    """Matches played in lockstep; affects speed and memory; results do not depend on it."""
     policy_timeout: float = POLICY_TIMEOUT
     """Seconds that a policy may take for one answer before it forfeits; 0 for no limit."""
     grown: tyro.conf.Suppress[tuple[int, ...]] = ()
-    """Number of entrants each time before more were added; set by what continues a run."""
+    """Numbers of entrants before entrants were added; set when a run is continued."""
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)
@@ -101,7 +101,7 @@ class LeagueConfig:
         if not 1 <= self.workers <= _MOST_WORKERS:
             raise LeagueError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
         if not self.exact and (self.away or self.holes):
-            raise LeagueError("--away and --holes: not with --no-exact, which leaves out what is solved")
+            raise LeagueError("--away and --holes need exact results; leave out --no-exact")
         if self.holes < 0:
             raise LeagueError(f"--holes {self.holes}: expected 0 or more")
         if self.batch < 1:
@@ -110,7 +110,7 @@ class LeagueConfig:
             raise LeagueError(f"--seed {self.seed}: expected a number from 0 up to 2^63")
         twice = sorted({name for name in self.pool if self.pool.count(name) > 1})
         if twice:
-            raise LeagueError(f"--pool names {', '.join(twice)} twice; every entrant plays once against every other")
+            raise LeagueError(f"--pool names {', '.join(twice)} twice; name every entrant once")
         if self.rounds < 0 or (self.rounds and self.format != "swiss"):
             raise LeagueError(f"--rounds {self.rounds}: expected 1 or more, with --format swiss; 0 for as many as are needed")
         if self.decide is not None and not 0 < self.decide <= _MOST_ELO:
@@ -118,24 +118,24 @@ class LeagueConfig:
         if self.extend and (self.out is None or not self.pool):
             raise LeagueError("--extend adds the entrants of --pool to the run in --out; give both")
         if self.extend and (self.overwrite or self.format == "swiss"):
-            raise LeagueError("--extend adds to a round robin or a gauntlet; it cannot be had with --overwrite or --format swiss")
+            raise LeagueError("--extend adds to a round robin or a gauntlet; not available with --overwrite or --format swiss")
         if len(self.pool) == 1 and not self.extend:
             raise LeagueError(f"--pool {self.pool[0]}: a tournament needs two entrants or more")
         if self.resume and self.overwrite:
             raise LeagueError("--resume continues a run and --overwrite replaces it; give one of them")
 
     def fixed(self) -> dict[str, Any]:
-        """Everything that decides the results, as JSON."""
-        kept = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "grown")
-        fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in kept}))
+        """All options that affect the results, as JSON."""
+        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "grown")
+        fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in names}))
         return fixed
 
 
 def default_pool(game: Game) -> tuple[str, ...]:
-    """Behaviour-cloned players (all together, and the first few on their own), scripted styles, random, trained agents, anchors.
+    """Behaviour-cloned players (the average and the first few individuals), scripted styles, random, trained agents, anchors.
 
-    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Only what can play this game enters:
-    players of its model, and agents that were trained on it.
+    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Only policies that can play this game
+    enter: players of its model, and agents that were trained on it.
     """
     names = registry.names(game)
     bc = [name for name in names if name.partition(":")[0] == "bc"]
@@ -150,8 +150,8 @@ class Entrant:
     Attributes:
         name: as given in the pool.
         policy: the policy of that name.
-        table: the policy on every state; None if it reads the score or failed.
-        failure: why the entrant forfeits every match; empty if it does not.
+        table: the policy in every state; None if it reads the score or failed.
+        failure: reason why the entrant forfeits every match; empty if it does not.
     """
 
     name: str
@@ -166,10 +166,10 @@ class Entrant:
 
 
 def enter(name: str, game: Game) -> Entrant:
-    """Find an entrant and evaluate it on every state.
+    """Resolve an entrant and evaluate it in every state.
 
     Raises:
-        PolicyError: there is no policy of that name. One that raises or returns no distribution enters, and forfeits.
+        PolicyError: no policy has that name. A policy that raises or returns no distribution enters, and forfeits.
     """
     policy = resolve(name, game)
     try:
@@ -189,9 +189,9 @@ class ForfeitError(Exception):
 
 
 class Strikers:
-    """Decides the strokes of a batch in which any of the entrants may strike.
+    """Chooses the strokes of a batch in which any of the entrants may strike.
 
-    The tables of all entrants lie one below the other, so one row read and one comparison decide a stroke.
+    The tables of all entrants are stacked, so a stroke takes one row look-up and one comparison.
     """
 
     def __init__(self, game: Game, entrants: Sequence[Entrant]) -> None:

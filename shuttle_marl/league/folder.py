@@ -1,4 +1,4 @@
-"""Run folder of a tournament: what decides it, how it was made, its finished pairings, one line each."""
+"""Run folder of a tournament: its configuration, its manifest, and one line for each finished pairing."""
 
 import contextlib
 import dataclasses
@@ -25,11 +25,11 @@ PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
 
 
 def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
-    """Hold the folder to play in: made for a new run, found for a resumed one.
+    """Create or resume the run folder, and lock it.
 
     Raises:
-        RunError: there is a run in the folder that was not to be resumed or replaced; or the run to resume is not there or
-            was played with other flags.
+        RunError: the folder holds a run that was to be neither resumed nor replaced; or the run to resume does not exist or was
+            started with other flags.
     """
     return runs.open_run(
         config.out,
@@ -42,16 +42,16 @@ def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
 
 
 def continued(config: LeagueConfig) -> LeagueConfig:
-    """The configuration of the run that is continued: with the entrants that were added to it, now or before.
+    """The configuration of a continued run, with the entrants that were added to it, now or before.
 
     Raises:
-        LeagueError: there is no run to add entrants to, or it was started with other flags, or nothing would be added.
-        RunError: another process runs there, or its files cannot be read.
+        LeagueError: there is no run to extend, or it was started with other flags, or no entrant is new.
+        RunError: another process uses the folder, or its files cannot be read.
     """
     folder = config.out
     if folder is None or not (config.resume or config.extend) or not (folder / runs.CONFIG).is_file():
         if config.extend:
-            raise LeagueError(f"{folder}: holds no run to add entrants to")
+            raise LeagueError(f"{folder}: holds no run to extend")
         return config
     before = runs.read_json(folder / runs.CONFIG)
     pool, grown = tuple(map(str, before.get("pool", ()))), tuple(map(int, before.get("grown", ())))
@@ -59,14 +59,14 @@ def continued(config: LeagueConfig) -> LeagueConfig:
         return dataclasses.replace(config, pool=pool, grown=grown) if grown and set(config.pool) <= set(pool) else config
     added = tuple(name for name in config.pool if name not in pool)
     if not added:
-        raise LeagueError(f"{folder}: all of the entrants of --pool are in this run already; --resume continues it")
+        raise LeagueError(f"{folder}: all entrants of --pool are already in this run; --resume continues it")
     found = dataclasses.replace(config, pool=(*pool, *added), grown=(*grown, len(pool)), resume=True, extend=False)
     wanted = {**found.fixed(), "pool": before.get("pool"), "grown": before.get("grown")}
     different = [f"{key}: {before.get(key)!r} then, {value!r} now" for key, value in wanted.items() if before.get(key) != value]
     if different:
         raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to add entrants")
     with runs.locked(folder):
-        # After a kill between the two the run is the old one, to be finished again.
+        # If the process is killed between the two writes, the old run only has to be finished again.
         about = runs.read_json(folder / runs.MANIFEST) if (folder / runs.MANIFEST).exists() else {}
         runs.write_json(folder / runs.MANIFEST, {**about, "status": "running"})
         runs.write_json(folder / runs.CONFIG, found.fixed())
@@ -74,12 +74,12 @@ def continued(config: LeagueConfig) -> LeagueConfig:
 
 
 def log_name(stage: int) -> str:
-    """File of the rallies of a stage, from 0."""
+    """File name of the rally log of a stage, counted from 0."""
     return f"rallies-{stage + 1}.mcap" if stage else RALLIES
 
 
 def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
-    """Everything one needs to know to get the same run again; the manifest of a run that starts now."""
+    """Manifest of a run that starts now: everything that is needed to reproduce it."""
     return {
         "status": "running",
         "seed": config.seed,
@@ -90,10 +90,10 @@ def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> d
 
 
 def check_same(folder: Path, about: dict[str, Any]) -> None:
-    """Refuse to continue a run that was started with another game or other policies.
+    """Check that a run was started with the same game and policies.
 
     Raises:
-        LeagueError: it was.
+        LeagueError: it was not.
         RunError: the manifest cannot be read.
     """
     path = folder / runs.MANIFEST
@@ -102,20 +102,20 @@ def check_same(folder: Path, about: dict[str, Any]) -> None:
     before = runs.read_json(path)
     for what in ("game", "policies"):
         known = before.get(what, {})
-        # Entrants may have been added since.
+        # Entrants may have been added since then.
         if not isinstance(known, dict) or {key: about[what].get(key) for key in known} != known:
-            raise LeagueError(f"{folder}: the {what} changed since the run was started; start a new one with another --out")
+            raise LeagueError(f"{folder}: the {what} changed after the run was started; start a new run with another --out")
 
 
 def read_results(
     folder: Path, schedule: Callable[[Sequence[PairResult]], Sequence[Pairing]], *, finished: bool = False
 ) -> list[PairResult]:
-    """The finished pairings of a run; of an unfinished one, a last line that was cut off is removed.
+    """Read the finished pairings of a run; an incomplete last line of an unfinished run is removed.
 
     Args:
         folder: of the run.
-        schedule: the pairings of the tournament as far as results decide them, from its first results.
-        finished: whether the run is finished, so that every pairing must be there.
+        schedule: the pairings of the tournament that its first results determine.
+        finished: whether the run is finished, so that all pairings are required.
 
     Raises:
         LeagueError: a line is damaged, or pairings are missing.
@@ -127,17 +127,17 @@ def read_results(
     expected = [(pairing.number, pairing.names) for pairing in schedule(results)]
     found = [(result.pairing, result.names) for result in results]
     if found != expected[: len(found)] or (finished and (found != expected or whole != text)):
-        raise LeagueError(f"{path}: pairings are missing, out of order or not of this run; {_ADVICE}")
+        raise LeagueError(f"{path}: pairings are missing, out of order, or of another run; {_ADVICE}")
     if len(whole) < len(text):
         replace_file(path, whole)
     return results
 
 
 def append_results(folder: Path, results: list[PairResult]) -> None:
-    """Add finished pairings; they are on the disk when this returns.
+    """Append finished pairings, synchronised to the disk.
 
     Raises:
-        LeagueError: no space or the like.
+        LeagueError: the file cannot be written.
     """
     path = folder / PAIRINGS
     try:
@@ -146,10 +146,10 @@ def append_results(folder: Path, results: list[PairResult]) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise LeagueError(f"{path}: cannot be written ({error.strerror}); make room and continue with --resume") from error
+        raise LeagueError(f"{path}: cannot be written ({error.strerror}); free disk space and continue with --resume") from error
 
 
-_ADVICE: Final = "restore it from a copy, or play the tournament again with --overwrite"
+_ADVICE: Final = "restore it from a backup, or play the tournament again with --overwrite"
 
 
 def _content(path: Path) -> bytes:
@@ -163,7 +163,7 @@ def _content(path: Path) -> bytes:
 
 
 def _line(result: PairResult) -> bytes:
-    """A finished pairing as a line: its fields as JSON, and a checksum of them."""
+    """A finished pairing as a line of JSON with a checksum."""
     fields = dataclasses.asdict(result)
     return (json.dumps({**fields, _CHECKSUM: _checksum(fields)}, ensure_ascii=False) + "\n").encode()
 
@@ -173,9 +173,9 @@ def _read_line(path: Path, number: int, line: bytes) -> PairResult:
     try:
         fields = json.loads(line.decode())
         if not isinstance(fields, dict):
-            reason = "no JSON object"
+            reason = "not a JSON object"
         elif fields.pop(_CHECKSUM, None) != _checksum(fields):
-            reason = f"its {_CHECKSUM} does not fit"
+            reason = f"its {_CHECKSUM} does not match"
         else:
             return PairResult.from_json(fields)
     except RecursionError:

@@ -1,7 +1,7 @@
-"""Bradley-Terry ratings: the fit, its intervals, and all that says how far it can be trusted.
+"""Bradley-Terry ratings: the fit, its intervals, and diagnostics.
 
 Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). Fitted to all
-matches together, so unlike with Elo's updates their order does not matter. Intervals are over the cells of swapped seats: the
+matches at once, so unlike with Elo's updates their order does not matter. Intervals resample cells of swapped seats, because the
 two matches of a cell share their draws and are not independent.
 """
 
@@ -16,28 +16,28 @@ from scipy.stats import chi2
 from shuttle_marl.arrays import F64, I64, Bools, Intp
 
 ELO: Final = 400 / np.log(10)
-"""Points of Elo's scale for a unit of theta: 400 points are odds of ten to one."""
+"""Elo points for a unit of theta: 400 points are odds of ten to one."""
 TAILS: Final = (2.5, 97.5)
-"""Percentiles that bound a 95 % interval."""
+"""Percentiles of a 95 % interval."""
 _STEPS: Final = 200
-_KEPT: Final = 0.1
+_FIXED_PRIOR: Final = 0.1
 _INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
-"""Shares of cells with no, one and two matches won by one of two equals, if the matches of a cell are independent."""
+"""Probabilities of zero, one and two matches won in a cell between equals, if the matches are independent."""
 _AT_ONCE: Final = 1 << 21
-"""So many entries of matrices are fitted together."""
+"""Number of matrix entries that are fitted in one batch."""
 _TIE: Final = 1e-9
 """Ratings that differ by less are equal."""
 _SURE: Final = 5e-7
-"""Exact odds are known to six decimals; nearer to certainty than this is taken as this, which keeps ratings finite."""
+"""Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
 
 
 def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
     """Fit ratings by a damped Newton's method on the likelihood.
 
     Args:
-        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. Results must
-            connect all who played each other both ways, or the likeliest ratings are infinite; :func:`prior_wins` sees to that.
-        start: ``[n]`` theta to begin with; changes the time only.
+        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. The graph of wins
+            must be strongly connected within each component, or the maximum is infinite; :func:`prior_wins` ensures it.
+        start: ``[n]`` initial theta; affects the running time only.
 
     Returns:
         ``[..., n]`` theta, with mean 0; entrants without matches have 0.
@@ -55,7 +55,7 @@ def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
         hessian = anchor - curvature
         hessian[..., diagonal] += curvature.sum(axis=-1)
         step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        # Newton's whole step may overshoot without end; one of this length never lowers the likelihood (Bach, EJS 2010).
+        # A full Newton step may diverge; a step of this length never lowers the likelihood (Bach, EJS 2010).
         longest = np.maximum(np.ptp(step, axis=-1, keepdims=True), 1e-300)
         theta = theta + step * (np.log1p(longest) / longest)
         if longest.max(initial=0) < 1e-9:
@@ -65,7 +65,7 @@ def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
 
 
 def _anchor(met: Bools) -> F64:
-    """``[n, n]`` to add to the curvature: only differences within a connected part are determined, and this holds its mean."""
+    """``[n, n]`` term of the curvature that fixes the mean of each connected component, which the likelihood leaves open."""
     _, part = connected_components(met, directed=False)
     together = part[:, None] == part
     return np.asarray(together / together.sum(axis=1))
@@ -75,7 +75,7 @@ def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
     """``[..., n, n]`` matches won, for :func:`bradley_terry`.
 
     Args:
-        cells: ``[..., P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
+        cells: ``[..., P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
     """
@@ -86,10 +86,10 @@ def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
 
 
 def prior_wins(wins: F64) -> F64:
-    """``[n, n]`` matches to add to those that were won, in all one less than there are entrants.
+    """``[n, n]`` pseudo-wins of Jeffreys' prior (Firth, Biometrika 1993); their sum is n - 1.
 
-    They come from Jeffreys' prior (Firth, Biometrika 1993): finite ratings for the unbeaten, and the bias of the likeliest
-    ratings removed to first order. A fixed number of matches for each pair instead would draw the strongest towards the others.
+    Ratings of unbeaten entrants become finite, and the first-order bias of the maximum is removed. A fixed number of pseudo-wins
+    for each pair would shrink the strongest entrants towards the others.
     """
     played = wins + wins.T
     prior = np.where(played > 0, 0.5, 0.0)
@@ -111,7 +111,7 @@ def _information(played: F64, theta: F64) -> tuple[F64, F64]:
     probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
     curvature = played * probability * (1 - probability)
     np.fill_diagonal(curvature, 0)
-    # Not a pseudo-inverse: rounding makes its zero eigenvalue a tiny one, whose inverse would drown the differences.
+    # No pseudo-inverse, because rounding makes the zero eigenvalue tiny and its inverse huge.
     return curvature, np.asarray(np.linalg.inv(_anchor(played > 0) + np.diag(curvature.sum(axis=1)) - curvature))
 
 
@@ -121,16 +121,14 @@ def expected_share(theta: F64, pairs: Intp) -> F64:
 
 
 def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) -> tuple[F64, F64]:
-    """Ratings, and what they would be under other draws of the cells: a Bayesian bootstrap (Rubin, Ann. Statist. 1981).
-
-    The two matches of a cell share their draws, so cells are drawn and not matches.
+    """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells, whose two matches share their draws.
 
     Args:
-        cells: ``[P, 3]`` for each pairing, in how many cells its first entrant won no match, one, both.
+        cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
-        seed: of the draws.
-        replicates: number of draws B.
+        seed: random seed.
+        replicates: number B of bootstrap samples.
 
     Returns:
         ``[n]`` theta and ``[B, n]`` theta.
@@ -138,26 +136,26 @@ def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) 
     wins = wins_of(cells, pairs, n)
     prior = prior_wins(wins)
     theta = bradley_terry(wins + prior)
-    # The prior is drawn too, so an outcome that was never seen is possible; a tenth is kept, so that all ratings are finite.
-    drawn_prior = (1 - _KEPT) * prior[pairs[:, 0], pairs[:, 1], None] * _INDEPENDENT
+    # The prior is resampled too, so unobserved outcomes are possible; a tenth of it is fixed, so that all ratings are finite.
+    drawn_prior = (1 - _FIXED_PRIOR) * prior[pairs[:, 0], pairs[:, 1], None] * _INDEPENDENT
     weights = cells + drawn_prior + 1e-12
     rng = np.random.default_rng(seed)
     drawn = np.array([rng.dirichlet(weight, size=replicates) for weight in weights]).reshape(-1, replicates, 3).swapaxes(0, 1)
     drawn = drawn * weights.sum(axis=1)[:, None]
     together = max(1, _AT_ONCE // max(1, n * n))
     parts = [wins_of(drawn[first : first + together], pairs, n) for first in range(0, replicates, together)]
-    return theta, np.concatenate([bradley_terry(part + _KEPT * prior, theta) for part in parts])
+    return theta, np.concatenate([bradley_terry(part + _FIXED_PRIOR * prior, theta) for part in parts])
 
 
 def exact_ratings(match: F64) -> F64:
-    """Ratings that the sampled ones approach if every pair plays the same, infinite number of matches.
+    """Limit of the sampled ratings as the number of matches of every pair grows.
 
     Args:
-        match: ``[n, n]`` probability that the entrant of the row wins a match against that of the column; NaN for one that has
-            no exact odds.
+        match: ``[n, n]`` probability that the entrant of the row wins a match against that of the column; NaN where
+            there are no exact odds.
 
     Returns:
-        ``[n]`` theta, mean 0 over those that have odds; NaN for the others.
+        ``[n]`` theta, with mean 0 over entrants with odds; NaN for the others.
     """
     known = np.flatnonzero(~np.isnan(match).all(axis=1))
     theta = np.full(len(match), np.nan)
@@ -169,15 +167,15 @@ def exact_ratings(match: F64) -> F64:
 def rank_intervals(theta: F64, drawn: F64) -> Intp:
     """95 % confidence intervals of the ranks (Mogstad, Romano, Shaikh & Wilhelm, Rev. Econ. Stud. 2024).
 
-    A percentile of bootstrapped ranks is too narrow where entrants are nearly equal. Here an entrant's rank is bounded by those
-    who are surely above it and surely below it, by intervals of its differences to all others that hold at the same time.
+    Percentiles of bootstrapped ranks are too narrow where entrants are nearly equal. Here a rank is bounded by the numbers of
+    entrants that are significantly above and below, by simultaneous intervals of the differences to all others.
 
     Args:
         theta: ``[n]`` ratings.
-        drawn: ``[B, n]`` bootstrap draws of them.
+        drawn: ``[B, n]`` bootstrap samples of them.
 
     Returns:
-        ``[n, 2]`` lowest and highest number of the rank, from 1 for the best.
+        ``[n, 2]`` lowest and highest rank, from 1 for the best.
     """
     n = len(theta)
     found = np.empty((n, 2), dtype=np.intp)
@@ -195,15 +193,15 @@ def rank_intervals(theta: F64, drawn: F64) -> Intp:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Misfit:
-    """Distance of the results of P pairings from what the ratings say.
+    """Goodness of fit of the ratings to the results of P pairings.
 
     Attributes:
-        share: ``[P]`` share of the matches that the first entrant won.
-        expected: ``[P]`` what the ratings say.
-        z: ``[P]`` their difference in standard errors, which allow for the correlation within cells.
+        share: ``[P]`` fraction of the matches that the first entrant won.
+        expected: ``[P]`` the same by the ratings.
+        z: ``[P]`` their difference in standard errors, corrected for the correlation within cells.
         statistic: sum of squared z.
-        degrees: of freedom, pairings - (entrants - 1); with 0 nothing can be said.
-        p: probability of a statistic as large if Bradley-Terry's model holds; NaN without degrees of freedom.
+        degrees: degrees of freedom, pairings - (entrants - 1) in each connected component.
+        p: p-value of the chi-squared test of the Bradley-Terry model; NaN without degrees of freedom.
     """
 
     share: F64
@@ -215,12 +213,12 @@ class Misfit:
 
 
 def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
-    """Compare the results with the ratings, pairing by pairing; arguments as in :func:`ratings`."""
+    """Goodness of fit; arguments as in :func:`ratings`."""
     total = cells.sum(axis=1)
     won = np.array([0.0, 0.5, 1.0])
     share = cells @ won / total
     expected = expected_share(theta, pairs)
-    # The two matches of a cell are not independent; what that does to the variance is found over all pairings together.
+    # The two matches of a cell are not independent; their effect on the variance is estimated over all pairings.
     independent = (share * (1 - share) / 2 * total).sum()
     within = (cells * (won - share[:, None]) ** 2).sum()
     factor = max(within / independent, 1e-3) if independent else 1.0
@@ -246,21 +244,20 @@ def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
 
 
 def fewest_to_flip(cells: F64, pairs: Intp, n: int, above: int, below: int) -> int | None:
-    """Number of matches whose removal puts one entrant behind another: small where a ranking hangs on few results.
+    """Least number of matches whose removal ranks one entrant behind another.
 
-    The matches with the largest influence on the difference of the two ratings go first (Broderick, Giordano & Meager,
-    arXiv 2011.14999), found again after each fit, and the fit without them is made, so the number suffices; a smaller one is
-    hardly possible.
+    Matches are removed by their influence on the difference of the two ratings (Broderick, Giordano & Meager, arXiv 2011.14999),
+    which is recomputed after each fit. The result is verified by a fit, so it is an upper bound, which is nearly always tight.
 
     Args:
         cells: ``[P, 3]`` as in :func:`ratings`; a match is removed, not a cell.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
-        above: the one with the higher rating.
-        below: the other one.
+        above: index of the entrant with the higher rating.
+        below: index of the other one.
 
     Returns:
-        0 if they are in the other order, which equal ones are not; None if no removal does it.
+        0 if ``below`` is rated higher already (ties are not); None if no removal suffices.
     """
 
     def behind(theta: F64) -> bool:
@@ -278,35 +275,40 @@ def fewest_to_flip(cells: F64, pairs: Intp, n: int, above: int, below: int) -> i
         order = order[influence.ravel()[order] > 0]
         if not len(order):
             return None
-        # As many of the most influential ones as close the gap by the linear approximation, and one at least.
+        # As many of the most influential matches as close the gap to first order, and at least one.
         closed = np.cumsum(left.ravel()[order] * influence.ravel()[order])
         whole = int(np.searchsorted(closed, gap))
-        taken = np.zeros(left.size, dtype=np.int64)
-        taken[order[:whole]] = left.ravel()[order[:whole]]
+        removal = np.zeros(left.size, dtype=np.int64)
+        removal[order[:whole]] = left.ravel()[order[:whole]]
         if whole < len(order):
             rest = gap - (closed[whole - 1] if whole else 0.0)
-            taken[order[whole]] = max(1, int(np.ceil(rest / influence.ravel()[order[whole]])))
-        following = bradley_terry(wins - taken.reshape(n, n), theta)
+            removal[order[whole]] = max(1, int(np.ceil(rest / influence.ravel()[order[whole]])))
+        following = bradley_terry(wins - removal.reshape(n, n), theta)
         if behind(following):
-            return removed + _fewest_of(wins, taken, order, theta, behind)
-        wins, left, theta, removed = wins - taken.reshape(n, n), left - taken.reshape(n, n), following, removed + int(taken.sum())
+            return removed + _fewest_of(wins, removal, order, theta, behind)
+        wins, left, theta, removed = (
+            wins - removal.reshape(n, n),
+            left - removal.reshape(n, n),
+            following,
+            removed + int(removal.sum()),
+        )
 
 
 def _influence(wins: F64, theta: F64, above: int, below: int) -> F64:
-    """``[n, n]`` by how much the removal of a win of i over j lowers ``theta[above] - theta[below]``, to first order."""
+    """``[n, n]`` first-order decrease of ``theta[above] - theta[below]`` when a win of i over j is removed."""
     _, covariance = _information(wins + wins.T, theta)
     v = covariance[:, above] - covariance[:, below]
     return (1 - 1 / (1 + np.exp(theta[None, :] - theta[:, None]))) * (v[:, None] - v[None, :])
 
 
-def _fewest_of(wins: F64, taken: I64, order: Intp, theta: F64, behind: Callable[[F64], bool]) -> int:
-    """Fewest of the matches taken, in the order of their influence, that suffice; all of them do."""
-    low, high = 0, int(taken.sum())
-    before = np.concatenate([[0], np.cumsum(taken[order])[:-1]])
+def _fewest_of(wins: F64, removal: I64, order: Intp, theta: F64, behind: Callable[[F64], bool]) -> int:
+    """Least number of the removed matches, in the order of their influence, that suffices, by bisection."""
+    low, high = 0, int(removal.sum())
+    before = np.concatenate([[0], np.cumsum(removal[order])[:-1]])
     while high - low > 1:
         middle = (low + high) // 2
-        part = np.zeros_like(taken)
-        part[order] = np.clip(middle - before, 0, taken[order])
+        part = np.zeros_like(removal)
+        part[order] = np.clip(middle - before, 0, removal[order])
         found = bradley_terry(wins - part.reshape(wins.shape), theta)
         low, high = (low, middle) if behind(found) else (middle, high)
     return high

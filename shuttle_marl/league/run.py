@@ -1,4 +1,4 @@
-"""A tournament from its flags to its run folder."""
+"""Run a tournament and write its run folder."""
 
 import collections
 import contextlib
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.losses import Holes
 
 _HOLES: Final = 1e-6
-"""Error bound of the losses that the report shows."""
+"""Error bound of the losses in the report."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,15 +66,15 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     """Play a tournament, or the rest of one, and write its run folder.
 
     Args:
-        config: what to play.
-        console: shows progress; None shows nothing.
+        config: of the tournament.
+        console: shows progress; None: no output.
 
     Raises:
-        PolicyError: an entrant cannot be found; nothing was written.
-        GameError: the model cannot be found; nothing was written.
-        LeagueError: the run folder cannot be used, or written any more.
-        RecordingError: the rally log cannot be written any more.
-        ClusterError: the cluster cannot be used (nothing was written), or loses pairings again and again.
+        PolicyError: an entrant does not exist; nothing was written.
+        GameError: the model does not exist; nothing was written.
+        LeagueError: the run folder cannot be used or written.
+        RecordingError: the rally log cannot be written.
+        ClusterError: the cluster cannot be used (nothing was written), or loses pairings repeatedly.
     """
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
@@ -82,7 +82,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         config = run_folder.continued(dataclasses.replace(config, pool=config.pool or default_pool(game)))
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
-    with console.status("evaluating the entrants on every state"), time_limit(config.policy_timeout):
+    with console.status("evaluating the entrants in every state"), time_limit(config.policy_timeout):
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:
@@ -104,7 +104,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         finished = runs.is_finished(folder)
         results = run_folder.read_results(folder, lambda found: [*itertools.chain(*schedule(found))], finished=finished)
         if finished:
-            _say(console, f"{folder}: finished already")
+            _say(console, f"{folder}: already finished")
             standings = rank(config.pool, results, config.seed, _exact(config, game, entrants, console))
             return LeagueRun(folder=folder, standings=standings, results=results)
         begun = time.monotonic()
@@ -137,7 +137,7 @@ def _play(
     console: Console,
     cluster: Cluster | None,
 ) -> int:
-    """Play what remains of the last of some stages, adding to ``results``; returns the number of strokes."""
+    """Play the rest of the last stage in ``known``, appending to ``results``; returns the number of strokes."""
     pairings = known[-1]
     done = min(len(results) - pairings[0].number, len(pairings))
     with contextlib.ExitStack() as stack:
@@ -172,7 +172,7 @@ def _play(
                 if result.forfeit and not any(e.failure for e in entrants if e.name in result.forfeit):
                     _say_forfeit(console, f"{' v '.join(result.names)}: {result.reason}")
 
-        # The log is on the disk before the results are, so that no result is without its rallies; play continues meanwhile.
+        # The log is on the disk before the results are, so no result lacks its rallies; play continues meanwhile.
         unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
         for blocks in tournament.play(pairings[done:], count):
             new = [result for result, _ in blocks]
@@ -182,7 +182,7 @@ def _play(
             for _, rallies in blocks:
                 for part in rallies:
                     recorder.add(part)
-                # Batches end where pairings do, so that a resumed run can continue with the same bytes.
+                # Batches end where pairings do, so a resumed run writes the same bytes.
                 recorder.request_flush(sync=False)
             unsaved.append((recorder.request_flush(), new))
             while unsaved and unsaved[0][0].done():
@@ -203,14 +203,14 @@ def _open_recorder(
     results: Sequence[PairResult],
     folder: Path,
 ) -> RallyRecorder | None:
-    """The recorder of the last of some stages; None if nothing is to be recorded any more."""
+    """The recorder of the last stage in ``known``; None if nothing remains to be recorded."""
     stage = len(known) - 1
     path = folder / run_folder.log_name(stage)
     first, end = known[-1][0].number, known[-1][-1].number + 1
     every = Sampling.parse(config.record).every
     if not every or (path.exists() and len(results) >= end):
         return None
-    # Entrants that were added later are not in the header of a log that was begun before.
+    # The header of a log does not name entrants that were added after it was started.
     present = entrants[: (*config.grown, len(entrants))[min(stage, len(config.grown))]]
     header = LogHeader(
         seed=config.seed,
@@ -233,11 +233,11 @@ def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], consol
     refits = refits_of(game) if config.away else ()
     if config.away and len(refits) < 2:
         refits = ()
-        _say(console, "the model has fewer than two refits on resampled matches, so there are no figures away from home")
+        _say(console, "the model has fewer than two refits on resampled matches, so there are no results away from home")
     with console.status("solving every pair exactly"):
         exact = exact_odds(game, entrants, refits)
     if exact.problem:
-        _say(console, f"no exact figures: {exact.problem}")
+        _say(console, f"no exact results: {exact.problem}")
     return exact
 
 
@@ -274,34 +274,34 @@ def _write_tables(
 
 
 def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
-    """States in which the best of some policies lose most to their best responses."""
+    """States in which the best policies lose most to their best responses."""
     if not best:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
     from shuttle_marl.exact.losses import holes  # noqa: PLC0415  numba
 
-    found = {}
-    with contextlib.suppress(ExactError):  # play may never end; the exact figures said so
+    losses = {}
+    with contextlib.suppress(ExactError):  # play may never end, which was reported with the exact results
         solution = solve(game, tolerance=_HOLES)
         for name in list(tables)[:best]:
-            found[name] = holes(tables[name], solution=solution, tolerance=_HOLES)
-    return found
+            losses[name] = holes(tables[name], solution=solution, tolerance=_HOLES)
+    return losses
 
 
 def _curves(pool: Sequence[str]) -> list[Curve]:
-    """Evaluations of the entrants whose training runs are still there."""
-    found = []
+    """Evaluations of the entrants whose training runs still exist."""
+    curves = []
     for name in pool:
         key, _, agent = name.partition(":")
         folder = Path(agent.rpartition("@")[0] or agent).parent
         if key == "agent" and agent and (folder / METRICS).is_file():
-            with contextlib.suppress(LeagueError):  # it says nothing about the tournament
-                found.append(read_curve(folder, name))
-    return found
+            with contextlib.suppress(LeagueError):  # the tournament does not depend on it
+                curves.append(read_curve(folder, name))
+    return curves
 
 
 def _say(console: Console, text: str, label: str = "") -> None:
-    """Print text of which parts may come from others, so it is never taken for markup."""
+    """Print untrusted text, which is never interpreted as markup."""
     console.print(Text.assemble((label, "bold red"), printable(text)), highlight=False, soft_wrap=True)
 
 
@@ -311,7 +311,7 @@ def _say_forfeit(console: Console, reason: str) -> None:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int, done: int) -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over pairings, with the number of strokes a second."""
+    """Progress bar over pairings, with the speed in strokes a second."""
     columns = (
         TextColumn("pairings"),
         BarColumn(),

@@ -207,7 +207,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
         (["evaluate", "bc", "--matches", "9" * 30], "expected a number from 1 to 10,000,000"),
         (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a number from 0"),
         (["solve", "--game", "nothing"], "no model 'nothing'"),
-        (["solve", "--incoming", "smash"], "name the picture with --plot FILE"),
+        (["solve", "--incoming", "smash"], "name its file with --plot FILE"),
         (["solve", "--plot", "court.gif"], "pictures are written as .png, .svg, .pdf"),
         (["solve", "--plot", "court.png", "--incoming", "smsh"], "a stroke is named shot:area:height:technique"),
         (["solve", "--plot", "court.png", "--incoming", SMASH, "--own", SMASH], "never comes in after one's own"),

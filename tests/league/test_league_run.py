@@ -309,9 +309,9 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     ("line", "says"),
     [
         (b"nonsense", "JSONDecodeError"),
-        (b"[]", "no JSON object"),
-        (b"{}", "crc32 does not fit"),
-        (b"null", "no JSON object"),
+        (b"[]", "not a JSON object"),
+        (b"{}", "crc32 does not match"),
+        (b"null", "not a JSON object"),
         (b"\xff\xfe", "UnicodeDecodeError"),
         (b"[" * 100_000, "nested too deeply"),
         (b"1" * 10_000, "ValueError"),
@@ -321,7 +321,7 @@ def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, sa
     first, *rest = (finished / "pairings.jsonl").read_bytes().splitlines(keepends=True)
     path = tmp_path / "pairings.jsonl"
     path.write_bytes(first + line + b"\n" + b"".join(rest))
-    with pytest.raises(LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a copy, or play the tournament again"):
+    with pytest.raises(LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a backup, or play the tournament again"):
         read_results(tmp_path, scheduled)
     path.unlink()
     path.mkdir()
@@ -578,5 +578,5 @@ def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:
     runs = [run_league(LeagueConfig(**settings, exact=exact, out=tmp_path / str(exact))) for exact in (True, False)]
     assert runs[0].results == runs[1].results
     assert [np.isnan(run.standings[0].exploitability) for run in runs] == [False, True]
-    with pytest.raises(LeagueError, match="not with --no-exact"):
+    with pytest.raises(LeagueError, match="leave out --no-exact"):
         LeagueConfig(exact=False, away=True)

@@ -197,7 +197,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
             compare(folders)
     for content, says in (
         (b"{\n", "damaged"),
-        (b"[]\n", "no JSON object"),
+        (b"[]\n", "not a JSON object"),
         (b"\xff\n", "damaged"),
         (b"[" * 9999 + b"\n", "damaged"),
     ):

@@ -23,7 +23,7 @@ _RATING = ("rank", "rating", "rating_low", "rating_high", "rating_exact")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TrainingRun:
+class ComparedRun:
     """A training run.
 
     Attributes:
@@ -46,7 +46,7 @@ def compare(folders: Sequence[Path]) -> bytes:
     """
     names = _names(folders)
     tournaments: dict[str, dict[str, Any]] = {}
-    trained: dict[str, TrainingRun] = {}
+    trained: dict[str, ComparedRun] = {}
     for folder, name_of_run in zip(folders, names, strict=True):
         if (folder / REPORT).is_file():
             tournaments[name_of_run] = _read(folder / REPORT)
@@ -54,7 +54,7 @@ def compare(folders: Sequence[Path]) -> bytes:
             config = _read(folder / runs.CONFIG)
             settings = {key: value for key, value in config.items() if key not in _NOT_A_SETTING}
             curve = read_curve(folder, name_of_run)
-            trained[name_of_run] = TrainingRun(curve=curve, settings=json.dumps(settings, sort_keys=True))
+            trained[name_of_run] = ComparedRun(curve=curve, settings=json.dumps(settings, sort_keys=True))
         else:
             raise LeagueError(f"{folder}: holds neither a finished tournament ({REPORT}) nor a training run ({METRICS})")
     return render(
@@ -121,9 +121,9 @@ def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> lis
     ]
 
 
-def _compare_training(trained: Sequence[TrainingRun]) -> dict[str, Any]:
+def _compare_training(trained: Sequence[ComparedRun]) -> dict[str, Any]:
     """Curves of training runs, their final figures over seeds, and which method is better."""
-    methods: dict[str, list[TrainingRun]] = {}
+    methods: dict[str, list[ComparedRun]] = {}
     for run in trained:
         methods.setdefault(run.settings, []).append(run)
     labels = _labels([*methods])
@@ -147,7 +147,7 @@ def _compare_training(trained: Sequence[TrainingRun]) -> dict[str, Any]:
     }
 
 
-def _finals(group: Sequence[TrainingRun], figure: str) -> list[float]:
+def _finals(group: Sequence[ComparedRun], figure: str) -> list[float]:
     return [value for run in group if not math.isnan(value := run.curve.last(figure))]
 
 

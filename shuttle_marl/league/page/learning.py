@@ -1,4 +1,4 @@
-"""Curves of training runs, read from their folders, as a section of a page."""
+"""Learning curves of training runs."""
 
 import dataclasses
 import json
@@ -14,13 +14,13 @@ from shuttle_marl.league.entrants import LeagueError
 from shuttle_marl.league.page import charts
 
 METRICS: Final = "metrics.jsonl"
-"""File in which a training run keeps its evaluations, one JSON object a line."""
+"""File with the evaluations of a training run, one JSON object a line."""
 FIGURES: Final = {
     "exploitability": "exploitability",
     "normalised_score": "normalised score",
     "rally_win": "rallies won",
 }
-"""Figures that are drawn, by their names in the file."""
+"""Names of the figures that are drawn, by their keys in the file."""
 _LOGARITHMIC: Final = ("exploitability",)
 
 
@@ -30,19 +30,19 @@ class Curve:
 
     Attributes:
         name: of the run.
-        rows: of the file, in its order.
+        rows: of the file, in order.
     """
 
     name: str
     rows: list[dict[str, Any]]
 
     def points(self, figure: str, by: str) -> list[tuple[float, float]]:
-        """Points of a figure by ``seconds`` or ``strokes``; what has no number there is left out."""
+        """Points of a figure over ``seconds`` or ``strokes``; rows without one of the two are left out."""
         spots = [(row.get(by), row.get(figure)) for row in self.rows]
         return [(float(x), float(y)) for x, y in spots if _finite(x) and _finite(y)]
 
     def last(self, figure: str) -> float:
-        """The figure at the end; NaN without."""
+        """The last value of a figure; NaN without one."""
         found = [row[figure] for row in self.rows if _finite(row.get(figure))]
         return float(found[-1]) if found else math.nan
 
@@ -52,15 +52,15 @@ def _finite(value: object) -> TypeGuard[float]:
 
 
 def read_curve(folder: Path, name: str) -> Curve:
-    """The evaluations of a training run.
+    """Read the evaluations of a training run.
 
     Raises:
-        LeagueError: the folder holds none, or they are damaged.
+        LeagueError: they are missing or damaged.
     """
     path = folder / METRICS
     try:
         with open_file(path) as file:
-            # A line that is being written is no line yet.
+            # The last line may be incomplete.
             lines = file.read().decode("utf-8").split("\n")[:-1]
         rows = [json.loads(line) for line in lines]
     except OSError as error:
@@ -68,7 +68,7 @@ def read_curve(folder: Path, name: str) -> Curve:
     except (ValueError, RecursionError) as error:
         raise LeagueError(f"{path}: is damaged ({error or 'nested too deeply'})") from error
     if not all(isinstance(row, dict) for row in rows):
-        raise LeagueError(f"{path}: is damaged (a line is no JSON object)")
+        raise LeagueError(f"{path}: is damaged (a line is not a JSON object)")
     return Curve(name=name, rows=rows)
 
 
