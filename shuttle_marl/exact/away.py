@@ -1,8 +1,8 @@
-"""Figures at home and away: policies as they were made for one game, played in its refits on resampled matches.
+"""Results at home and away: policies that were computed in one game, played in its refits on resampled matches.
 
-A policy that was computed in a fitted game also exploits what that fit got wrong. The refits are other fits that the same data
-could have given, so what a policy wins there says how much of its advantage is in the data. Refits share most of their matches
-with the game itself; matches that no one has seen can be further away still.
+A policy that was computed in a fitted game also exploits the errors of that fit. Refits are samples of the fits that the same
+data could have given, so results there show how much of an advantage is supported by the data. Refits share most of their matches
+with the game itself; unseen matches can differ more.
 """
 
 import dataclasses
@@ -27,12 +27,11 @@ Values = float | F64
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Spread:
-    """A figure over the refits.
+    """Distribution of a figure over refits.
 
     Attributes:
         value: mean.
-        low, high: 95 % interval for the figure in one more refit (Student's t): how far it may be off because other matches
-            could have been recorded.
+        low, high: 95 % prediction interval of the figure in one more refit (Student's t).
     """
 
     value: Values
@@ -40,20 +39,20 @@ class Spread:
     high: Values
 
     def at(self, entry: int) -> "Spread":
-        """One entry of a spread of arrays."""
+        """The spread of one entry, where the figure is an array."""
         return Spread(**{name: float(np.asarray(getattr(self, name))[entry]) for name in ("value", "low", "high")})
 
     def as_json(self) -> dict[str, float | list[float]]:
-        """The three numbers, or lists of them."""
+        """The three numbers, or lists of numbers."""
         return {name: np.asarray(getattr(self, name)).tolist() for name in ("value", "low", "high")}
 
 
 def spread(values: Sequence[Values]) -> Spread:
-    """The spread of a figure over two or more refits; of arrays entry by entry."""
+    """The spread of a figure over two or more refits; of arrays, entry by entry."""
     n = len(values)
-    found = np.array(values, dtype=np.float64)
-    mean = found.mean(axis=0)
-    width = float(stdtrit(n - 1, 0.975)) * found.std(axis=0, ddof=1) * math.sqrt(1 + 1 / n)
+    samples = np.array(values, dtype=np.float64)
+    mean = samples.mean(axis=0)
+    width = float(stdtrit(n - 1, 0.975)) * samples.std(axis=0, ddof=1) * math.sqrt(1 + 1 / n)
     return Spread(value=mean, low=mean - width, high=mean + width)
 
 
@@ -64,21 +63,21 @@ def over(
 
     Args:
         games: two refits or more.
-        figures: of one game, by name.
-        at_once: how many games are computed side by side; None: one on each core.
+        figures: the figures of one game by name.
+        at_once: number of threads; None: one for each core.
 
     Raises:
         ExactError: there are fewer than two games.
     """
     if len(games) < 2:
-        raise ExactError(f"an interval needs two or more refits of the game, there is {len(games)}; --no-away leaves it out")
+        raise ExactError(f"an interval needs at least 2 refits of the game, found {len(games)}; skip it with --no-away")
     with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
 
 
 def moved(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
-    """A policy, as it was tabulated, in another game of the same layout."""
+    """The table of a policy in another game of the same layout."""
     return TabulatedPolicy(game=game, cumulative=policy.cumulative)
 
 
@@ -89,7 +88,7 @@ def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> 
 
 
 def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
-    """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share`` won against all the others."""
+    """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
     match = odds.match()
     others = max(1, len(match) - 1)
     return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
@@ -98,8 +97,8 @@ def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
 def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:
     """Perfect play of the game at home, in a refit.
 
-    ``server_win``: rallies that the server wins when both play it; ``exploitability``: what the best response of one who knows
-    the refit gains.
+    ``server_win``: fraction of rallies that the server wins when both play it; ``exploitability``: gain of the best response in
+    the refit.
     """
     policy = moved(solution.policy[0], refit)
     played = evaluate(policy, policy).odds()

@@ -1,8 +1,8 @@
-"""Values block by block: a first guess that is nearly the solution, at a fraction of the cost of sweeps over all states.
+"""Values block by block: a nearly exact initial guess at a fraction of the cost of sweeps over all states.
 
-Efforts never fall, so the states of a block depend on themselves and on blocks of more effort alone: these are solved first. A
-block is small enough for the second cache, and begins with the values of one that was solved before. What is found here
-only saves time: the bound of a solution comes from a sweep over all states.
+Efforts never decrease, so the values of a block depend only on itself and on blocks of more effort, which are solved first. A
+block fits into the L2 cache, and starts from the values of a neighbour. The result only saves time: the error bound of a solution
+comes from a sweep over all states.
 """
 
 import itertools
@@ -18,24 +18,24 @@ BlockLinear = Callable[[F64 | None, F64 | None], F64]
 """``[base states]`` change of the values of a block, from those of the block after a stroke that is no attack and after an
 attack; None: no change."""
 BlockSweep = Callable[[int, F64, F64], tuple[F64, BlockLinear]]
-"""Number of a block, and values of the block after a stroke that is no attack and after an attack, to the values of the block
-and how these change."""
+"""Index of a block, and values of the blocks after a stroke that is no attack and after an attack, to the values of the block
+and their linear part."""
 
 
 def by_blocks(
     game: Game, first: BlockSweep, second: BlockSweep, contraction: float, tolerance: float, *, affine: bool = False
 ) -> tuple[F64, int]:
-    """Nearly the values of the states in which the first player strikes.
+    """Approximate values of the states in which the first player strikes.
 
     Args:
         game: the layout.
-        first, second: sweeps of both players; the same one where they play the same game in the same way.
+        first, second: sweeps of the players; the same object if the players are alike.
         contraction: of a sweep of both.
-        tolerance: error bound that the values should have.
+        tolerance: intended error bound of the values.
         affine: whether sweeps are affine, so that one step of Newton's method solves a block.
 
     Returns:
-        ``[S]`` values, and how often all legal pairs were swept for them, rounded up.
+        ``[S]`` values, and the number of sweeps over all legal pairs, rounded up.
     """
     levels = range(game.levels)
     striking: tuple[dict[tuple[int, int], F64], dict[tuple[int, int], F64]] = {}, {}
@@ -44,7 +44,7 @@ def by_blocks(
         if first is second and (own, other) in striking[1]:
             striking[0][own, other], striking[1][other, own] = striking[1][own, other], striking[0][other, own]
             continue
-        # The block in which the first player strikes with these efforts, and that in which the second one does.
+        # Blocks in which the first and the second player strike with these efforts.
         here, there = own * game.levels + other, other * game.levels + own
         spent = striking[0].get((own, other + 1)), striking[1].get((other, own + 1))
 

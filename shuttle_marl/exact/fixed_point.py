@@ -1,4 +1,4 @@
-"""Fixed points x = T x of contractions, and how far computed values can be from the true ones.
+"""Fixed points x = T x of contractions, with error bounds.
 
 Let player i strike in state s. With W(s') the value of the next state, seen by the receiver who strikes there, the value of
 s to player i is
@@ -41,22 +41,22 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 
 ROUNDING: Final = 2.0**-40
-"""More than the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at
+"""Bound of the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at
 most 2 (2 K + 2) 2^-53 in double precision, and 4 2^-53 more where it is then scaled by a unit: below 2^-41 for states of
 K <= 1000 legal strokes."""
 
 TOLERANCE: Final = 1e-9
-"""Error bound up to which values are computed unless asked otherwise, on the scale from -1 to 1."""
+"""Default error bound of values, on the scale from -1 to 1."""
 
 FIRST_RALLY_STATE: Final = 2
 """Base states 0 and 1 are the start of the rally; no state leads there."""
 
 _DIRECTIONS: Final = 60
-"""Search directions that are kept; solutions take about a dozen."""
+"""Largest number of search directions; solutions take about a dozen."""
 
 
 _SOLVED: Final = 1e-3
-"""A Newton step is solved up to this part of the residual that it starts from."""
+"""Relative residual at which the linear system of a Newton step counts as solved."""
 
 Linear = Callable[[F64], F64]
 """The linear part of an operator at some x: ``[S]`` to ``[S]``."""
@@ -65,7 +65,7 @@ Operator = Callable[[F64], tuple[F64, Linear]]
 
 
 class ExactError(ShuttleError):
-    """Games that do not fit together, or values that have no error bound."""
+    """Games with different layouts, or values without an error bound."""
 
 
 def largest_continuation(game: Game) -> float:
@@ -104,24 +104,24 @@ def newton(
 
     Args:
         operator: T, and its linear part; T contracts the rally states.
-        start: ``[S]`` first guess.
-        contraction: by what factor.
-        tolerance: largest error bound that is good enough.
-        affine: whether T is affine, so that its linear part is worth solving to the end.
+        start: ``[S]`` initial guess.
+        contraction: factor of T.
+        tolerance: largest acceptable error bound.
+        affine: whether T is affine, so that one Newton step solves it.
 
     Returns:
-        ``[S]`` T x, the number of applications, the residual ``|T x - x|``, and the error bound of T x. All over the rally
-        states; the serve's value is one application behind.
+        ``[S]`` T x, the number of applications, the residual ``|T x - x|``, and the error bound of T x. Residual and bound
+        are over the rally states; the value of the serve is one application behind.
     """
     x = start
     z, linear = operator(x)
     applications, residual = 1, _distance(z, x)
     while True:
         bound = error_bound(residual, contraction)
-        # Below the rounding of one application nothing gets better any more.
+        # Rounding prevents further progress.
         if bound <= tolerance or residual <= ROUNDING:
             return z, applications, residual, bound
-        # Half of the residual at which the bound is good enough: more is of no use.
+        # At most half of the residual that satisfies the tolerance.
         close_enough = max(0.0 if affine else _SOLVED * residual, tolerance * (1 - contraction) / (2 * contraction))
         there = x + accelerated(linear, z - x, functools.partial(_small, close_enough))
         image, slope = operator(there)
@@ -138,16 +138,16 @@ def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F
     """An approximate solution of x = constant + linear(x), by generalised conjugate residuals.
 
     (Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 1983.) Values of rallies have one slow mode, that the rally continues, and
-    a handful of directions remove it, where plain sweeps need one for every stroke of a long rally. Inner products are
-    sums of numpy and not of a BLAS library, whose rounding depends on its number of threads.
+    a few directions remove it, where plain sweeps need one for every stroke of a long rally. Inner products are sums of numpy,
+    because the rounding of BLAS depends on the number of threads.
 
     Args:
         linear: the linear part.
-        constant: ``[S]``, also the first guess.
-        done: called with the residual ``constant + linear(x) - x``; whether it is good enough.
+        constant: ``[S]``, also the initial guess.
+        done: whether a residual ``constant + linear(x) - x`` is acceptable.
 
     Returns:
-        ``[S]``; where the method stagnates, what it had by then.
+        ``[S]``; the last iterate if the method stagnates.
     """
     x, residual = constant.copy(), linear(constant)
     directions: list[tuple[F64, F64]] = []
@@ -182,9 +182,9 @@ def solve_linear(
     Args:
         constant: ``[S]``.
         linear: the linear part.
-        norm: of a residual, in which T contracts.
+        norm: norm of a residual, in which T contracts.
         bound: error bound of T x from the norm of T x - x, and from T x.
-        tolerance: largest error bound that is good enough.
+        tolerance: largest acceptable error bound.
 
     Returns:
         ``[S]`` z = T x, the norm of z - x, and the error bound of z.
@@ -194,7 +194,7 @@ def solve_linear(
         z = constant + linear(x)
         residual = norm(z - x)
         error = bound(residual, z)
-        # Below the rounding of a sweep nothing gets better any more.
+        # Rounding prevents further progress.
         if error <= tolerance or residual <= ROUNDING:
             return z, residual, error
         x = z

@@ -1,8 +1,7 @@
-"""Exact odds that were computed before, kept in the user's cache folder.
+"""Cache of exact odds in the user's cache folder.
 
-A tournament of 17 solves 153 pairs, most of which the last tournament solved too. Each result is kept under a hash of all that
-decides it: the game, both policies, the tolerance, and the source code of the solvers. A damaged or unwritable cache costs time
-and nothing else.
+A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
+policies, the tolerance, and the source code of the solvers. A damaged or unwritable cache only costs time.
 """
 
 import contextlib
@@ -30,25 +29,25 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 
-_KEPT: Final = 200_000
-"""Results in the cache, about 20 MB; the oldest make room for others."""
+_MOST_RESULTS: Final = 200_000
+"""Capacity of the cache, about 20 MB; the oldest results are evicted."""
 _WAIT_S: Final = 20.0
-"""Longest wait while another process writes."""
+"""Timeout while another process writes [s]."""
 _NUMBERS: Final = struct.Struct("<3d")
 _LOG: Final = logging.getLogger(__name__)
 
 
 def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Odds]:
-    """Odds of the first policy of each pair against the second; what is not known is solved on all cores.
+    """Odds of the first policy of each pair against the second; unknown pairs are solved on all cores.
 
     Args:
         pairs: each of one game.
-        tolerance: largest error bound of a value that is good enough.
+        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
     """
-    # A pair and the same pair the other way round are one problem.
+    # A pair and its reverse are one problem.
     ordered = [(a, b) if a.hash <= b.hash else (b, a) for a, b in pairs]
     keys = [_key("pair", a.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
     missing = dict(zip(keys, ordered, strict=True))
@@ -64,7 +63,7 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
 
             return list(threads.map(solve_one, wanted))
 
-    found = zip(pairs, ordered, _known(keys, solve), strict=True)
+    found = zip(pairs, ordered, _cached(keys, solve), strict=True)
     return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]
 
 
@@ -74,7 +73,7 @@ def _swapped(odds: Odds) -> Odds:
 
 
 def crossplay(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> Crossplay:
-    """:func:`shuttle_marl.exact.crossplay` of tabulated policies of one game; known pairs are read from the cache."""
+    """:func:`shuttle_marl.exact.crossplay` of tabulated policies of one game, with the cache."""
     n = len(policies)
     rows, columns = np.triu_indices(n)
     found = pair_odds(
@@ -91,7 +90,7 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
 
     Args:
         policies: each of one game.
-        tolerance: largest error bound of a value that is good enough.
+        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
@@ -103,20 +102,20 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
         with ThreadPoolExecutor(os.cpu_count()) as threads:
             return list(threads.map(lambda key: best_response(by_key[key], tolerance=tolerance).value.odds(), wanted))
 
-    return _known(keys, solve)
+    return _cached(keys, solve)
 
 
 def _key(*parts: str) -> bytes:
     return hashlib.sha256(" ".join([*parts, solvers_hash()]).encode()).digest()
 
 
-def _known(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[Odds]]) -> list[Odds]:
-    """Odds by their keys: from the cache, or solved and kept there."""
+def _cached(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[Odds]]) -> list[Odds]:
+    """Odds by key: from the cache, or solved and stored there."""
     found = dict(_read(list(dict.fromkeys(keys))))
     missing = [key for key in dict.fromkeys(keys) if key not in found]
     if missing:
         solved = dict(zip(missing, solve(missing), strict=True))
-        _keep(solved)
+        _store(solved)
         found |= solved
     return [found[key] for key in keys]
 
@@ -143,22 +142,22 @@ def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, Odds]]:
                 if row and (odds := _unpacked(key, row[0])) is not None:
                     yield key, odds
     except sqlite3.OperationalError as error:
-        _say_once(f"{path}: {error}. Exact odds are solved again")
-    except sqlite3.DatabaseError:  # damaged: made again
+        _warn_once(f"{path}: {error}. Exact odds are recomputed")
+    except sqlite3.DatabaseError:  # damaged: created again
         with contextlib.suppress(OSError):
             path.unlink()
 
 
-def _keep(solved: dict[bytes, Odds]) -> None:
+def _store(solved: dict[bytes, Odds]) -> None:
     path = _path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _opened(path) as database, database:
             rows = [(key, _packed(key, odds)) for key, odds in solved.items()]
             database.executemany("INSERT OR REPLACE INTO result VALUES (?, ?)", rows)
-            database.execute("DELETE FROM result WHERE rowid <= (SELECT MAX(rowid) FROM result) - ?", (_KEPT,))
+            database.execute("DELETE FROM result WHERE rowid <= (SELECT MAX(rowid) FROM result) - ?", (_MOST_RESULTS,))
     except (sqlite3.Error, OSError) as error:
-        _say_once(f"{path}: {error}. Exact odds are solved again by every command")
+        _warn_once(f"{path}: {error}. Exact odds are recomputed by every command")
 
 
 def _packed(key: bytes, odds: Odds) -> bytes:
@@ -178,5 +177,5 @@ def _unpacked(key: bytes, packed: object) -> Odds | None:
 
 
 @functools.cache
-def _say_once(message: str) -> None:
+def _warn_once(message: str) -> None:
     _LOG.warning(message)

@@ -1,14 +1,14 @@
-"""Holes of a policy: the states in which it loses most to its best response.
+"""Holes of a policy: states in which it loses most to its best response.
 
 Let b be the best response to pi, V the minimax values and Q those of strokes. In a state s in which pi strikes, it loses
-regret(s) = V(s) - sum_a pi(a | s) Q(s, a) by not playing the best stroke. The best response b loses in the same way wherever it
-leaves minimax play to win more against pi. As both differences from V add up over a rally (the performance difference lemma:
-Kakade & Langford, ICML 2002), what b gains is exactly
+regret(s) = V(s) - sum_a pi(a | s) Q(s, a) by not playing the best stroke. The best response b has regret wherever it leaves
+minimax play to win more against pi. Both differences from V add up over a rally (the performance difference lemma: Kakade &
+Langford, ICML 2002), so the gain of b is exactly
 
     exploitability = sum_s visits_pi(s) regret_pi(s) - sum_s visits_b(s) regret_b(s),        visits: of pi against b.
 
-The first sum is what pi loses, state by state. A state that is rarely met in self-play may be met in every rally against b, so
-both numbers of visits are told.
+The first sum is the loss of pi by state. A state that is rare in self-play may occur in every rally against b, so both numbers of
+visits are reported.
 """
 
 import dataclasses
@@ -24,19 +24,19 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Hole:
-    """A state in which a policy loses.
+    """A state in which a policy loses value.
 
     Attributes:
-        state: its number.
+        state: index of the state.
         description: the state in words.
-        played: the stroke that the policy plays most there.
+        played: most likely stroke of the policy there.
         played_share: its probability.
         best: the best stroke there.
-        best_share: the probability with which the policy plays it.
-        in_self_play: how often the policy strikes in the state in a rally against itself.
+        best_share: its probability under the policy.
+        in_self_play: expected strokes of the policy in the state, in a rally against itself.
         against_best_response: the same against its best response.
-        regret: what a stroke there loses on average, as a value from 0 to 2.
-        loss: what that is in a rally against the best response: ``against_best_response * regret``.
+        regret: mean loss of a stroke there, as a value from 0 to 2.
+        loss: expected loss there in a rally against the best response: ``against_best_response * regret``.
     """
 
     state: int
@@ -56,12 +56,12 @@ class Holes:
     """Losses of a policy to its best response.
 
     Attributes:
-        exploitability: what the best response gains, as a value from 0 to 1: ``loss - given_up``.
-        loss: what the policy loses in a rally, over all states.
-        given_up: what the best response gives up of minimax play in a rally to win more against this policy.
-        states: in which any of it is lost.
-        error_bound: each of the three sums is within this of the true one.
-        holes: the states in which most is lost, most first.
+        exploitability: gain of the best response, as a value from 0 to 1: ``loss - given_up``.
+        loss: expected loss of the policy in a rally, over all states.
+        given_up: expected loss of the best response, relative to minimax play.
+        states: number of states with a loss.
+        error_bound: absolute error bound of each of the three sums.
+        holes: the states with the largest losses, largest first.
     """
 
     exploitability: float
@@ -73,7 +73,7 @@ class Holes:
 
     @property
     def share(self) -> float:
-        """Share of the whole loss that lies in :attr:`holes`; 1 where nothing is lost."""
+        """Fraction of the loss that :attr:`holes` account for; 1 without a loss."""
         return sum(hole.loss for hole in self.holes) / self.loss if self.states else 1.0
 
     def as_json(self) -> dict[str, Any]:
@@ -89,13 +89,13 @@ def holes(
     response: Response | None = None,
     tolerance: float = TOLERANCE,
 ) -> Holes:
-    """The states in which a policy loses most to its best response.
+    """States in which a policy loses most to its best response.
 
     Args:
-        policy: whose losses.
-        top: number of states to list; fewer where fewer lose.
-        solution: the solved game, if it is there already.
-        response: the best response to the policy, if it is there already.
+        policy: the policy.
+        top: largest number of states.
+        solution: the solved game, if known.
+        response: the best response to the policy, if known.
         tolerance: error bound of values and visits.
 
     Raises:

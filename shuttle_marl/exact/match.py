@@ -1,9 +1,9 @@
-"""From the rally to the match: the odds of a match, and when perfect play in every rally is perfect play in the match.
+"""Match odds from rally odds, and the condition under which minimax play in every rally is minimax play in the match.
 
-A match is a binary Markov game: each rally is won or lost, and what follows depends on that alone. If winning a rally never
-lowers the probability of winning the match, at any score and with either server, then playing minimax in every
-rally is minimax in the match (Walker, Wooders & Amir, Games and Economic Behavior 71, 2011). That is not self-evident,
-because the winner of a rally serves next, and serving can be a disadvantage.
+A match is a binary Markov game: the score after a rally depends only on its winner. If winning a rally never lowers the
+probability of winning the match, at any score and with either server, then minimax play in every rally is minimax play in the
+match (Walker, Wooders & Amir, Games and Economic Behavior 71, 2011). The condition is not trivial, because the winner of a rally
+serves next, and serving can be a disadvantage.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ import dataclasses
 from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
 
 Situation = tuple[int, int, int, int, int]
-"""Games of players 0 and 1, their points, and who serves."""
+"""Games of players 0 and 1, their points, and the server."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Odds:
     Attributes:
         serving: probability of winning a rally that the player serves.
         receiving: probability of winning a rally that the opponent serves.
-        error_bound: both are within this of the true probability.
+        error_bound: absolute error bound of both.
     """
 
     serving: float
@@ -35,7 +35,7 @@ class Odds:
 
     @property
     def value(self) -> float:
-        """The same on the scale of rewards, from -1 to 1."""
+        """Expected reward, from -1 to 1."""
         return self.serving + self.receiving - 1
 
     def match(self, rules: Rules = BWF, first_server: int | None = None) -> float:
@@ -43,7 +43,7 @@ class Odds:
         return float(match_win_probability(self.serving, self.receiving, first_server=first_server, rules=rules))
 
     def match_error_bound(self, rules: Rules = BWF) -> float:
-        """:meth:`match` is within this of the truth: winning more rallies never hurts, so the ends of the interval bound it."""
+        """Absolute error bound of :meth:`match`, which increases with both probabilities of a rally."""
         low, high = (
             match_win_probability(*(min(1.0, max(0.0, p + e)) for p in (self.serving, self.receiving)), rules=rules)
             for e in (-self.error_bound, self.error_bound)
@@ -58,7 +58,7 @@ def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Si
     Args:
         serving: probability that player 0 wins a rally that player 0 serves.
         receiving: probability that player 0 wins a rally that player 1 serves.
-        rules: when a game and the match are won.
+        rules: scoring rules.
     """
     table: dict[Situation, tuple[float, float]] = {}
 
@@ -85,8 +85,8 @@ def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Si
 def least_gain(serving: float, receiving: float, rules: Rules = BWF) -> float:
     """Least gain in player 0's probability of winning the match from winning a rally, over all scores.
 
-    Where this is not negative, rallies can be solved one by one: the condition of Walker, Wooders & Amir holds. What player
-    0 gains player 1 loses, so it holds for both.
+    If it is not negative, the condition of Walker, Wooders & Amir holds and rallies can be solved separately. The match is
+    zero-sum, so this covers both players.
     """
     return min(won - lost for won, lost in match_table(serving, receiving, rules).values())
 
@@ -98,9 +98,9 @@ def normalised_score(rally_win: float, reference: float, best: float, *, error_b
         rally_win: probability that the policy wins a rally against the opponent.
         reference: the same of the reference policy.
         best: the same of the best response.
-        error_bound: ``best - reference`` is within this of the truth.
+        error_bound: absolute error bound of ``best - reference``.
 
     Returns:
-        ``(rally_win - reference) / (best - reference)``; None where the best response may be no better than the reference.
+        ``(rally_win - reference) / (best - reference)``; None if the best response may not be better than the reference.
     """
     return (rally_win - reference) / (best - reference) if best - error_bound > reference else None

@@ -1,4 +1,4 @@
-"""Expected visits of a profile: its states and strokes, the length of its rallies, and how they end."""
+"""Expected visits of a profile to states and strokes, the length of its rallies, and their endings."""
 
 import dataclasses
 from typing import Final, Literal
@@ -13,7 +13,7 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.thresholds import ONE
 
 ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
-"""Ways in which a rally can end; the first two are won by player 0."""
+"""Endings of a rally; player 0 wins the first two."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,8 +22,8 @@ class Visits:
 
     Attributes:
         policies: of player 0 and player 1.
-        states: ``[S]`` each, how often player 0 strikes in a state, and player 1.
-        error_bound: the numbers of all states together are within this of the true ones.
+        states: ``[S]`` each: expected number of strokes of player 0 and of player 1 in a state.
+        error_bound: bound of the summed absolute errors over all states.
     """
 
     policies: tuple[StatePolicy, StatePolicy]
@@ -31,12 +31,12 @@ class Visits:
     error_bound: float
 
     def pairs(self, player: int) -> F64:
-        """``[P]`` how often a player plays each legal pair."""
+        """``[P]`` expected number of times that a player plays each legal pair."""
         policy = self.policies[player]
         return np.asarray(policy.pair_probabilities() * policy.game.of_pairs(self.states[player]))
 
     def base_pairs(self, player: int) -> F64:
-        """``[L, base pairs]`` how often a player plays each base pair at each own effort."""
+        """``[L, base pairs]`` expected number of times that a player plays each base pair, by own effort."""
         policy = self.policies[player]
         game = policy.game
         total = np.zeros((game.levels, game.n_base_pairs))
@@ -52,18 +52,18 @@ class Visits:
         return float(self.states[0].sum() + self.states[1].sum())
 
     def endings(self) -> dict[str, float]:
-        """Share of the rallies that end in each of :data:`ENDINGS`."""
+        """Fraction of rallies with each of :data:`ENDINGS`."""
         shares = dict.fromkeys(ENDINGS, 0.0)
         for player, policy in enumerate(self.policies):
             played = self.base_pairs(player)
             fault, winner = np.moveaxis(policy.game.limits[..., :2].astype(np.float64), -1, 0) / ONE
-            # A sum of numpy and not of BLAS, whose order, and so the last bits, depend on the number of threads.
+            # A sum of numpy, because the last bits of BLAS depend on the number of threads.
             shares[f"winner of player {player}"] = float((played * (winner - fault)).sum())
             shares[f"fault of player {player}"] = float((played * fault).sum())
         return shares
 
     def shot_mix(self, player: int) -> F64:
-        """``[13]`` share of each shot type among a player's strokes, in the order of :data:`shuttle_marl.game.stroke.SHOTS`."""
+        """``[13]`` fraction of each shot type in a player's strokes, in the order of :data:`shuttle_marl.game.stroke.SHOTS`."""
         game = self.policies[player].game
         played = np.bincount(game.catalogue.shot[game.base_pair_stroke], self.base_pairs(player).sum(axis=0), N_SHOTS)
         return np.asarray(played / played.sum())
@@ -86,8 +86,8 @@ def visits(
     Args:
         policy: of player 0.
         opponent: of player 1.
-        server: who serves; None: each half of the time.
-        tolerance: largest error bound that is good enough.
+        server: the server; None: each player half of the time.
+        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.

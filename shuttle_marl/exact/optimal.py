@@ -30,14 +30,14 @@ class Solution:
     """The solved game.
 
     Attributes:
-        games: the tables with which player 0 and player 1 strike; one and the same in the symmetric game.
-        value: ``[S]`` each: minimax value of the states in which player 0 strikes, to player 0, and of those in which player
-            1 strikes, to player 1; from -1 to 1.
+        games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
+        value: ``[S]`` each: minimax value to player 0 of the states in which player 0 strikes, and to player 1 of those in which
+            player 1 strikes; from -1 to 1.
         policy: of each player, the best stroke in every state.
-        sweeps: how often all legal pairs of a game were swept.
-        residual: by how much the last sweep before the bound was met changed a value.
-        contraction: factor by which a sweep (a pair of sweeps, where the games differ) shrinks an error.
-        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
+        sweeps: number of sweeps over all legal pairs of a game.
+        residual: largest change of a value in the last sweep.
+        contraction: factor by which a sweep (a pair of sweeps, if the games differ) reduces an error.
+        error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
     games: tuple[Game, Game]
@@ -80,8 +80,8 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
 
     Args:
         game: the tables with which player 0 strikes.
-        other: those with which player 1 strikes, of the same layout; None: the same, the symmetric game.
-        tolerance: largest error bound that is good enough.
+        other: the tables with which player 1 strikes, of the same layout; None: the symmetric game.
+        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or some stroke never ends a rally.
@@ -166,7 +166,7 @@ def _solve_symmetric(game: Game, tolerance: float) -> Solution:
         return chosen.value, after_choices([game], chosen)
 
     sweep = best_sweep([game])
-    # What is swept block by block is a stroke of both players.
+    # Sweeps by blocks alternate between the players, so each pair contracts twice.
     start, swept = by_blocks(game, sweep, sweep, contraction**2, tolerance)
     value, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
     chosen = choices([game], value)
@@ -194,7 +194,7 @@ def best_sweep(games: Sequence[Game], *, against: bool = False) -> BlockSweep:
 
 
 def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
-    """The policy that plays in every state the legal stroke at one position, ``[S]``; -1 in states without any."""
+    """The policy that plays the legal stroke of a rank in every state, ``[S]``; -1 in states without strokes."""
     cumulative = np.empty(game.n_pairs, dtype=np.uint16)
     for block in range(game.n_blocks):
         # From the chosen stroke on, the cumulative probability of its state is 1.
@@ -209,9 +209,9 @@ class Response:
 
     Attributes:
         game: the tables with which the responder strikes.
-        rank: ``[S]`` which legal stroke the response plays; -1 in a state without any.
+        rank: ``[S]`` position of the response among the legal strokes; -1 in a state without any.
         value: of the response as player 0 against the policy as player 1.
-        sweeps: how often all legal pairs of the responder were swept.
+        sweeps: number of sweeps over all legal pairs of the responder.
     """
 
     game: Game
@@ -221,7 +221,7 @@ class Response:
 
     @functools.cached_property
     def policy(self) -> TabulatedPolicy:
-        """The response, one stroke in every state."""
+        """The response as a table."""
         return pure_policy(self.game, self.rank)
 
 
@@ -230,9 +230,9 @@ class Exploitability:
     """Gains of best responses on a profile, on the scale from -1 to 1, both players serving equally often.
 
     Attributes:
-        nash_conv: the sum of what each player gains by answering the other one best, instead of playing the profile; 0 for a
-            Nash equilibrium (Lanctot et al., NeurIPS 2017).
-        error_bound: it is within this of the true one.
+        nash_conv: sum of the gains of both players' best responses over the profile; 0 for a Nash equilibrium (Lanctot et al.,
+            NeurIPS 2017).
+        error_bound: absolute error bound of it.
     """
 
     nash_conv: float
@@ -242,8 +242,7 @@ class Exploitability:
     def exploitability(self) -> float:
         """NashConv divided by the number of players.
 
-        For one policy in both seats of the symmetric game this is what its best response gains, as a value: the best
-        response wins ``(1 + exploitability) / 2`` of the rallies.
+        For one policy in both seats of the symmetric game, its best response wins ``(1 + exploitability) / 2`` of the rallies.
         """
         return self.nash_conv / 2
 
@@ -252,9 +251,9 @@ def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = Non
     """The best response to a policy.
 
     Args:
-        policy: of the opponent, player 1; or its chain, if that is there already.
-        game: the tables with which the responder, player 0, strikes; None: those of the policy, the symmetric game.
-        tolerance: largest error bound that is good enough.
+        policy: of the opponent, player 1, or its chain.
+        game: the tables with which the responder, player 0, strikes; None: the symmetric game.
+        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
@@ -267,7 +266,7 @@ def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = Non
     def operator(x: F64) -> tuple[F64, Linear]:
         chosen = choices([own], opponent.values(x))
         follow = after_choices([own], chosen)
-        # The opponent's part is minus what continues.
+        # The linear part of the opponent is minus the continuation.
         return chosen.value, lambda change: -follow(opponent.continuation(change))
 
     start, swept = by_blocks(own, best_sweep([own]), opponent.block_sweep, contraction, tolerance)
@@ -285,14 +284,14 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
     Args:
         policy: of player 0.
         opponent: of player 1; None: ``policy`` in both seats.
-        tolerance: largest error bound of a best response that is good enough.
+        tolerance: largest acceptable error bound of a best response.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
     """
     answer = best_response(policy, game=opponent.game if opponent else None, tolerance=tolerance)
     other = answer if opponent is None else best_response(opponent, game=policy.game, tolerance=tolerance)
-    # The game is zero-sum, so what both players get from the profile itself adds up to 0.
+    # The game is zero-sum, so the values of the profile itself cancel.
     gain = answer.value.odds().value + other.value.odds().value
     return Exploitability(nash_conv=gain, error_bound=answer.value.error_bound + other.value.error_bound)
 
@@ -333,9 +332,9 @@ def policy_regret(
     """The regret of a policy in seat 0, weighted by its visits.
 
     Args:
-        policy: whose regret.
-        opponent: against whom the visits are counted; None: the minimax policy, where the sum is V* - V^pi at the serve.
-        solution: the solved game, if it is there already; it must be of the policy's game.
+        policy: the policy.
+        opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
+        solution: the solved game of the policy, if known.
         tolerance: error bound of the values and of the visits.
 
     Raises:
@@ -346,6 +345,6 @@ def policy_regret(
     state = value - induced(policy).values(following)
     counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
     weight = counted.states[0]
-    # A state's regret is at most 2 and off by two values at most.
+    # The regret of a state is at most 2, and its error that of two values.
     bound = 2 * solution.error_bound * float(weight.sum()) + 2 * counted.error_bound
     return Regret(state=state, weight=weight, per_rally=float(weight @ state), error_bound=bound)

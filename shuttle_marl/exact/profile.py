@@ -1,4 +1,4 @@
-"""Two fixed policies against each other, exactly: the value of every state, and the odds of everyone against everyone."""
+"""Exact evaluation of two fixed policies: values of all states, and cross-play of many policies."""
 
 import dataclasses
 import itertools
@@ -25,7 +25,7 @@ from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 _FIRST_BLOCK: Final = 0
-"""Block of the states before any effort of either player: the serve is one of them."""
+"""Block of the states without effort of either player, such as the serve."""
 
 
 class StatePolicy(Protocol):
@@ -47,12 +47,12 @@ class StatePolicy(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairPolicy:
-    """A policy given by probabilities that are not rounded to the resolution of a table.
+    """A policy with probabilities that are not rounded to the resolution of a table.
 
     Attributes:
         game: the tables with which the player strikes.
-        probability: ``[P]`` of each legal pair, or ``[base pairs]`` where it does not depend on the efforts; those of a state add
-            up to 1.
+        probability: ``[P]`` of each legal pair, or ``[base pairs]`` if it does not depend on the efforts; they sum to 1 in each
+            state.
     """
 
     game: Game
@@ -70,14 +70,14 @@ class PairPolicy:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class InducedChain:
-    """The Markov chain of one player's strokes under a policy.
+    """Markov chain of one player's strokes under a policy.
 
     Attributes:
         game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
         weight: for each block ``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, as in
             :class:`~shuttle_marl.exact.sweeps.Played`; blocks that are alike share an array.
-        contraction: largest probability, over the rally states, that the rally continues.
+        contraction: largest probability that the rally continues, over the rally states.
     """
 
     game: Game
@@ -86,11 +86,11 @@ class InducedChain:
     contraction: float
 
     def continuation(self, following: F64) -> F64:
-        """``[S]`` C following: the mean of what follows each state, the end of the rally counting as 0."""
+        """``[S]`` C following: mean value of the successors of each state, 0 at the end of a rally."""
         return mean_following(self.game, self.weight, following)
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and how they change; see :data:`~shuttle_marl.exact.blocks.BlockSweep`."""
+        """Values of one block and their linear part; see :data:`~shuttle_marl.exact.blocks.BlockSweep`."""
         weight, reward = self.weight[block], self.reward[self.game.block_states(block)]
 
         def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
@@ -101,32 +101,32 @@ class InducedChain:
         return reward + linear(plain, after_attack), linear
 
     def propagate(self, visits: F64) -> F64:
-        """``[S]`` C' visits: how often each state follows, given how often the striker is in each state."""
+        """``[S]`` C' visits: expected visits of the successors of the striker's states."""
         return propagate(self.game, self.weight, visits)
 
     def values(self, following: F64) -> F64:
-        """``[S]`` value of every state to the striker, ``following`` the value of the next states to the receiver."""
+        """``[S]`` value of every state to the striker, with ``following`` the value of the next states to the receiver."""
         return self.reward - self.continuation(following)
 
 
 def induced(policy: StatePolicy) -> InducedChain:
-    """The chain of a policy, with the probabilities exactly as they are played from its table.
+    """The chain of a policy, with the exact probabilities of its table.
 
     Raises:
-        ExactError: the policy may never end a rally.
+        ExactError: a rally under the policy may never end.
     """
     game = policy.game
     reward, largest = np.empty(game.n_states), 0.0
     weights: list[Weights] = []
-    kept: list[tuple[Chances, dict[int, int]]] = []
+    tables: list[tuple[Chances, dict[int, int]]] = []
     for block in range(game.n_blocks):
         level, states = block // game.levels, game.block_states(block)
         chance = policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
-        # Most policies do not look at the efforts, or only at their own: each table is kept once.
-        same = next((blocks for seen, blocks in kept if np.array_equal(seen, chance)), None)
+        # Most policies ignore the efforts, or all but their own: each table is stored once.
+        same = next((blocks for seen, blocks in tables if np.array_equal(seen, chance)), None)
         if same is None:
             same = {}
-            kept.append((chance, same))
+            tables.append((chance, same))
         if level in same:
             twin = same[level]
             weights.append(weights[twin])
@@ -144,10 +144,10 @@ def induced(policy: StatePolicy) -> InducedChain:
 
 
 def check_same_layout(first: Game, second: Game) -> None:
-    """Two players' tables must name the same states and strokes; only the probabilities may differ.
+    """Check that two games have the same states and strokes; their probabilities may differ.
 
     Raises:
-        ExactError: they do not.
+        ExactError: their layouts differ.
     """
     if first is second:
         return
@@ -174,13 +174,12 @@ class ProfileValue:
     """Values of all states when player 0 and player 1 play given policies.
 
     Attributes:
-        striking: ``[S]`` each: value of the states in which player 0 strikes, to player 0, and of those in which player 1
-            strikes, to player 1. Values lie between -1 and 1: the probability of winning the rally minus that of
-            losing it, so
-            the probability of winning is ``(1 + value) / 2``.
-        residual: by how much the last sweep changed a value.
+        striking: ``[S]`` each: value to player 0 of the states in which player 0 strikes, and to player 1 of those in which
+            player 1 strikes. A value is the probability of winning the rally minus that of losing it, so the probability of
+            winning is ``(1 + value) / 2``.
+        residual: largest change of a value in the last sweep.
         contraction: factor by which a pair of sweeps shrinks an error.
-        error_bound: every value is within this of the true one (:mod:`shuttle_marl.exact.fixed_point`).
+        error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
     striking: tuple[F64, F64]
@@ -189,9 +188,9 @@ class ProfileValue:
     error_bound: float
 
     def odds(self, player: int = 0) -> Odds:
-        """Odds of a player against the other."""
+        """Odds of a player against the opponent."""
         serving, receiving = self.striking[player][ROOT], -self.striking[1 - player][ROOT]
-        # Rounding may carry a value of a certain rally past 1.
+        # Rounding may carry the value of a certain win past 1.
         probabilities = (min(1.0, max(0.0, (1 + float(value)) / 2)) for value in (serving, receiving))
         return Odds(serving=next(probabilities), receiving=next(probabilities), error_bound=self.error_bound / 2)
 
@@ -199,13 +198,13 @@ class ProfileValue:
 def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """The exact value of player 0 playing ``policy`` against player 1 playing ``opponent``.
 
-    Player i strikes with the tables of the game that its policy was tabulated for. In the symmetric game that is the same
-    game; where the players have profiles of their own, it is the game with the striker's success and the receiver's return.
+    Player i strikes with the tables of the game of its policy: the same in the symmetric game; if players have profiles of their
+    own, the game with the striker's success and the receiver's return.
 
     Args:
         policy: of player 0.
         opponent: of player 1.
-        tolerance: largest error bound that is good enough.
+        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.
@@ -216,7 +215,7 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
 
 
 def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: float = TOLERANCE) -> ProfileValue:
-    """:func:`evaluate` for policies whose chains are there already; both must be of games with the same layout."""
+    """:func:`evaluate` for known chains of games with the same layout."""
     contraction = first.contraction * second.contraction
 
     def operator(x: F64) -> tuple[F64, Linear]:
@@ -233,11 +232,11 @@ def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: flo
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Crossplay:
-    """The odds of N policies against each other.
+    """Odds of N policies against each other.
 
     Attributes:
         serving: ``[N, N]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
-        error_bound: every probability is within this of the true one.
+        error_bound: absolute error bound of all probabilities.
     """
 
     serving: F64
@@ -261,14 +260,14 @@ class Crossplay:
 def crossplay(
     policies: Sequence[StatePolicy], *, tolerance: float = TOLERANCE, progress: Callable[[], object] | None = None
 ) -> Crossplay:
-    """The exact odds of every pair of policies, each against itself too.
+    """Exact odds of every pair of policies, including each against itself.
 
-    Pairs are solved on all cores; which core solves a pair never changes its odds.
+    Pairs are solved on all cores; results do not depend on their number.
 
     Args:
         policies: N policies of games with the same layout.
-        tolerance: largest error bound of a value that is good enough.
-        progress: called whenever one of the ``N (N + 1) / 2`` pairs is solved.
+        tolerance: largest acceptable error bound of a value.
+        progress: called when one of the ``N (N + 1) / 2`` pairs is solved.
 
     Raises:
         ExactError: there is no policy, two games have different layouts, or play may never end.

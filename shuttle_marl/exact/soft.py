@@ -1,15 +1,15 @@
-"""Play close to people: the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544).
+"""Human-like play: the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544).
 
-Each player i has a prior b_i, how people play, and pays tau for every nat by which their policy departs from it in a state,
-KL(pi_i(. | s) || b_i(. | s)); the other player receives that, so the game stays zero-sum. Q(s, a) being the value of a stroke as
-in :mod:`shuttle_marl.exact.fixed_point`, the value of a state to its striker and the policy are
+Each player i has a prior b_i, a model of human play, and pays tau KL(pi_i(. | s) || b_i(. | s)) to the other player in every
+state, so the game stays zero-sum. With Q(s, a) the value of a stroke as in :mod:`shuttle_marl.exact.fixed_point`, the value of a state
+to its striker and the policy are
 
     V(s) = tau log sum_a b(a | s) exp(Q(s, a) / tau),        pi(a | s) = b(a | s) exp((Q(s, a) - V(s)) / tau).
 
-Towards tau = 0 this is minimax over the strokes that the prior plays, towards infinity it is the prior. A soft maximum changes by
-no more than the largest change of its terms, so an operator contracts with the largest continuation as a maximum does, the values
-lie between -1 and 1, there is one equilibrium, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. The logarithm of a
-probability of the policy is off by at most 2 / tau times the bound.
+The limits are minimax over the support of the prior for tau = 0, and the prior for infinite tau. A soft maximum changes by at
+most the largest change of its terms, so its operator contracts as the maximum does, values lie between -1 and 1, the equilibrium is
+unique, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. The error of a log-probability of the policy is at most
+2 / tau times the bound.
 """
 
 import dataclasses
@@ -46,7 +46,7 @@ def _soften(
             played[i] = (reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]) / 65536.0
             if before[i] > 0.0:
                 best = max(best, played[i])
-        # For a large tau all terms are close to 1, and what tells them apart must not be rounded away.
+        # For a large tau all terms are close to 1, so their differences are summed separately.
         total = change = 0.0
         for i in range(count):
             x = min((played[i] - best) / tau, 0.0)
@@ -75,15 +75,15 @@ def _continue(continuation: F32, replies: Replies, policy: F64, following: F64, 
 
 
 class _SoftPlayer:
-    """A player of the regularised game: the soft maximum over the strokes, and the policy at its last call."""
+    """A player of the regularised game; ``policy`` is that of the last call of :meth:`values`."""
 
     def __init__(self, prior: StatePolicy, tau: float) -> None:
         self.game, self._tau = prior.game, tau
-        self._prior = tuple(each_once(prior))
+        self._prior = tuple(shared_blocks(prior))
         self.policy = np.empty(self.game.n_pairs)
 
     def values(self, following: F64) -> F64:
-        """``[S]`` the soft maximum, ``following`` the value of the next states to the receiver."""
+        """``[S]`` soft maxima, with ``following`` the value of the next states to the receiver."""
         game, table = self.game, probabilities(self.game)
         out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
         for block, prior in enumerate(self._prior):
@@ -94,7 +94,7 @@ class _SoftPlayer:
         return out
 
     def linear(self, following: F64) -> F64:
-        """``[S]`` the linear part at the last call of :meth:`values`: minus what follows under the policy."""
+        """``[S]`` linear part of the last call of :meth:`values`: minus the mean value of the successors under the policy."""
         game, table = self.game, probabilities(self.game)
         out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
         for block in range(game.n_blocks):
@@ -104,13 +104,13 @@ class _SoftPlayer:
         return out
 
 
-def each_once(policy: StatePolicy) -> list[F64]:
-    """``[base pairs]`` probabilities of each block, one array for blocks that are alike: most policies do not look at efforts."""
-    kept: list[F64] = []
+def shared_blocks(policy: StatePolicy) -> list[F64]:
+    """``[base pairs]`` probabilities of each block; equal blocks share an array, because most policies ignore the efforts."""
+    arrays: list[F64] = []
     for block in range(policy.game.n_blocks):
         probability = policy.block_probabilities(block)
-        kept.append(next((seen for seen in kept if np.array_equal(seen, probability)), probability))
-    return kept
+        arrays.append(next((seen for seen in arrays if np.array_equal(seen, probability)), probability))
+    return arrays
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,14 +118,14 @@ class SoftSolution:
     """The KL-regularised equilibrium.
 
     Attributes:
-        tau: cost of a nat away from the prior, on the scale of values.
-        value: ``[S]`` each: value of the regularised game where player 0 strikes, to player 0, and where player 1 strikes, to
-            player 1.
+        tau: cost of a nat of divergence from the prior, on the scale of values.
+        value: ``[S]`` each: value of the regularised game to player 0 where player 0 strikes, and to player 1 where player 1
+            strikes.
         policy: of each player.
-        sweeps: how often all legal pairs of a game were swept, for values or for the steps between them.
-        residual: by how much the last sweep changed a value.
-        contraction: factor by which a sweep (a pair of sweeps, where the players differ) shrinks an error.
-        error_bound: every value is within this of the true one.
+        sweeps: number of sweeps over all legal pairs of a game.
+        residual: largest change of a value in the last sweep.
+        contraction: factor by which a sweep (a pair of sweeps, if the players differ) reduces an error.
+        error_bound: absolute error bound of all values.
     """
 
     tau: float
@@ -140,16 +140,16 @@ class SoftSolution:
 def solve_soft(
     prior: StatePolicy, opponent: StatePolicy | None = None, *, tau: float, tolerance: float = TOLERANCE
 ) -> SoftSolution:
-    """The equilibrium of two players who pay for departing from their priors.
+    """The KL-regularised equilibrium.
 
     Args:
-        prior: of player 0; strokes that it never plays stay unplayed.
+        prior: of player 0; strokes with probability 0 keep it.
         opponent: prior of player 1; None: the same.
-        tau: cost of a nat, a finite number above 0.
-        tolerance: largest error bound of a value that is good enough.
+        tau: cost of a nat; finite and positive.
+        tolerance: largest acceptable error bound of a value.
 
     Raises:
-        ExactError: ``tau`` is no such number, the layouts differ, or some stroke never ends a rally.
+        ExactError: ``tau`` is not finite and positive, the layouts differ, or some stroke never ends a rally.
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")

@@ -91,7 +91,7 @@ def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str
 def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
     seen = over([*refits, *refits], lambda game: {"first": float(game is refits[0])})
     assert seen["first"].value == 0.5
-    with pytest.raises(ExactError, match="an interval needs two or more refits"):
+    with pytest.raises(ExactError, match="an interval needs at least 2 refits"):
         over(refits[:1], lambda game: {})
 
 

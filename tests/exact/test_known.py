@@ -16,7 +16,7 @@ from tests.exact.exact_games import random_game, random_policy
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "odds.sqlite"
     monkeypatch.setattr(known, "_path", lambda: path)
-    known._say_once.cache_clear()
+    known._warn_once.cache_clear()
     return path
 
 
@@ -73,7 +73,7 @@ def test_a_folder_that_cannot_be_written_is_said_once(
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setattr(known, "_path", lambda: tmp_path / "file" / "odds.sqlite")
-    known._say_once.cache_clear()
+    known._warn_once.cache_clear()
     for _ in range(2):
         assert len(known.best_odds(policies[:1])) == 1
-    assert caplog.text.count("solved again") == 1
+    assert caplog.text.count("recomputed") == 1
