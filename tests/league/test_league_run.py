@@ -321,7 +321,9 @@ def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, sa
     first, *rest = (finished / "pairings.jsonl").read_bytes().splitlines(keepends=True)
     path = tmp_path / "pairings.jsonl"
     path.write_bytes(first + line + b"\n" + b"".join(rest))
-    with pytest.raises(LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a backup, or play the tournament again"):
+    with pytest.raises(
+        LeagueError, match=f"line 2 is damaged .*{says}.*; restore it from a backup, or play the tournament again"
+    ):
         read_results(tmp_path, scheduled)
     path.unlink()
     path.mkdir()
