@@ -1,15 +1,15 @@
 """Human-like play: the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544).
 
 Each player i has a prior b_i, a model of human play, and pays tau KL(pi_i(. | s) || b_i(. | s)) to the other player in every
-state, so the game stays zero-sum. With Q(s, a) the value of a stroke as in :mod:`shuttle_marl.exact.fixed_point`, the value of a state
-to its striker and the policy are
+state, so the game stays zero-sum. With Q(s, a) the value of a stroke as in :mod:`shuttle_marl.exact.fixed_point`, the value of
+a state to its striker and the policy are
 
     V(s) = tau log sum_a b(a | s) exp(Q(s, a) / tau),        pi(a | s) = b(a | s) exp((Q(s, a) - V(s)) / tau).
 
 The limits are minimax over the support of the prior for tau = 0, and the prior for infinite tau. A soft maximum changes by at
-most the largest change of its terms, so its operator contracts as the maximum does, values lie between -1 and 1, the equilibrium is
-unique, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. The error of a log-probability of the policy is at most
-2 / tau times the bound.
+most the largest change of its terms, so its operator contracts as the maximum does, values lie between -1 and 1, the
+equilibrium is unique, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds. The error of a log-probability of the
+policy is at most 2 / tau times the bound.
 """
 
 import dataclasses
