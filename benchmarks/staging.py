@@ -20,10 +20,14 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.machine import this_machine
+from benchmarks.motion_metrics import measure, summary
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging import ATHLETES, Motion, PlayedRally, measure, play_rallies, stage, summary
+from shuttle_marl.rally.record import Rally
+from shuttle_marl.staging import ATHLETES, Motion, stage
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -33,9 +37,7 @@ _CONTINUED: Final = 10
 
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     """Stage and measure; see the keys. Lengths are metres but for names that say otherwise."""
-    game = default_game()
-    policy = resolve("bc", game)
-    played = play_rallies(game, (policy, policy), rallies, seed=seed)
+    played = self_play_rallies("bc", rallies, seed=seed)
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are kept
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
@@ -62,13 +64,27 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     }
 
 
+def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
+    """The first ``n`` episodes of ``rally_v0`` on the default game, both seats playing the same policy.
+
+    Args:
+        policy: name in the registry; the policy does not read the score.
+        n: number of rallies, at least 1.
+        seed: random seed.
+    """
+    game = default_game()
+    table = tabulate(resolve(policy, game), game)
+    rallies = play_rallies(game, (table, table), n, seed=seed)
+    return [rallies.row(k, game.catalogue) for k in range(n)]
+
+
 def pack_error(motion: Motion, again: Motion) -> float:
     """Greatest distance between strings, bones and shuttles of two motions [m]."""
     names = ("sweet_spot", "position", "shuttle")
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 
 
-def continued(rally: PlayedRally, seed: int, hands: tuple[str, str], athletes: tuple[str, str]) -> list[float]:
+def continued(rally: Rally, seed: int, hands: tuple[str, str], athletes: tuple[str, str]) -> list[float]:
     """CPU seconds of each extension of a rally that is staged as it is played: a stroke of a player and the reply to it."""
     motion = stage(first_strokes(rally, 0), seed=seed, handedness=hands, athletes=athletes)
     seconds = []
@@ -80,7 +96,7 @@ def continued(rally: PlayedRally, seed: int, hands: tuple[str, str], athletes: t
     return seconds
 
 
-def first_strokes(rally: PlayedRally, strokes: int) -> PlayedRally:
+def first_strokes(rally: Rally, strokes: int) -> Rally:
     """The first strokes of a rally, while it was open."""
     if strokes == len(rally):
         return rally

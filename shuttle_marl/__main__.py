@@ -14,7 +14,6 @@ COMMANDS: Final = {
     "league": "play a tournament between policies",
     "policies": "list every policy by name",
     "recording": "read, check, repair and export the log of every rally",
-    "staging": "turn recorded rallies into motion, and measure it",
     "training": "train an agent with PPO, A2C or SAC",
     "watch": "watch matches in 3D, analyse them, and play yourself",
 }

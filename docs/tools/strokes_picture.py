@@ -13,13 +13,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
+from benchmarks.staging import self_play_rallies
 from docs.tools.markdown import IMAGES
 from experiments.pictures.raster import Camera, Canvas
 from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.scene import models
-from shuttle_marl.staging import Motion, play_rallies, stage
+from shuttle_marl.staging import Motion, stage
 from shuttle_marl.staging.motions import MOTIONS
 from shuttle_marl.staging.rotation import matrix, unit
 from shuttle_marl.staging.skeleton import BONE
@@ -114,10 +114,8 @@ def strips(
 ) -> dict[int, np.ndarray]:
     """One row of pictures for each kind of stroke that is played."""
     hand, seed = player
-    game = default_game()
-    policy, random = resolve("bc", game), resolve("random", game)
     rows: dict[int, np.ndarray] = {}
-    played = play_rallies(game, (policy, policy), 120, seed=seed) + play_rallies(game, (random, random), 400, seed=seed)
+    played = self_play_rallies("bc", 120, seed=seed) + self_play_rallies("random", 400, seed=seed)
     for i, rally in enumerate(played):
         motion = None
         for k in range(len(rally)):

@@ -24,7 +24,6 @@ from shuttle_marl.scene.motion import joint_message, motion_messages
 from shuttle_marl.scene.report import SECOND, StagedRally, report_rally
 from shuttle_marl.scene.topics import entities_on
 from shuttle_marl.staging import stage
-from shuttle_marl.staging.rally import rally_of
 
 EPOCH: Final = 1_735_689_600 * SECOND
 """Start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one."""
@@ -118,7 +117,13 @@ def write_scene(
     names: tuple[str, str] | None = None
     for i, number in enumerate(progress(numbers)):
         report = report_rally(log, int(number), game, players)
-        motion = stage(rally_of(log, log.rally(int(number))), seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
+        motion = stage(
+            log.rally(int(number)).row(0, log.catalogue).checked(),
+            seed=report.key,
+            athletes=athletes,
+            handedness=handedness,
+            fps=fps,
+        )
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
             channels.write([joint_message(start, motion), entities_on(topics.COURT, start, models.court(start))])

@@ -17,13 +17,12 @@ from shuttle_marl.staging.equipment import (
     SHUTTLE_SCALE,
     SWEET_SPOT,
 )
-from shuttle_marl.staging.metrics import Joint, Metrics, joints, measure, summary
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.rally import PlayedRally, StagingError, play_rallies
 from shuttle_marl.staging.skeleton import (
     ATHLETES,
     BONES,
     Skeleton,
+    StagingError,
     finger_pose,
     load_skeleton,
     model_file,
@@ -42,19 +41,12 @@ __all__ = [
     "RACKET_LENGTH",
     "SHUTTLE_SCALE",
     "SWEET_SPOT",
-    "Joint",
-    "Metrics",
     "Motion",
-    "PlayedRally",
     "Skeleton",
     "StagingError",
     "Trajectory",
     "finger_pose",
-    "joints",
     "load_skeleton",
-    "measure",
     "model_file",
-    "play_rallies",
     "stage",
-    "summary",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.game import draws
+from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
 from shuttle_marl.staging.draw import Known, Physique, draw_trajectory
@@ -16,10 +17,9 @@ from shuttle_marl.staging.keys import Timeline, own_frame
 from shuttle_marl.staging.library import FLIP, library_of
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
-from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.shuttle import held, shuttle_path
-from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, load_skeleton
+from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
 from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, with_contacts_moved
 from shuttle_marl.staging.travel import travel
@@ -52,7 +52,7 @@ class _Branch:
 
 
 def stage(
-    rally: PlayedRally,
+    rally: Rally,
     *,
     seed: int,
     handedness: tuple[str, str] = ("right", "right"),
@@ -123,7 +123,7 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
         raise StagingError(f"importance {importance}: expected 0 to 1")
 
 
-def _branch(rally: PlayedRally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
+def _branch(rally: Rally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
     """Place where a motion is continued, checked."""
     if motion is None:
         if from_stroke is not None or at is not None:

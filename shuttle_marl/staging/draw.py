@@ -15,11 +15,11 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
 from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Library
 from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
-from shuttle_marl.staging.rally import PlayedRally
 from shuttle_marl.staging.stands import OVERHEADS
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
 
@@ -72,7 +72,7 @@ class Known:
 
 
 def draw_trajectory(
-    rally: PlayedRally,
+    rally: Rally,
     measured: Measured,
     players: tuple[Physique, Physique],
     *,
@@ -119,7 +119,7 @@ class _Try:
 
 
 class _TrajectoryBuilder:
-    def __init__(self, rally: PlayedRally, measured: Measured, players: tuple[Physique, Physique], key: U64, fps: int) -> None:
+    def __init__(self, rally: Rally, measured: Measured, players: tuple[Physique, Physique], key: U64, fps: int) -> None:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
@@ -355,7 +355,7 @@ def _turn(seat: int) -> F64:
 
 
 def _trajectory(
-    rally: PlayedRally,
+    rally: Rally,
     drawn: list[_Choice],
     first: int,
     contacts: list[F64],

@@ -11,14 +11,14 @@ import numpy.typing as npt
 from shuttle_marl.arrays import F32, F64, I64, Bools
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
+from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import packing
 from shuttle_marl.staging.body import Player
 from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
-from shuttle_marl.staging.rally import PlayedRally, StagingError
 from shuttle_marl.staging.rotation import apply, matrix
-from shuttle_marl.staging.skeleton import BONE, N_BONES, Skeleton, load_skeleton
+from shuttle_marl.staging.skeleton import BONE, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 HANDS: Final = ("right", "left")
@@ -218,7 +218,7 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
     strokes, fps = head["strokes"], head["fps"]
     names = [stroke["name"] for stroke in strokes]
     catalogue = Catalogue.from_names(dict.fromkeys(names))
-    rally = PlayedRally(
+    rally = Rally(
         catalogue=catalogue,
         server=int(head["server"]),
         stroke=np.array([catalogue.index(name) for name in names], dtype=np.int64),

@@ -14,9 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64, Bools, Floats, Ints
-from shuttle_marl.staging.rally import StagingError
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
-from shuttle_marl.staging.skeleton import N_BONES
+from shuttle_marl.staging.skeleton import N_BONES, StagingError
 
 MAGIC: Final = b"SMOT"
 VERSION: Final = 1

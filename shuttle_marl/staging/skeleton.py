@@ -14,8 +14,13 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64
-from shuttle_marl.staging.rally import StagingError
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.staging.rotation import apply, unit
+
+
+class StagingError(ShuttleError):
+    """A rally that cannot be staged, or an invalid option."""
+
 
 BONES: Final = (
     "Hips",

@@ -7,9 +7,9 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
+from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, shoot
 from shuttle_marl.staging.motions import Stance
-from shuttle_marl.staging.rally import PlayedRally
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
@@ -39,7 +39,7 @@ class Trajectory:
         reply: while the rally is open, the stance in which the next striker is expected.
     """
 
-    rally: PlayedRally
+    rally: Rally
     time: F64
     contact: F64
     end: I64

@@ -8,7 +8,8 @@ import numpy as np
 
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tables import Game
-from shuttle_marl.staging import Motion, PlayedRally, stage
+from shuttle_marl.rally import record
+from shuttle_marl.staging import Motion, stage
 from shuttle_marl.watch.match import Person, Rally
 from shuttle_marl.watch.tables import Kept
 
@@ -55,7 +56,7 @@ class Stager:
         if ending is None:
             assert rally.turn is not None
             ending = RETURNED_BELOW + int(self._game.contact(rally.turn))
-        played = PlayedRally(
+        played = record.Rally(
             catalogue=self._game.catalogue,
             server=rally.server,
             stroke=np.array(rally.stroke, dtype=np.int64),

@@ -9,21 +9,18 @@ import pytest
 from rich.console import Console
 
 from benchmarks import staging
-from shuttle_marl.game import default_game
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging import Motion, PlayedRally, play_rallies, stage
+from shuttle_marl.rally.record import Rally
+from shuttle_marl.staging import Motion, stage
 
 QUIET = Console(file=io.StringIO())
 
 
 @pytest.fixture(scope="module")
-def rally() -> PlayedRally:
-    game = default_game()
-    policy = resolve("bc", game)
-    return next(rally for rally in play_rallies(game, (policy, policy), 40, seed=11) if len(rally) == 4)
+def rally() -> Rally:
+    return next(rally for rally in staging.self_play_rallies("bc", 40, seed=11) if len(rally) == 4)
 
 
-def test_what_is_lost_in_packing_is_found(rally: PlayedRally) -> None:
+def test_what_is_lost_in_packing_is_found(rally: Rally) -> None:
     motion = stage(rally, seed=0)
     assert staging.pack_error(motion, Motion.unpack(motion.pack())) < 0.002
     for name in ("position", "shuttle"):
@@ -35,7 +32,7 @@ def test_what_is_lost_in_packing_is_found(rally: PlayedRally) -> None:
     assert staging.pack_error(motion, dataclasses.replace(motion, rotation=rotation)) > 0.04, "rackets are somewhere else"
 
 
-def test_a_rally_is_continued_as_in_play(rally: PlayedRally) -> None:
+def test_a_rally_is_continued_as_in_play(rally: Rally) -> None:
     open_ended = [staging.first_strokes(rally, k) for k in range(len(rally))]
     assert [len(part) for part in open_ended] == [0, 1, 2, 3]
     assert all(part.open for part in open_ended)

@@ -13,15 +13,15 @@ import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 
+from benchmarks.staging import self_play_rallies
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.rally.record import RallyError
+from shuttle_marl.rally.record import Rally, RallyError
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.write import select, write_scene
-from shuttle_marl.staging import PlayedRally, play_rallies
 from tests.scene.conftest import read
 
 
@@ -90,7 +90,7 @@ def test_the_best_are_the_longest(log_path: Path) -> None:
     assert lengths[chosen].tolist() == sorted(np.sort(lengths)[-7:].tolist())
 
 
-def rallies_of(played: list[PlayedRally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
+def rallies_of(played: list[Rally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
     """Rallies that stand for themselves, between policies 0 and 1 of the log."""
     n = len(played)
     kinds = (("pairing", "u4"), ("rally", "u2"))
@@ -108,10 +108,8 @@ def rallies_of(played: list[PlayedRally], dtype: npt.DTypeLike = np.uint16) -> R
 
 
 @pytest.fixture(scope="module")
-def short_rally() -> PlayedRally:
-    game = default_game()
-    policy = resolve("bc", game)
-    return min(play_rallies(game, (policy, policy), 20, seed=2), key=lambda rally: (len(rally) < 2, len(rally)))
+def short_rally() -> Rally:
+    return min(self_play_rallies("bc", 20, seed=2), key=lambda rally: (len(rally) < 2, len(rally)))
 
 
 @pytest.fixture(scope="module")
@@ -121,10 +119,10 @@ def bc_hash() -> str:
 
 
 @pytest.fixture
-def log_of(short_rally: PlayedRally, tmp_path: Path) -> Callable[..., Path]:
+def log_of(short_rally: Rally, tmp_path: Path) -> Callable[..., Path]:
     """Writes a log of one rally between two policies, of which only the header is anything special."""
 
-    def write(*players: Player, rally: PlayedRally = short_rally, name: str = "rallies.mcap") -> Path:
+    def write(*players: Player, rally: Rally = short_rally, name: str = "rallies.mcap") -> Path:
         game = default_game()
         header = LogHeader(
             seed=1, game=game.hash, strokes=game.catalogue.names, policies=players, rules=SINGLE_RALLY, draws="unknown"
@@ -160,7 +158,7 @@ def test_a_policy_that_is_not_there_leaves_its_probabilities_out(
         assert ("probability" in stroke) == (stroke["player"] == "bc")
 
 
-def test_a_rally_that_cannot_be_is_refused(log_of: Callable[..., Path], short_rally: PlayedRally, bc_hash: str) -> None:
+def test_a_rally_that_cannot_be_is_refused(log_of: Callable[..., Path], short_rally: Rally, bc_hash: str) -> None:
     wrong = dataclasses.replace(short_rally, stroke=np.full(2, short_rally.stroke[0]))
     player = Player(name="bc", hash=bc_hash)
     with RallyLog(log_of(player, player, rally=wrong)) as log, pytest.raises(RallyError, match="has no other"):

@@ -5,14 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.motion_metrics import joints, measure
 from shuttle_marl.game.rules import RETURNED_ABOVE, RETURNED_BELOW
-from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
+from shuttle_marl.rally.record import Rally
+from shuttle_marl.staging import ENDS, Motion, StagingError, stage
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")
 HANDS = (("right", "left"), ("left", "right"))
 
 
-def prefix(rally: PlayedRally, strokes: int) -> PlayedRally:
+def prefix(rally: Rally, strokes: int) -> Rally:
     """The first strokes of a rally, while it was open."""
     if strokes == len(rally):
         return rally
@@ -44,7 +46,7 @@ def sound(motion: Motion) -> None:
     assert found.true_end.all()
 
 
-def test_a_rally_that_is_played_stroke_by_stroke(played: list[PlayedRally]) -> None:
+def test_a_rally_that_is_played_stroke_by_stroke(played: list[Rally]) -> None:
     for i, rally in enumerate(rally for rally in played if 4 <= len(rally) <= 9):
         if i == 3:
             break
@@ -61,7 +63,7 @@ def test_a_rally_that_is_played_stroke_by_stroke(played: list[PlayedRally]) -> N
         np.testing.assert_array_equal(motion.trajectory.rally.stroke, rally.stroke)
 
 
-def test_another_stroke_than_the_one_that_was_played(played: list[PlayedRally]) -> None:
+def test_another_stroke_than_the_one_that_was_played(played: list[Rally]) -> None:
     other, rally = sorted(played, key=len)[-2:]
     motion = stage(rally, seed=7)
     for k in (1, 3, len(rally) - 1):
@@ -73,7 +75,7 @@ def test_another_stroke_than_the_one_that_was_played(played: list[PlayedRally]) 
         assert ENDS[branched.trajectory.end[-1]] == "open"
 
 
-def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[PlayedRally]) -> None:
+def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[Rally]) -> None:
     rally = played[0]
     waiting = stage(prefix(rally, 0), seed=1, lead_in=4.0)
     longer = stage(prefix(rally, 0), seed=1, lead_in=3.0, continuing=waiting)
@@ -87,7 +89,7 @@ def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[PlayedRally])
     sound(served)
 
 
-def test_the_same_arguments_continue_a_motion_the_same_way(played: list[PlayedRally]) -> None:
+def test_the_same_arguments_continue_a_motion_the_same_way(played: list[Rally]) -> None:
     rally = played[2]
     opened = stage(prefix(rally, 1), seed=4)
     first, second = (stage(rally, seed=4, continuing=opened) for _ in range(2))
@@ -95,7 +97,7 @@ def test_the_same_arguments_continue_a_motion_the_same_way(played: list[PlayedRa
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
-def test_a_continued_motion_is_packed_from_the_branch(played: list[PlayedRally]) -> None:
+def test_a_continued_motion_is_packed_from_the_branch(played: list[Rally]) -> None:
     rally = played[3]
     opened = stage(prefix(rally, 1), seed=4)
     whole = stage(rally, seed=4, continuing=opened)
@@ -106,7 +108,7 @@ def test_a_continued_motion_is_packed_from_the_branch(played: list[PlayedRally])
     np.testing.assert_allclose(again.shuttle, whole.shuttle, atol=1e-3)
 
 
-def test_a_jump_at_the_branch_would_be_seen(played: list[PlayedRally]) -> None:
+def test_a_jump_at_the_branch_would_be_seen(played: list[Rally]) -> None:
     """Staging the longer rally by itself does not fulfil what `joins` asks for."""
     rally = next(rally for rally in played if len(rally) > 5)
     motion = stage(prefix(rally, 3), seed=4)
@@ -114,7 +116,7 @@ def test_a_jump_at_the_branch_would_be_seen(played: list[PlayedRally]) -> None:
         joins(motion, stage(rally, seed=5), int(motion.contact_frame[2]))
 
 
-def test_what_cannot_be_continued(played: list[PlayedRally]) -> None:
+def test_what_cannot_be_continued(played: list[Rally]) -> None:
     rally = next(rally for rally in played if len(rally) > 3)
     motion = stage(prefix(rally, 2), seed=0)
     other = dataclasses.replace(rally, server=1 - rally.server)
@@ -133,7 +135,7 @@ def test_what_cannot_be_continued(played: list[PlayedRally]) -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_random_branches_keep_all_limits(played: list[PlayedRally]) -> None:
+def test_a_thousand_random_branches_keep_all_limits(played: list[Rally]) -> None:
     rng = np.random.default_rng(3)
     for i in range(40):
         rally = played[int(rng.integers(len(played)))]

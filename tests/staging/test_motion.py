@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.motion_metrics import joints, measure, summary
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.staging import ENDS, Motion, PlayedRally, StagingError, joints, measure, stage
+from shuttle_marl.rally.record import Rally, RallyError
+from shuttle_marl.staging import ENDS, Motion, StagingError, stage
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
-from tests.kernel.episodes import compare_with_rally_v0
 
 
 def spoilt(motion: Motion, **changes: np.ndarray) -> Motion:
@@ -56,7 +57,18 @@ def test_most_flights_take_as_long_as_in_matches(motions: list[Motion]) -> None:
     assert timely.mean() >= 0.9
 
 
-def test_the_same_arguments_give_the_same_motion(played: list[PlayedRally]) -> None:
+def test_the_summary_covers_every_motion(motions: list[Motion]) -> None:
+    found = [measure(motion) for motion in motions[:3]]
+    figures = summary(found)
+    assert figures["rallies"] == 3
+    assert figures["strokes"] == sum(len(one.contact) for one in found)
+    assert figures["seconds"] == pytest.approx(sum(one.seconds for one in found))
+    assert figures["contact_max"] == max(one.contact.max() for one in found)
+    assert figures["net_clearance_min"] == min(np.concatenate([one.clearance for one in found]))
+    assert figures["ends_as_it_must"] == 1
+
+
+def test_the_same_arguments_give_the_same_motion(played: list[Rally]) -> None:
     first, again = (stage(played[0], seed=3) for _ in range(2))
     other = stage(played[0], seed=4)
     for name in ("time", "shuttle", "rotation", "position", "planted", "contact_frame"):
@@ -99,7 +111,7 @@ def test_bones_keep_their_lengths_and_the_racket_its_hand(motions: list[Motion])
                 np.testing.assert_allclose(away, turn @ (rest[bone] - rest[parent]), atol=2e-4)
 
 
-def test_a_left_hander_is_the_mirror_image(played: list[PlayedRally]) -> None:
+def test_a_left_hander_is_the_mirror_image(played: list[Rally]) -> None:
     """The hips wait on the same spot; whatever the right hand does the left one does."""
     right = stage(played[1], seed=2)
     left = stage(played[1], seed=2, handedness=("left", "left"))
@@ -146,20 +158,7 @@ def test_a_contact_that_is_moved_counts_as_a_miss_of_the_chosen_point(motions: l
     assert np.linalg.norm(there[0] - moved.chosen_point[0]) > 0.19
 
 
-def test_rallies_to_stage_are_those_of_the_environment(played: list[PlayedRally]) -> None:
-    ends = np.array([[rally.ending, rally.server, rally.striker[-1]] for rally in played])
-    compare_with_rally_v0(
-        11,
-        np.arange(len(played)),
-        server=ends[:, 1],
-        winner=np.where(ends[:, 0] == WINNER, ends[:, 2], 1 - ends[:, 2]),
-        reason=ends[:, 0],
-        length=np.array([len(rally) for rally in played]),
-        stroke=np.concatenate([rally.stroke for rally in played]),
-    )
-
-
-def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:
+def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
     """Net faults hit the net and stay on the striker's side; shuttles that are out come down outside."""
     seen = set()
     for i, rally in enumerate(played):
@@ -174,7 +173,7 @@ def test_every_end_of_a_rally_is_staged(played: list[PlayedRally]) -> None:
     pytest.fail(f"forty rallies have only these ends: {seen}")
 
 
-def test_frames_a_second_can_be_chosen(played: list[PlayedRally]) -> None:
+def test_frames_a_second_can_be_chosen(played: list[Rally]) -> None:
     motion = stage(dataclasses.replace(played[2], stroke=played[2].stroke[:2]), seed=0, fps=30)
     assert motion.fps == 30
     np.testing.assert_allclose(np.diff(motion.time), 1 / 30)
@@ -189,7 +188,7 @@ def test_frames_a_second_can_be_chosen(played: list[PlayedRally]) -> None:
         ({"athletes": ("male", "robot")}, "expected one of male, female"),
     ],
 )
-def test_wrong_options(played: list[PlayedRally], change: dict[str, object], message: str) -> None:
+def test_wrong_options(played: list[Rally], change: dict[str, object], message: str) -> None:
     with pytest.raises(StagingError, match=message):
         stage(played[0], seed=0, **change)  # type: ignore[arg-type]
 
@@ -201,7 +200,7 @@ def test_wrong_rallies() -> None:
 
     def checked(**changes: object) -> None:
         fields = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        PlayedRally(**fields).checked()  # type: ignore[arg-type]
+        Rally(**fields).checked()  # type: ignore[arg-type]
 
     checked()
     for changes, message in (
@@ -212,10 +211,10 @@ def test_wrong_rallies() -> None:
         ({"server": 2}, "expected seat 0 or 1"),
         ({"ending": 4}, "expected 0 to 3"),
     ):
-        with pytest.raises(StagingError, match=message):
+        with pytest.raises(RallyError, match=message):
             checked(**changes)
-    with pytest.raises(StagingError, match="take turns"):
-        PlayedRally.of(catalogue, [(0, serve, 2), (0, reply, 1)])
+    with pytest.raises(RallyError, match="take turns"):
+        Rally.from_strokes(catalogue, [(0, serve, 2), (0, reply, 1)])
     wrong = 3 - int(catalogue.height[reply])
-    with pytest.raises(StagingError, match="heights of the strokes"):
-        PlayedRally.of(catalogue, [(0, serve, wrong), (1, reply, WINNER)])
+    with pytest.raises(RallyError, match="heights of the strokes"):
+        Rally.from_strokes(catalogue, [(0, serve, wrong), (1, reply, WINNER)])

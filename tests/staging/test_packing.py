@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.staging import Motion, StagingError, measure, packing
+from benchmarks.motion_metrics import measure
+from shuttle_marl.staging import Motion, StagingError, packing
 
 GOLDEN = Path(__file__).parent / "golden"
 

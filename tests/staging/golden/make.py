@@ -8,17 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from shuttle_marl.game import default_game
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging import BONES, Motion, play_rallies, stage
+from benchmarks.staging import self_play_rallies
+from shuttle_marl.staging import BONES, Motion, stage
 
 FOLDER = Path(__file__).parent
 
 
 def main() -> None:
-    game = default_game()
-    policy = resolve("bc", game)
-    rally = next(rally for rally in play_rallies(game, (policy, policy), 40, seed=11) if len(rally) == 4)
+    rally = next(rally for rally in self_play_rallies("bc", 40, seed=11) if len(rally) == 4)
     packed = stage(rally, seed=5, handedness=("right", "left"), athletes=("male", "female")).pack()
     motion = Motion.unpack(packed)
     rows = sorted({0, len(motion.time) - 1, *motion.contact_frame.tolist(), *range(7, len(motion.time), 41)})

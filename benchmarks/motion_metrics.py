@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.motion_life import Life, measure_life, summary_of_life
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.staging.arm import (
@@ -33,7 +34,6 @@ from shuttle_marl.staging.arm import (
 from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.keys import own_frame
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS, hip_angles
-from shuttle_marl.staging.life import Life, measure_life, summary_of_life
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
@@ -273,7 +273,7 @@ def summary(found: Sequence[Metrics]) -> dict[str, Any]:
         jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
         player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
         2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
-        :class:`~shuttle_marl.staging.life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
+        :class:`~benchmarks.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:
