@@ -1,11 +1,11 @@
-"""Ways to train a league compared on the same budget: exact exploitability of the main agent, with several seeds each.
+"""Comparison of the variants of league training with the same budget: exact exploitability of the main agent, several seeds each.
 
-    python -m experiments.league_training [--budget 5m] [--seeds N] [--ways NAME ...] [--jobs N] [--out FOLDER] [--json FILE]
+    python -m experiments.league_training [--budget 5m] [--seeds N] [--variants NAME ...] [--jobs N] [--out FOLDER] [--json FILE]
 
-Every run has the whole budget and one worker, and as many runs as there are cores run side by side, so that a budget of time is
-the same for all. The reference is psro with the exact best response as oracle: iterated best responses, without any learning.
-Exploitability is exact, of the main agent that was least exploitable after a round, and of the one after the last round;
-intervals are those of the interquartile mean over the seeds. A run that was broken off is continued with --resume.
+Every run has the whole budget and one worker, and at most as many runs as there are cores run in parallel, so that a time budget
+is comparable. The baseline is psro with an exact oracle: iterated best responses, without learning. Exploitability is exact, of
+the least exploitable main agent of all rounds, and of the last round; intervals are those of the interquartile mean over the
+seeds. --resume continues an interrupted run.
 """
 
 import dataclasses
@@ -30,67 +30,77 @@ from shuttle_marl.game import load_game
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro-ppo", "psro-exact"]
-HEADINGS: Final = ("way", "exploitability", "95 %", "after the last round", "matches won against bc, %", "M strokes", "rounds")
+HEADINGS: Final = (
+    "variant",
+    "exploitability",
+    "95 %",
+    "after the last round",
+    "matches won against bc, %",
+    "M strokes",
+    "rounds",
+)
 _MILESTONES: Final = (0.25, 0.5, 0.75, 1.0)
-"""Shares of the time at which the least exploitability so far is told."""
+"""Fractions of the time at which the least exploitability so far is reported."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueStudy:
     """Settings of the experiment."""
 
-    ways: tuple[Variant, ...] = get_args(Variant)
-    """Ways of training: plain, fictitious and prioritised self-play, psro with a learner and with the exact best response."""
+    variants: tuple[Variant, ...] = get_args(Variant)
+    """Variants: plain, fictitious and prioritised self-play, psro with a learner and with an exact oracle."""
     budget: str = "5m"
     """Time for each run."""
     seeds: int = 3
-    """Runs of every way; psro with the exact best response draws nothing, so it runs once."""
+    """Runs of each variant; psro with an exact oracle is deterministic, so it runs once."""
     workers: int = 1
-    """Processes of each run."""
+    """Worker processes of each run."""
     jobs: int = min(2, os.cpu_count() or 1)
-    """Runs side by side: jobs times workers should not exceed the cores."""
+    """Number of parallel runs; jobs times workers should not exceed the cores."""
     game: str = "default"
-    """Model whose game is played."""
+    """Model of the game."""
     quick: bool = False
-    """Two seeds and a few strokes each: to see that all works, not to compare."""
+    """Two seeds and few strokes: a smoke test without meaningful results."""
     out: Path | None = None
-    """Run folder; default runs/league_training, with a number behind it if that exists."""
+    """Run folder; default runs/league_training, with a number appended if that exists."""
     resume: bool = False
     """Continue the run in --out."""
     overwrite: bool = False
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        if not self.ways or self.seeds < 2 or min(self.workers, self.jobs) < 1:
+        if not self.variants or self.seeds < 2 or min(self.workers, self.jobs) < 1:
             raise ShuttleError(
-                "--ways, --seeds, --workers, --jobs: expected one way or more, 2 seeds or more, and 1 or more of the others"
+                "--variants, --seeds, --workers, --jobs: expected at least 1 variant, 2 seeds, and 1 of the others"
             )
 
     def sized(self) -> "LeagueStudy":
-        """These settings with what --quick changes."""
+        """These settings, adjusted by --quick."""
         return dataclasses.replace(self, seeds=2) if self.quick else self
 
     def fixed(self) -> dict[str, Any]:
-        """Settings that decide the result, as JSON."""
+        """Settings that determine the result, as JSON."""
         fields = {name: getattr(self, name) for name in ("budget", "seeds", "workers", "jobs", "game", "quick")}
-        return {"ways": list(self.ways), **fields}
+        return {"variants": list(self.variants), **fields}
 
     def training(self, folder: Path) -> dict[Variant, list[LeagueTrainingConfig]]:
-        """The runs of each way."""
-        return {way: [self._config(way, seed, folder) for seed in range(self._seeds(way))] for way in self.ways}
+        """The runs of each variant."""
+        return {
+            variant: [self._config(variant, seed, folder) for seed in range(self._seeds(variant))] for variant in self.variants
+        }
 
-    def _seeds(self, way: Variant) -> int:
-        return 1 if way == "psro-exact" else self.seeds
+    def _seeds(self, variant: Variant) -> int:
+        return 1 if variant == "psro-exact" else self.seeds
 
-    def _config(self, way: Variant, seed: int, folder: Path) -> LeagueTrainingConfig:
-        kind, _, oracle = way.partition("-")
+    def _config(self, variant: Variant, seed: int, folder: Path) -> LeagueTrainingConfig:
+        kind, _, oracle = variant.partition("-")
         size: dict[str, Any] = {"budget": self.budget}
         if self.quick:
             size = {"rounds": 2} if oracle == "exact" else {"rounds": 2, "strokes": 3000, "batch": 512}
         settings: dict[str, Any] = {"variant": kind, "seed": seed, "game": self.game, "workers": self.workers, **size}
         if oracle:
             settings["oracle"] = oracle
-        return LeagueTrainingConfig(**settings, out=folder / "training" / f"{way}-{seed}")
+        return LeagueTrainingConfig(**settings, out=folder / "training" / f"{variant}-{seed}")
 
 
 def train_one(config: LeagueTrainingConfig) -> None:
@@ -102,25 +112,25 @@ def train_one(config: LeagueTrainingConfig) -> None:
 
 
 def measure(training: dict[Variant, list[LeagueTrainingConfig]]) -> list[dict[str, Any]]:
-    """A row for each way, from the results of its runs."""
+    """A row for each variant, from the results of its runs."""
     rows = []
-    for way, configs in training.items():
-        found = []
+    for variant, configs in training.items():
+        results = []
         for config in configs:
             assert config.out is not None
-            found.append(runs.read_json(config.out / "results.json"))
-        best = [each["exploitability"] for each in found]
+            results.append(runs.read_json(config.out / "results.json"))
+        best = [each["exploitability"] for each in results]
         rows.append(
             {
-                "way": way,
+                "variant": variant,
                 "seeds": len(configs),
                 "exploitability": {"mean": float(np.mean(best)), "worst": max(best), "iqm": _interval(best)},
-                "last_exploitability": float(np.mean([each["last_exploitability"] for each in found])),
-                "match_win": float(np.mean([_line(each)["match_win"] for each in found])),
-                "strokes": float(np.mean([each["strokes"] for each in found])),
-                "rounds": float(np.mean([each["rounds"] for each in found])),
-                "seconds": float(np.mean([each["seconds"] for each in found])),
-                "over_time": {str(share): float(np.mean([_least(each, share) for each in found])) for share in _MILESTONES},
+                "last_exploitability": float(np.mean([each["last_exploitability"] for each in results])),
+                "match_win": float(np.mean([_line(each)["match_win"] for each in results])),
+                "strokes": float(np.mean([each["strokes"] for each in results])),
+                "rounds": float(np.mean([each["rounds"] for each in results])),
+                "seconds": float(np.mean([each["seconds"] for each in results])),
+                "over_time": {str(share): float(np.mean([_least(each, share) for each in results])) for share in _MILESTONES},
                 "each": best,
             }
         )
@@ -148,9 +158,9 @@ def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for row in result["rows"]:
         iqm = row["exploitability"]["iqm"]
-        figures = (f"{row['exploitability']['mean']:.5f}", f"{iqm['low']:.5f} to {iqm['high']:.5f}" if iqm else "draws nothing")
+        figures = (f"{row['exploitability']['mean']:.5f}", f"{iqm['low']:.5f} to {iqm['high']:.5f}" if iqm else "deterministic")
         last, won = f"{row['last_exploitability']:.5f}", f"{100 * row['match_win']:.2f}"
-        rows.append((row["way"], *figures, last, won, f"{row['strokes'] / 1e6:.0f}", f"{row['rounds']:.0f}"))
+        rows.append((row["variant"], *figures, last, won, f"{row['strokes'] / 1e6:.0f}", f"{row['rounds']:.0f}"))
     return rows
 
 
@@ -169,7 +179,7 @@ def league_training(
     console = Console(stderr=True, highlight=False, markup=False)
     with runs.open_run(config.out, "league_training", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
-        # One seed of every way after another, so that what is there after a part of the time can be compared.
+        # All variants of one seed before the next seed, so that an unfinished study can be compared.
         ordered = [configs[seed] for seed in range(config.seeds) for configs in training.values() if seed < len(configs)]
         side_by_side(train_one, ordered, config.jobs, console)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}

@@ -1,11 +1,10 @@
-"""Ways of self-play compared: exploitability of PPO after training budgets, with several seeds each.
+"""Comparison of the variants of self-play: exploitability of PPO after several training budgets, with several seeds each.
 
-    python -m experiments.self_play [--seeds N] [--ways NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
+    python -m experiments.self_play [--seeds N] [--variants NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
 
-Every run has its own budget, by which learning rate and entropy fall: what stands at the end of a short budget is not what a
-long one had by then. Exploitability is exact, of the last policy and of the best one that was evaluated; seconds are those of the
-run with its evaluations, and depend on the machine. Runs are trained side by side, one process a core. Each has a folder of its
-own, so a study can be resumed with more ways, budgets or seeds than it began with.
+Learning rate and entropy decay over the budget of each run, so a short run is no prefix of a long one. Exploitability is exact,
+of the last policy and of the best evaluated one. Seconds include evaluations and depend on the machine. Runs are trained in
+parallel, in folders of their own, so a study can be resumed with additional variants, budgets or seeds.
 """
 
 import dataclasses
@@ -33,10 +32,10 @@ from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.study import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
-"""Budgets: about a quarter of a minute, a minute and three minutes on a core of its own, with the evaluations."""
+"""Budgets: about 15 s, 1 min and 3 min on one core, including evaluations."""
 _EVALUATE_EVERY: Final = 100
-"""Iterations between two evaluations, each of which takes about half a second."""
-HEADINGS: Final = ("way", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
+"""Iterations between evaluations, which take about half a second each."""
+HEADINGS: Final = ("variant", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
 _WIDTH: Final = 110
 
 
@@ -44,65 +43,65 @@ _WIDTH: Final = 110
 class SelfPlayStudy:
     """Settings of the experiment."""
 
-    ways: tuple[SelfPlayVariant, ...] = get_args(SelfPlayVariant)
-    """Ways of self-play."""
+    variants: tuple[SelfPlayVariant, ...] = get_args(SelfPlayVariant)
+    """Variants of self-play."""
     strokes: tuple[int, ...] = STROKES
-    """Strokes of each training run, one budget after another."""
+    """Strokes of a training run, for each budget."""
     seeds: int = 5
-    """Training runs of every way and budget."""
+    """Training runs of each variant and budget."""
     quick: bool = False
-    """Two seeds and one short budget: to see that all works, not to compare."""
+    """Two seeds and one short budget: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
-    """Training runs side by side; changes no result but the seconds."""
+    """Number of parallel training runs; changes only the seconds."""
     out: Path | None = None
-    """Run folder; default runs/self_play, with a number behind it if that exists."""
+    """Run folder; default runs/self_play, with a number appended if that exists."""
     resume: bool = False
     """Continue the run in --out."""
     overwrite: bool = False
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        if not self.ways or not self.strokes or min(self.strokes) < 1:
-            raise ShuttleError("--ways and --strokes: expected one way and one budget or more")
+        if not self.variants or not self.strokes or min(self.strokes) < 1:
+            raise ShuttleError("--variants and --strokes: expected at least one variant and one budget")
         if self.seeds < 2 or self.jobs < 1:
-            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected at least 2 seeds and 1 job")
 
     def sized(self) -> "SelfPlayStudy":
-        """These settings with what --quick changes."""
+        """These settings, adjusted by --quick."""
         return dataclasses.replace(self, seeds=2, strokes=(200_000,)) if self.quick else self
 
     def compared(self) -> dict[str, Any]:
-        """Ways, budgets and seeds of the study, as JSON."""
+        """Variants, budgets and seeds of the study, as JSON."""
         return {
-            "ways": list(self.ways),
+            "variants": list(self.variants),
             "strokes": list(self.strokes),
             "seeds": self.seeds,
         }
 
     def training(self, folder: Path) -> dict[tuple[SelfPlayVariant, int], list[PPOConfig]]:
-        """The training runs, by way and budget."""
+        """The training runs, by variant and budget."""
         return {
-            (way, strokes): [
+            (variant, strokes): [
                 PPOConfig(
                     opponent=("self",),
-                    variant=way,
+                    variant=variant,
                     strokes=strokes,
                     seed=seed,
                     evaluate_every=_EVALUATE_EVERY,
                     record="none",
-                    out=folder / "training" / f"{way}-{strokes}-{seed}",
+                    out=folder / "training" / f"{variant}-{strokes}-{seed}",
                 )
                 for seed in range(self.seeds)
             ]
-            for way in self.ways
+            for variant in self.variants
             for strokes in self.strokes
         }
 
 
 def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> list[dict[str, Any]]:
-    """A row for each way and budget, from the cards of its agents."""
+    """A row for each variant and budget, from the cards of the agents."""
     rows = []
-    for (way, strokes), configs in training.items():
+    for (variant, strokes), configs in training.items():
         cards = []
         for config in configs:
             assert config.out is not None
@@ -110,7 +109,7 @@ def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> lis
         last, best = ([card[part]["evaluation"]["exploitability"] for card in cards] for part in (0, 1))
         rows.append(
             {
-                "variant": way,
+                "variant": variant,
                 "strokes": strokes,
                 "seconds": float(np.median([card[0]["seconds"] for card in cards])),
                 "seeds": len(configs),
@@ -136,7 +135,7 @@ def self_play(
     """Train, and print the table.
 
     Args:
-        config: what to train.
+        config: settings.
         as_json: print JSON instead of a table.
     """
     config = config.sized()

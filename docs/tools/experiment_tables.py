@@ -34,8 +34,8 @@ def matrix() -> str:
 def self_play() -> str:
     """Exploitability by variant of self-play, from ``experiments/results/self_play.json``."""
     result = saved("experiments", "self_play")
-    rows = [(f"`{way}`", *figures) for way, *figures in self_play_study.table_rows(result)]
-    table = markdown(self_play_study.HEADINGS, rows, left=("way",))
+    rows = [(f"`{variant}`", *figures) for variant, *figures in self_play_study.table_rows(result)]
+    table = markdown(self_play_study.HEADINGS, rows, left=("variant",))
     return f"{table}\n\nMeans of {result['seeds']} seeds, exact: {_made_by(result)}."
 
 
@@ -82,7 +82,7 @@ def recipes() -> str:
 def league_training() -> str:
     """Exploitability of every variant of league training after equal budgets."""
     result = saved("experiments", "league_training")
-    table = markdown(league_study.HEADINGS, league_study.table_rows(result), left=("way",))
+    table = markdown(league_study.HEADINGS, league_study.table_rows(result), left=("variant",))
     side = f"{result['jobs']} at once on {result['workers']} core each"
     setting = f"{result['budget']} a run, {side}, {result['seeds']} seeds, game `{result['game_hash'][:12]}`"
     return f"{table}\n\n{setting}: {_made_by(result)}."

@@ -1,4 +1,4 @@
-"""The experiment that compares ways to train a league, at a small size."""
+"""The experiment that compares variants of league training, at a small size."""
 
 import json
 from pathlib import Path
@@ -11,15 +11,15 @@ from tests.reduced import reduced_model
 
 def test_a_quick_study_is_resumed_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, saved = tmp_path / "study", tmp_path / "results.json"
-    flags = ["--quick", "--ways", "plain", "psro-exact", "--game", reduced_model(), "--out", str(out), "--json", str(saved)]
+    flags = ["--quick", "--variants", "plain", "psro-exact", "--game", reduced_model(), "--out", str(out), "--json", str(saved)]
     assert main(flags) == 0
     printed = capsys.readouterr().out
     result = json.loads(saved.read_text())
-    assert [row["way"] for row in result["rows"]] == ["plain", "psro-exact"]
+    assert [row["variant"] for row in result["rows"]] == ["plain", "psro-exact"]
     assert [row["seeds"] for row in result["rows"]] == [2, 1]
     for row, cells in zip(result["rows"], table_rows(result), strict=True):
         assert len(cells) == len(HEADINGS)
-        assert row["way"] in printed
+        assert row["variant"] in printed
         assert 0 < row["exploitability"]["mean"] < 1
         assert row["over_time"]["1.0"] == pytest.approx(row["exploitability"]["mean"])
     runs = sorted(path.name for path in (out / "training").iterdir())

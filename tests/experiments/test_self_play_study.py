@@ -1,4 +1,4 @@
-"""The experiment that compares ways of self-play, at a small size."""
+"""The experiment that compares variants of self-play, at a small size."""
 
 import json
 from pathlib import Path
@@ -9,11 +9,11 @@ from experiments.self_play import main
 
 
 @pytest.mark.slow
-def test_a_study_is_resumed_with_more_ways_and_budgets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_is_resumed_with_more_variants_and_budgets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--seeds", "2", "--out", str(tmp_path / "study"), "--json"]
-    assert main([*flags, "--ways", "plain", "--strokes", "20000"]) == 0
+    assert main([*flags, "--variants", "plain", "--strokes", "20000"]) == 0
     first = json.loads(capsys.readouterr().out)["rows"]
-    assert main([*flags, "--resume", "--ways", "plain", "pool", "--strokes", "20000", "40000"]) == 0
+    assert main([*flags, "--resume", "--variants", "plain", "pool", "--strokes", "20000", "40000"]) == 0
     result = json.loads(capsys.readouterr().out)
     asked = [(way, strokes) for way in ("plain", "pool") for strokes in (20_000, 40_000)]
     assert [(row["variant"], row["strokes"]) for row in result["rows"]] == asked
