@@ -1,7 +1,8 @@
-"""Compiles functions with numba and keeps the machine code on disk, whatever the disk does.
+"""Compile functions with numba, and cache the machine code on disk.
 
-What numba does by itself stops with an error where neither the package nor the home is writable, reads a damaged file as if it
-were whole, and keeps the code of a function when another one that is inlined into it has changed.
+numba's own cache raises an error if neither the package nor the home directory is writable, loads damaged files, and does not
+notice changes of inlined functions. The subclasses here fix these three defects. They override private methods of numba, so
+``pyproject.toml`` has an upper bound of its version, which a test compares with the installed one.
 """
 
 # mypy: allow-untyped-calls
@@ -24,31 +25,31 @@ from shuttle_marl.game import draws, scoring
 F = TypeVar("F", bound=Callable[..., Any])
 
 _DIGEST: Final = 32
-"""Bytes of the SHA-256 behind everything that is kept."""
+"""Length of the SHA-256 at the end of every file [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
 
 
 def cached(function: F, **options: Any) -> F:
-    """``numba.njit(**options)`` of a function, its machine code kept on disk."""
+    """``numba.njit(**options)`` of a function, with its machine code cached on disk."""
     dispatcher = numba.njit(**options)(function)
     dispatcher._cache = _cache_of(function)
     return cast(F, dispatcher)
 
 
 def compiled(function: F) -> F:
-    """Compile without Python objects and without the interpreter's lock, and keep the machine code on disk."""
+    """Compile in nopython mode without the GIL, and cache the machine code on disk."""
     return cached(function, nogil=True, error_model="numpy")
 
 
 def inlined(function: F) -> F:
-    """Compile to be inlined by LLVM into a caller."""
+    """Compile a function that LLVM inlines into its callers."""
     return cached(function, nogil=True, error_model="numpy", forceinline=True)
 
 
 def _cache_of(function: Callable[..., Any]) -> Any:
     try:
         return _Cache(function)
-    except RuntimeError:  # numba has found no folder to write to
+    except RuntimeError:  # numba found no writable folder
         if _temporary_folder() is None:
             return caching.NullCache()
         return _Cache(function)
@@ -56,7 +57,7 @@ def _cache_of(function: Callable[..., Any]) -> Any:
 
 @functools.cache
 def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
-    """A folder for the machine code of this process, which it removes at its end; None where there can be none."""
+    """Folder for the machine code of this process, removed at its end; None if no folder is writable."""
     try:
         folder = tempfile.TemporaryDirectory(prefix="shuttle_marl-compiled-", ignore_cleanup_errors=True)
     except OSError:
@@ -72,14 +73,14 @@ def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
 
 @functools.cache
 def _sources(folder: Path) -> str:
-    """Digest of all that may be inlined into a compiled function: its own folder, the kernel, the draws, the rule of a match."""
+    """Digest of all sources that may be inlined into a compiled function: its folder, the kernel, the draws and the scoring."""
     rules = [Path(str(module.__file__)) for module in (draws, scoring)]
     files = [*rules, *sorted(Path(__file__).parent.glob("*.py")), *sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 class _SealedFile(caching.IndexDataCacheFile):
-    """numba's files of one function, with a digest behind each that notices every changed bit."""
+    """numba's cache files of one function, each followed by a digest that detects damage."""
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
@@ -103,12 +104,12 @@ class _SealedFile(caching.IndexDataCacheFile):
 def _unsealed(content: bytes) -> bytes:
     content, digest = content[:-_DIGEST], content[-_DIGEST:]
     if hashlib.sha256(content).digest() != digest:
-        raise ValueError("the digest does not fit")
+        raise ValueError("checksum mismatch")
     return content
 
 
 class _Cache(caching.FunctionCache):
-    """numba's cache of one function, in which whatever cannot be read is compiled again."""
+    """numba's cache of one function; unreadable entries are recompiled."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -119,19 +120,19 @@ class _Cache(caching.FunctionCache):
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for a signature, None where there is none that is whole."""
+        """The machine code for a signature; None if there is none or it is damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # damaged pickles raise errors of all kinds
             _LOG.debug("%s: compiled again (%s)", self._name, error)
-            self._keep(self.flush)
+            self._try(self.flush)
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep machine code if the disk takes it."""
-        self._keep(lambda: super(_Cache, self).save_overload(sig, data))
+        """Write machine code, unless the disk fails."""
+        self._try(lambda: super(_Cache, self).save_overload(sig, data))
 
-    def _keep(self, write: Callable[[], Any]) -> None:
+    def _try(self, write: Callable[[], Any]) -> None:
         try:
             write()
         except OSError as error:

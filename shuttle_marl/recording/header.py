@@ -1,4 +1,4 @@
-"""Header of a rally log: who played on which game, which rallies are recorded, and what names their draws."""
+"""Header of a rally log: game, policies, sampling of the rallies, and seed."""
 
 import dataclasses
 import hashlib
@@ -18,30 +18,30 @@ from shuttle_marl.rally.record import OPTIONAL, Rallies
 VERSION: Final = 2
 """Version of the columns and the header of a log."""
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
-"""Rules of logs in which every rally stands for itself: a match of one point."""
+"""Rules of logs of single rallies: each is a match of one point."""
 
 _SAMPLE_KEY: Final = 0x53414D504C45
-"""Separates the draws of the sample from those of the game; "SAMPLE" in ASCII."""
+"""Key of the draws of the sample; "SAMPLE" in ASCII."""
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
-"""Names of the draws of a rally, besides the seed.
+"""Numbers from which the draws of a rally follow, with the seed.
 
 ``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
-``training``: match, but the key of the pairing takes the place of the seed, because a run changes its seed at checkpoints;
-``unknown``: the draws cannot be made again.
+``training``: match, with the key of the pairing as the seed, because a run is reseeded at each checkpoint; ``unknown``: the draws
+cannot be reproduced.
 """
 
 
 class RecordingError(ShuttleError):
-    """A log that cannot be written, or a file that is no rally log of this version."""
+    """A log that cannot be written, or a file that is not a rally log of this version."""
 
 
 class DamagedLogError(RecordingError):
-    """A rally log that was cut off or changed after it was written."""
+    """A rally log that is truncated or damaged."""
 
 
 class OtherFileError(RecordingError):
-    """A file that is no rally log at all."""
+    """A file that is not a rally log."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class Player:
     """A policy that played.
 
     Attributes:
-        name: as the registry knows it.
-        hash: SHA-256 of its table, hexadecimal; empty for a policy that has none because it reads the score.
+        name: name in the registry.
+        hash: hexadecimal SHA-256 of its table; empty if it has no table because it reads the score.
     """
 
     name: str
@@ -59,21 +59,20 @@ class Player:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """Which rallies are recorded.
+    """Random sample of the matches that are recorded.
 
-    Whole matches are drawn at random, so that their scores can be followed; matches that share their draws (two in a league,
-    with the seats swapped) are in the sample together. The draw depends on the seed, the pairing and the number of the match
-    alone, never on what happens in it, on batches or on threads.
+    Whole matches are sampled, so that their scores can be followed; matches that share their draws (two in a league, with swapped
+    seats) are sampled together. The sample depends on the seed, the pairing and the number of the match alone.
 
     Attributes:
-        every: record one match in so many: 1 all, 0 none.
+        every: record one match in ``every``; 1: all, 0: none.
     """
 
     every: int = 1
 
     @classmethod
     def parse(cls, text: str) -> "Sampling":
-        """Read ``all``, ``none``, or ``sample:N`` with N from 1 on.
+        """Parse ``all``, ``none``, or ``sample:N`` with N >= 1.
 
         Raises:
             RecordingError: anything else.
@@ -89,13 +88,13 @@ class Sampling:
         return {0: "none", 1: "all"}.get(self.every, f"sample:{self.every}")
 
     def of(self, header: "LogHeader", rallies: Rallies) -> Rallies:
-        """The rallies that are recorded."""
+        """Rallies of the sample."""
         if self.every == 1 or not len(rallies):
             return rallies
         return rallies.select(self.keeps(header, rallies.pairing, rallies.match))
 
     def keeps(self, header: "LogHeader", pairing: Ints, match: Ints) -> Bools:
-        """``[R]`` whether matches are recorded, by the number of their pairing and in their pairing."""
+        """``[R]`` whether matches are in the sample, by the number of their pairing and their number in it."""
         if self.every <= 1:
             return np.full(len(match), self.every == 1)
         keys = np.array(header.pairings, dtype=np.uint64)[pairing]
@@ -109,23 +108,22 @@ class LogHeader:
     """Properties that all rallies of a log share.
 
     Attributes:
-        seed: names all draws.
+        seed: random seed.
         game: hash of the game, see :attr:`shuttle_marl.game.tables.Game.hash`.
         strokes: names of the catalogue, by number.
-        policies: who played, by number.
-        pairings: key of each pairing, by number, from 0 up to 2^64; names its draws.
-        matches_per_draw: this many matches of a pairing, one after the other, share the draws of rallies that have the same
-            number and the same seat serving.
-        rules: when games and matches were won.
-        draws: what names the draws of a rally, see :data:`Draws`.
-        record: which rallies were recorded, see :class:`Sampling`.
-        columns: those of :data:`shuttle_marl.rally.record.OPTIONAL` that the log has, in that order.
-        software: what wrote the log.
-        part: number of this file among those of the log, from 0; logs that differ in this and the next field alone are equal.
+        policies: policies, by number.
+        pairings: key of each pairing, by number, from 0 up to 2^64; its draws follow from it.
+        matches_per_draw: number of consecutive matches of a pairing that share the draws of rallies with the same number and server.
+        rules: when games and matches are won.
+        draws: numbers from which the draws of a rally follow, see :data:`Draws`.
+        record: sample of the matches, see :meth:`Sampling.parse`.
+        columns: the columns of :data:`shuttle_marl.rally.record.OPTIONAL` in the log, in that order.
+        software: program that wrote the log.
+        part: number of this file in the log, from 0; equality ignores this field and the next.
         first_rally: number of the first rally of this file.
 
     Raises:
-        RecordingError: a field with a value that it cannot have.
+        RecordingError: an invalid value.
     """
 
     seed: int
@@ -181,15 +179,15 @@ class LogHeader:
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> "LogHeader":
-        """Read what :meth:`to_metadata` wrote.
+        """Parse the result of :meth:`to_metadata`.
 
         Raises:
             RecordingError: another version of the schema.
-            DamagedLogError: the header is not what was written.
+            DamagedLogError: the header is damaged.
         """
         version = metadata.get("version")
         if version != str(VERSION):
-            raise RecordingError(f"schema version {version}, this program reads version {VERSION}; install a fitting one")
+            raise RecordingError(f"schema version {version}, this program reads version {VERSION}; install a version of shuttle_marl that reads it")
         text = metadata.get("header", "")
         if hashlib.sha256(text.encode()).hexdigest() != metadata.get("sha256"):
             raise DamagedLogError("the header, which names policies, strokes and seed")
@@ -202,17 +200,17 @@ class LogHeader:
             _check_types(header)
             return header
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
-            raise RecordingError(f"its header is none of version {VERSION} ({error})") from error
+            raise RecordingError(f"its header is not one of version {VERSION} ({error})") from error
 
 
 def _check_types(header: LogHeader) -> None:
-    """Raise TypeError for what JSON can hold and a header cannot."""
+    """Raise TypeError for values of JSON that a header cannot hold."""
     names = (header.game, header.record, header.software, *header.strokes, *(p.name for p in header.policies))
     for name in names:
-        str(name).encode()  # ValueError: half of a surrogate pair, which JSON can hold and no file
+        str(name).encode()  # ValueError: an unpaired surrogate, which JSON can hold and UTF-8 cannot
     numbers = (header.seed, header.matches_per_draw, header.part, header.first_rally, *header.pairings)
     numbers += dataclasses.astuple(header.rules)
     if not all(isinstance(name, str) for name in names) or not all(type(number) is int for number in numbers):
-        raise TypeError("a number where a text is expected, or the other way round")
+        raise TypeError("a number where a text is expected, or a text where a number is expected")
     if not all(0 <= key < 1 << 64 for key in header.pairings):
         raise ValueError("the key of a pairing is not below 2^64")

@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
 
 SCRIPT = """
 import logging, sys
@@ -110,3 +113,14 @@ def flipped(content: bytes, at: float) -> bytes:
 def test_a_changed_function_is_compiled_again(filled: Path) -> None:
     assert run(filled, factor=3)[0] == "63"
     assert run(filled, factor=2)[0] == "42"
+
+
+def test_numba_has_a_tested_upper_bound() -> None:
+    """The cache replaces private parts of numba, so a release is allowed only once these tests have run with it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    (numba,) = (found for found in map(Requirement, project["dependencies"]) if found.name == "numba")
+    (bound,) = (specifier.version for specifier in numba.specifier if specifier.operator == "<")
+    installed = version("numba")
+    assert numba.specifier.contains(installed)
+    first_untested = int(installed.split(".")[1]) + 1
+    assert bound == f"0.{first_untested}", f"numba {installed} is tested; allow versions below 0.{first_untested}"

@@ -189,7 +189,7 @@ def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHe
     path = tmp_path / "a.mcap"
     write_with_header(path, text, header())
     for read in (RallyLog, check, recover):
-        with pytest.raises(RecordingError, match="its header is none of version 2"):
+        with pytest.raises(RecordingError, match="its header is not one of version 2"):
             read(path)
     for command in ("info", "check", "recover"):
         assert recording.main([command, str(path)]) == 1
