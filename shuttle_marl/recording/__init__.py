@@ -1,8 +1,8 @@
-"""The rally log: every rally played, in compact files that survive a crash.
+"""Rally logs: all rallies of a program, in compact files that survive a crash.
 
-``RallyRecorder`` records what a program plays, from a thread of its own; ``RallyLogWriter`` is what writes below it.
-``RallyLog`` reads a file or a folder, ``recover`` saves a file that a crash cut off, and ``replay`` plays every stroke
-again from the recorded seed. ``docs/rally_log.md`` describes the file byte for byte.
+``RallyRecorder`` writes rallies in a background thread, by way of ``RallyLogWriter``. ``RallyLog`` reads a file or a folder,
+``recover`` repairs a truncated file, and ``replay`` verifies every stroke from the recorded seed. ``docs/rally_log.md`` specifies
+the format.
 """
 
 from shuttle_marl.rally.record import Rallies

@@ -124,7 +124,7 @@ def from_arrow(batch: pa.RecordBatch) -> Rallies:
 
 
 def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
-    """The message of a batch whose first rally has number ``first``."""
+    """Message of a batch whose first rally has number ``first``."""
     batch = to_arrow(rallies, n_strokes)
     batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
     sink = pa.BufferOutputStream()
@@ -134,11 +134,11 @@ def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
 
 
 def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
-    """Number of the first rally, and the rallies; every number in them points at something.
+    """Number of the first rally, and the rallies, with every index in range.
 
     Raises:
-        DamagedLogError: the message holds something else.
-        pa.ArrowException: it holds no Arrow stream.
+        DamagedLogError: the message is not a batch of rallies.
+        pa.ArrowException: the message is not an Arrow stream.
     """
     batch = _arrow_batch(message.data)
     metadata = batch.schema.metadata or {}
@@ -184,38 +184,38 @@ def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
 
 
 def compression(header: LogHeader) -> CompressionType:
-    """The compression of the chunks of a log.
+    """Compression of the chunks of a log.
 
-    LZ4 where training records figures of single strokes: there are millions a second, and it takes half of the time of zstd.
+    LZ4 if there are columns per stroke, which training writes at millions of strokes a second: it takes half the time of zstd.
     """
     return CompressionType.LZ4 if set(PER_STROKE) & set(header.columns) else CompressionType.ZSTD
 
 
-_SAYS: Final[dict[str, Callable[[bytes], int]]] = {
+_SIZE_OF_FRAME: Final[dict[str, Callable[[bytes], int]]] = {
     "zstd": lambda packed: zstandard.get_frame_parameters(packed).content_size,
     "lz4": lambda packed: lz4.frame.get_frame_info(packed)["content_size"],
 }
-"""The number of bytes that a frame says it unpacks to, by the name that MCAP gives the compression."""
-_UNPACK: Final[dict[str, Callable[[bytes, int], bytes]]] = {
+"""Uncompressed size according to the frame [bytes], by the MCAP name of the compression."""
+_DECOMPRESS: Final[dict[str, Callable[[bytes, int], bytes]]] = {
     "zstd": lambda packed, size: zstandard.ZstdDecompressor().decompress(packed, max_output_size=size),
     "lz4": lambda packed, size: lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size),
 }
-"""What unpacks a frame to so many bytes at most."""
+"""Decompression of a frame to at most a number of bytes."""
 
 
 def message_of_chunk(body: bytes) -> Message:
     """The one message of a chunk.
 
     Raises:
-        DamagedLogError: the checksum or the sizes do not fit, or it is no chunk of a rally log.
+        DamagedLogError: checksum or sizes do not match, or not a chunk of a rally log.
     """
     chunk = Chunk.read(stream(body))
-    if chunk.compression not in _UNPACK or chunk.uncompressed_size > MAX_CHUNK:
+    if chunk.compression not in _DECOMPRESS or chunk.uncompressed_size > MAX_CHUNK:
         raise DamagedLogError(f"a chunk of {chunk.uncompressed_size} bytes packed as {chunk.compression!r}")
-    # The frame says how much will be unpacked; to believe it unseen would let a damaged file take all memory.
-    if _SAYS[chunk.compression](chunk.data) != chunk.uncompressed_size:
+    # Decompression allocates the size in the frame; an unchecked size would let a damaged file use all memory.
+    if _SIZE_OF_FRAME[chunk.compression](chunk.data) != chunk.uncompressed_size:
         raise DamagedLogError("the sizes in a chunk disagree")
-    data = _UNPACK[chunk.compression](chunk.data, chunk.uncompressed_size)
+    data = _DECOMPRESS[chunk.compression](chunk.data, chunk.uncompressed_size)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedLogError("the checksum of a chunk does not fit")
     messages = [Message.read(stream(inner), len(inner)) for opcode, inner in records(data) if opcode == Opcode.MESSAGE]
@@ -225,15 +225,15 @@ def message_of_chunk(body: bytes) -> Message:
 
 
 def stream(body: bytes) -> ReadDataStream:
-    """The body of a record, for the decoders of ``mcap.records``."""
+    """Body of a record, for the decoders of ``mcap.records``."""
     return ReadDataStream(io.BytesIO(body))
 
 
 def records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Opcode and body of the records in ``data``, which must hold nothing else.
+    """Opcode and body of the records in ``data``.
 
     Raises:
-        DamagedLogError: the last one is cut off.
+        DamagedLogError: the last record is truncated.
     """
     at = 0
     while at < len(data):

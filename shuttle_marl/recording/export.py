@@ -27,12 +27,12 @@ _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
 
 
 class Derived:
-    """Makes columns of strokes; :meth:`shuttle_marl.recording.RallyLog.stroke_table` takes it as ``derive``.
+    """Columns of strokes that follow from the game; the ``derive`` of :meth:`shuttle_marl.recording.RallyLog.stroke_table`.
 
     Args:
-        log: whose rallies they are.
-        game: the game that was played on.
-        policies: tables of policies by name; the probability with which they chose a stroke is added.
+        log: the log.
+        game: the game of the log.
+        policies: tabulated policies by name; adds the probability with which they chose each stroke.
 
     Raises:
         RecordingError: the log was played on another game.
@@ -50,8 +50,7 @@ class Derived:
         Returns:
             ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
             ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
-            the striker's policy chooses the stroke, NaN for other policies. A stroke that is not legal has state -1 and
-            probabilities NaN.
+            the striker's policy chooses the stroke, NaN for other policies. Illegal strokes have state -1 and probabilities NaN.
         """
         state, k = states(self._game, rallies)
         pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))

@@ -1,8 +1,8 @@
-"""Writes one file of a rally log.
+"""Write one file of a rally log.
 
-A batch of rallies is one message is one chunk, and is handed to the operating system before a call returns. The file is
-``FILE.part`` until it is closed. Room for what closes it is reserved with every batch, so that a disk that fills up still
-leaves a complete file.
+A batch of rallies is one message in one chunk, and is passed to the operating system before a call returns. The file is named
+``FILE.part`` until it is closed. With every batch, disk space for the end of the file is reserved, so that the file is complete
+even when the disk is full.
 """
 
 import contextlib
@@ -24,32 +24,32 @@ from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, 
 
 _END: Final = 4096
 _END_OF_BATCH: Final = 256
-"""More bytes than the end of a file takes, and than it grows by with a batch."""
+"""Upper bounds of the size of the end of a file, and of its growth per batch [bytes]."""
 
 
 _STEP: Final = 1 << 20
-"""Room is taken in steps of so many bytes."""
+"""Disk space is reserved in steps of this size [bytes]."""
 
 
 class NoRoomError(OSError):
-    """The disk has no room for what would come next; nothing of it was written."""
+    """The disk is full; nothing was written."""
 
 
 class Sink:
-    """Output file of a log. ``write`` collects, ``commit`` hands over to the operating system.
+    """Output file of a log: ``write`` buffers, ``commit`` passes the buffer to the operating system.
 
-    What was handed over survives any end of the process.
-    Where the operating system can reserve room, the file is longer than what was written until it is closed.
+    Committed bytes survive any end of the process. Until it is closed, the file is longer than ``length`` if the file system can
+    reserve space.
 
     Attributes:
         length: bytes committed.
     """
 
     def __init__(self, path: Path) -> None:
-        """Make the file.
+        """Create the file.
 
         Raises:
-            OSError: it exists, or cannot be made.
+            OSError: the file exists, or cannot be created.
         """
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
         self._waiting: list[bytes] = []
@@ -58,7 +58,7 @@ class Sink:
         self.length = 0
 
     def write(self, data: bytes) -> int:
-        """Collect bytes for the next commit."""
+        """Buffer bytes for the next commit."""
         self._waiting.append(bytes(data))
         self._n_waiting += len(data)
         return len(data)
@@ -68,13 +68,13 @@ class Sink:
         return self.length + self._n_waiting
 
     def flush(self) -> None:
-        """Nothing: :meth:`commit` decides when."""
+        """Do nothing: :meth:`commit` writes."""
 
-    def take_room(self, count: int) -> None:
-        """Make sure that the next ``count`` bytes can be written.
+    def reserve(self, count: int) -> None:
+        """Reserve disk space for the next ``count`` bytes.
 
         Raises:
-            NoRoomError: they cannot.
+            NoRoomError: the disk is full.
             OSError: the file cannot be written.
         """
         needed = self.length + count
@@ -95,10 +95,10 @@ class Sink:
         raise NoRoomError(full.errno, full.strerror)
 
     def commit(self) -> None:
-        """Write what was collected.
+        """Write the buffer.
 
         Raises:
-            OSError: it could not be written; the file ends where it ended before.
+            OSError: the buffer could not be written; the file is unchanged.
         """
         view = memoryview(b"".join(self._waiting))
         self._waiting, self._n_waiting = [], 0
@@ -114,11 +114,11 @@ class Sink:
         self.length = position
 
     def sync(self) -> None:
-        """Return when all is on the disk itself."""
+        """Flush the file to the disk with ``fsync``."""
         os.fsync(self._handle)
 
     def close(self) -> None:
-        """Give unused room back, and close the file."""
+        """Release reserved space, and close the file."""
         if self._handle >= 0:
             if self._room > self.length:
                 self._cut()
@@ -137,22 +137,22 @@ class LogFileWriter:
     """Writes one file of a log.
 
     Attributes:
-        path: where the file will stand when it is closed.
-        header: what all its rallies share.
-        rallies: number of the rally that comes next.
-        closed: whether the file is finished or given up.
+        path: path of the finished file.
+        header: header of the file.
+        rallies: number of the next rally.
+        closed: whether the file is finished or aborted.
     """
 
     def __init__(self, path: Path, header: LogHeader, *, fsync_seconds: float) -> None:
         """Start a file.
 
         Args:
-            path: where the finished file goes; must not exist yet, nor ``path.part``.
-            header: what all rallies share.
-            fsync_seconds: at most this long what was written may wait in the operating system.
+            path: path of the finished file; neither it nor ``path.part`` may exist.
+            header: header of the file.
+            fsync_seconds: longest time between two calls of ``fsync``.
 
         Raises:
-            RecordingError: a file is there already, or none can be made.
+            RecordingError: the file exists or cannot be created.
         """
         self.path, self.header = path, header
         self.rallies = header.first_rally
@@ -167,7 +167,7 @@ class LogFileWriter:
                 raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(part)
-        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        except (OSError, ValueError) as error:  # ValueError: an invalid file name
             raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
         try:
             self._start()
@@ -186,18 +186,18 @@ class LogFileWriter:
 
         Args:
             first: number of its first rally, not below :attr:`rallies`.
-            data: what :func:`shuttle_marl.recording.chunks.encode` made of it.
-            rallies: the same, not encoded.
+            data: the batch, encoded by :func:`shuttle_marl.recording.chunks.encode`.
+            rallies: the batch, not encoded.
 
         Raises:
-            RecordingError: no space or the like; the file holds every batch before this one.
+            RecordingError: the disk is full or fails; the file holds every earlier batch.
         """
         if self.closed:
             raise RecordingError(f"{self.path}: is closed; nothing more can be recorded in it")
         offset = self._sink.length
         try:
-            self._sink.take_room(len(data) + _END + self._end_of_file(len(self._index) + 1))
-            # One message is one chunk, so what a kill can take is never more than the batch being written.
+            self._sink.reserve(len(data) + _END + self._end_of_file(len(self._index) + 1))
+            # One message per chunk, so a kill loses at most the batch that is being written.
             self._mcap.add_message(self._channel, first * RALLY_TIME, cast(bytes, data), first * RALLY_TIME, len(self._index))
             self._sink.commit()
             if time.monotonic() - self._synced > self._fsync_seconds:
@@ -212,7 +212,7 @@ class LogFileWriter:
         self.rallies = first + len(rallies)
 
     def sync(self) -> None:
-        """Return when all is on the disk itself, so that it also outlives a power cut.
+        """Flush the file to the disk with ``fsync``, so that it survives a power failure.
 
         Raises:
             RecordingError: the disk failed.
@@ -227,7 +227,7 @@ class LogFileWriter:
         """Write the index and move the file into place.
 
         Raises:
-            RecordingError: no space or the like; ``FILE.part`` holds every batch.
+            RecordingError: the disk is full or fails; ``FILE.part`` holds every batch.
         """
         try:
             if not self.closed:
@@ -250,7 +250,7 @@ class LogFileWriter:
         self._columns = arrow_schema(len(self.header.strokes), self.header.columns).serialize().to_pybytes()
         schema = self._mcap.register_schema("shuttle_marl.Rallies", "arrow", self._columns)
         self._channel = self._mcap.register_channel(TOPIC, "arrow_stream", schema)
-        self._sink.take_room(self._sink.tell() + self._end_of_file(0))
+        self._sink.reserve(self._sink.tell() + self._end_of_file(0))
         self._sink.commit()
         self._synced = time.monotonic()
 
@@ -279,8 +279,8 @@ class LogFileWriter:
         os.replace(unfinished(self.path), self.path)
 
     def _give_up(self, error: OSError, *, finish: bool) -> None:
-        """Close the file with what it holds, or leave its whole batches behind, and say which."""
-        held = f"the {self.rallies} rallies before that are there, whole"
+        """Finish the file with its present batches, or leave ``FILE.part`` behind, and raise an error that says which."""
+        held = f"the {self.rallies} rallies before it are complete"
         if finish:
             try:
                 self._finish()
@@ -288,10 +288,10 @@ class LogFileWriter:
                 pass
             else:
                 raise RecordingError(
-                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: make room and resume"
+                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
                 ) from error
         self.abort()
         part = unfinished(self.path)
         raise RecordingError(
-            f"{part}: cannot be written ({error.strerror}); {held}: make room and resume, or {advice(part)}"
+            f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
         ) from error

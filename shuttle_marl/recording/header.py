@@ -113,7 +113,7 @@ class LogHeader:
         strokes: names of the catalogue, by number.
         policies: policies, by number.
         pairings: key of each pairing, by number, from 0 up to 2^64; its draws follow from it.
-        matches_per_draw: number of consecutive matches of a pairing that share the draws of rallies with the same number and server.
+        matches_per_draw: number of consecutive matches of a pairing with the same draws for rallies of equal number and server.
         rules: when games and matches are won.
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
         record: sample of the matches, see :meth:`Sampling.parse`.
@@ -187,7 +187,9 @@ class LogHeader:
         """
         version = metadata.get("version")
         if version != str(VERSION):
-            raise RecordingError(f"schema version {version}, this program reads version {VERSION}; install a version of shuttle_marl that reads it")
+            raise RecordingError(
+                f"schema version {version}, this program reads version {VERSION}; install a version of shuttle_marl that reads it"
+            )
         text = metadata.get("header", "")
         if hashlib.sha256(text.encode()).hexdigest() != metadata.get("sha256"):
             raise DamagedLogError("the header, which names policies, strokes and seed")

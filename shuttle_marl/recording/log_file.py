@@ -29,7 +29,7 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 FOOTER_LENGTH: Final = 20
 TOPIC: Final = "/rallies"
 METADATA: Final = "shuttle_marl.rally_log"
-"""Name of the MCAP metadata record that holds the header."""
+"""Name of the MCAP metadata record with the header."""
 INDEX_NAME: Final = "rally_index"
 INDEX_SCHEMA: Final = pa.schema(
     [
@@ -37,8 +37,8 @@ INDEX_SCHEMA: Final = pa.schema(
         for name in ("first_rally", "rallies", "strokes", "offset", "first_match", "last_match")
     ]
 )
-"""Columns of the attachment ``rally_index``, a row a batch: number of its first rally, how many rallies and strokes it holds,
-the byte at which its chunk begins, and the least and greatest 2^32 x pairing + match in it."""
+"""Columns of the attachment ``rally_index``, one row per batch: number of its first rally, numbers of its rallies and strokes,
+offset of its chunk [bytes], and the least and greatest 2^32 x pairing + match in it."""
 SUFFIX: Final = ".mcap"
 _UNFINISHED: Final = ".part"
 _SET_ASIDE: Final = ".part.old"
@@ -50,7 +50,7 @@ def part_path(path: Path, number: int) -> Path:
 
 
 def unfinished(path: Path) -> Path:
-    """Name of a file until it is closed."""
+    """Name of a file until it is finished."""
     return path.with_name(path.name + _UNFINISHED)
 
 
@@ -60,7 +60,7 @@ def set_aside(path: Path) -> Path:
 
 
 def part_number(path: Path, log: Path) -> int | None:
-    """Which part of ``log`` this file is, finished or not; None: none of it."""
+    """Number of the part of ``log`` in a file, finished or not; None: not a part of it."""
     name = path.name.removesuffix(_SET_ASIDE).removesuffix(_UNFINISHED)
     if name == log.name:
         return 0
@@ -69,19 +69,19 @@ def part_number(path: Path, log: Path) -> int | None:
 
 
 def is_further_part(path: Path) -> bool:
-    """Whether a file is named as a part behind the first one is."""
+    """Whether a file has the name of a part after the first one."""
     return re.search(r"\.[1-9]\d{0,8}$", path.stem) is not None
 
 
 def existing_parts(log: Path) -> list[int]:
-    """Numbers of the parts of a log of which there is a file, finished or not."""
+    """Numbers of the existing parts of a log, finished or not."""
     paths = log.parent.iterdir() if log.parent.is_dir() else ()
     return sorted({number for path in paths if (number := part_number(path, log)) is not None})
 
 
 @contextlib.contextmanager
 def damage(path: Path) -> Iterator[None]:
-    """Turn any error of decoding into a :class:`RecordingError` that names the file and says what to do."""
+    """Turn errors of decoding into a :class:`RecordingError` with the name of the file and a remedy."""
     try:
         yield
     except DamagedLogError as error:
@@ -105,7 +105,7 @@ def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> byt
     """Body of the record at ``offset`` of a file of ``size`` bytes.
 
     Raises:
-        DamagedLogError: another kind of record stands there, or it reaches beyond the end.
+        DamagedLogError: another kind of record, or a truncated one.
     """
     if not 0 <= offset <= size - FRAME.size:
         raise DamagedLogError(f"no {expected.name} record at byte {offset}")
@@ -117,10 +117,10 @@ def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> byt
 
 
 def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
-    """The records of the summary section, after its checksum was verified.
+    """Records of the summary section, with a verified checksum.
 
     Raises:
-        DamagedLogError: the file was not closed, or its end is damaged.
+        DamagedLogError: the file was not finished, or its end is damaged.
     """
     tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
     if size < len(MAGIC) + tail:
@@ -140,12 +140,12 @@ def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
 
 
 def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
-    """The header of a rally log, finished or not, and the byte behind it.
+    """Header of a rally log, finished or not, and the offset of the next record.
 
     Raises:
-        OtherFileError: this is no rally log.
-        RecordingError: it is one of another version.
-        DamagedLogError: the header is cut off or damaged.
+        OtherFileError: not a rally log.
+        RecordingError: a rally log of another version.
+        DamagedLogError: the header is truncated or damaged.
     """
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
@@ -167,7 +167,7 @@ class LogFile:
 
     Attributes:
         path: the file.
-        header: what all its rallies share.
+        header: header of the file.
         size: length of the file [bytes].
         first_rally: ``[B]`` int64 number of the first rally of each batch, counted from the start of the log.
         rallies: ``[B]`` int64 number of rallies in each batch.
@@ -180,9 +180,9 @@ class LogFile:
         """Open a file.
 
         Raises:
-            OtherFileError: it is no rally log.
-            RecordingError: it cannot be read, or is of another version.
-            DamagedLogError: it was cut off or changed; says how to save what is whole.
+            OtherFileError: not a rally log.
+            RecordingError: the file cannot be read, or has another version.
+            DamagedLogError: the file is truncated or damaged.
         """
         self.path = path
         with damage(path):
@@ -198,14 +198,14 @@ class LogFile:
 
     @property
     def end(self) -> int:
-        """Number behind that of the last rally."""
+        """Number of the last rally plus one."""
         return int(self.first_rally[-1] + self.rallies[-1]) if len(self.rallies) else self.header.first_rally
 
     def batch(self, i: int) -> tuple[int, Rallies]:
         """Number of the first rally, and the rallies, of the i-th batch.
 
         Raises:
-            DamagedLogError: the batch does not fit its checksum or the index.
+            DamagedLogError: the batch does not match its checksum or the index.
         """
         with damage(self.path):
             body = read_record(self._file, int(self._offset[i]), self.size, Opcode.CHUNK)

@@ -1,4 +1,4 @@
-"""Reads rally logs: a file with its further parts, or all logs of a folder, as one."""
+"""Read rally logs: a file with its further parts, or all logs of a folder, as one log or as Arrow tables."""
 
 import dataclasses
 import itertools
@@ -25,20 +25,20 @@ Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
 
 
 class RallyLog:
-    """Everything that was recorded in a file or a folder; a context manager that closes the files.
+    """All rallies of a file or a folder; a context manager that closes the files.
 
-    A file brings the parts that follow it: ``rallies.mcap`` brings ``rallies.1.mcap``, and so on. A folder brings every
-    rally log directly in it, in the order of their names, as one table: rallies are numbered through, and policies and
-    pairings are those of all logs together. Files that are still being written (``.part``) are left out.
+    A file includes its further parts: ``rallies.mcap`` includes ``rallies.1.mcap``, and so on. A folder includes every rally log
+    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged.
+    Unfinished files (``.part``) are ignored.
 
     Attributes:
         path: the file or folder.
-        logs: the logs in it: what is added to the numbers of the rallies of each, and its files.
+        logs: offset of the numbers of the rallies, and files, of each log.
         files: all files, in order.
-        policies: who played, by number.
+        policies: policies, by number.
         pairings: keys of the pairings, by number.
-        catalogue: the strokes, by number.
-        size: length of all files [bytes].
+        catalogue: strokes, by number.
+        size: size of all files [bytes].
         first_rally: ``[B]`` number of the first rally of each batch.
         rallies: ``[B]`` number of rallies in each batch.
         strokes: ``[B]`` number of strokes in each batch.
@@ -48,16 +48,16 @@ class RallyLog:
         """Open a log.
 
         Raises:
-            RecordingError: a file cannot be read or is no rally log of this version, or a folder holds none, or logs of
+            RecordingError: a file cannot be read or is not a rally log of this version, or a folder holds none, or logs of
                 different games.
-            DamagedLogError: a file was cut off or changed; says how to save what is whole.
+            DamagedLogError: a file is truncated or damaged.
         """
         self.path = path
         try:
             logs = _open_folder(path) if path.is_dir() else [_open_parts(path)]
         except OSError as error:
             raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
-        # Parts of one log count on; logs follow each other.
+        # Parts of one log continue its numbers; logs follow each other.
         ends = [max(file.end for file in log) for log in logs]
         self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))
         self.files = tuple(file for log in logs for file in log)
@@ -93,7 +93,7 @@ class RallyLog:
         """Number of the first rally, and the rallies, of each batch in order.
 
         Raises:
-            DamagedLogError: a batch does not fit its checksum or the index.
+            DamagedLogError: a batch does not match its checksum or the index.
         """
         for i in range(len(self.first_rally)):
             yield self.batch(i)
@@ -102,7 +102,7 @@ class RallyLog:
         """Number of the first rally, and the rallies, of the i-th batch.
 
         Raises:
-            DamagedLogError: the batch does not fit its checksum or the index.
+            DamagedLogError: the batch does not match its checksum or the index.
         """
         at = int(np.searchsorted(self._first_batch, i, side="right")) - 1
         first, rallies = self.files[at].batch(i - int(self._first_batch[at]))
@@ -113,7 +113,7 @@ class RallyLog:
 
         Raises:
             RecordingError: the log has no such rally.
-            DamagedLogError: its batch does not fit its checksum or the index.
+            DamagedLogError: its batch does not match its checksum or the index.
         """
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         if i < 0 or number >= self.first_rally[i] + self.rallies[i]:
@@ -123,15 +123,15 @@ class RallyLog:
         return rallies.slice(number - first, number - first + 1)
 
     def file_of(self, number: int) -> int:
-        """Which of :attr:`files` a rally stands in."""
+        """Index into :attr:`files` of the file with a rally."""
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
     def numbers_of_match(self, pairing: int, match: int) -> I64:
-        """UInts of the rallies of one match, in order; empty if the log has none.
+        """Numbers of the rallies of one match, in order; empty if the log has none.
 
         Raises:
-            DamagedLogError: a batch does not fit its checksum or the index.
+            DamagedLogError: a batch does not match its checksum or the index.
         """
         found = [np.empty(0, dtype=np.int64)]
         for at, file in enumerate(self.files):
@@ -145,7 +145,7 @@ class RallyLog:
         return np.concatenate(found)
 
     def batches_of_pairing(self, pairing: int) -> I64:
-        """UInts of the batches that may hold rallies of a pairing, ascending."""
+        """Numbers of the batches that may hold rallies of a pairing, ascending."""
         found = [np.empty(0, dtype=np.int64)]
         for at, file in enumerate(self.files):
             if self.pairings[pairing] in file.header.pairings:
@@ -163,16 +163,16 @@ class RallyLog:
         """All strokes as one table, see :func:`stroke_rows`.
 
         Args:
-            derive: adds what follows from the game, such as :class:`shuttle_marl.recording.replay.Derived`.
+            derive: returns further columns, such as :class:`shuttle_marl.recording.export.Derived`.
         """
         return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self.batches_or_none()])
 
     def batches_or_none(self) -> Iterator[tuple[int, Rallies]]:
-        """The batches, or a batch without rows if there are none, so that tables have their columns all the same."""
+        """The batches; an empty batch if there are none, so that tables have their columns."""
         yield from self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
 
     def no_rallies(self) -> Rallies:
-        """No rows, with the columns of this log."""
+        """An empty batch with the columns of this log."""
         header = self.files[0].header
         return from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(header.strokes), header.columns)))
 
@@ -188,7 +188,7 @@ class RallyLog:
         self.close()
 
     def _merge(self) -> None:
-        """Number rallies, policies and pairings through."""
+        """Merge the numbers of rallies, policies and pairings of all files."""
         first = self.files[0].header
         for file in self.files[1:]:
             for what in ("game", "strokes", "columns"):
@@ -219,7 +219,7 @@ class RallyLog:
 
 
 def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> UInts | None:
-    """Places of the entries of a file in the merged list; None: the same as in the file."""
+    """Indices of the entries of a file in the merged list; None: unchanged."""
     if own == merged[: len(own)]:
         return None
     place = {entry: i for i, entry in enumerate(merged)}
@@ -250,7 +250,7 @@ def _open_folder(folder: Path) -> list[list[LogFile]]:
     paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (is_further_part(path), path.name))
     try:
         for path in paths:
-            # Further parts come behind all others, so those that belong to a log were opened with it.
+            # Further parts are sorted last, so those that belong to a log were opened with it.
             if any(path == file.path for log in logs for file in log):
                 continue
             try:

@@ -27,17 +27,17 @@ from shuttle_marl.recording.log_file import existing_parts, part_path
 
 BATCH_RALLIES: Final = 4096
 MAX_BYTES: Final = 1 << 30
-"""A file as large as this is full, unless another size is asked for."""
+"""Default size at which a log continues in another file [bytes]."""
 WAITING_STROKES: Final = 1 << 24
-"""So many strokes may wait to be written before :meth:`RallyRecorder.add` waits too."""
+"""Strokes in the queue from which :meth:`RallyRecorder.add` blocks."""
 
 
 class RallyLogWriter:
     """Writes one rally log; a context manager that closes it, or leaves ``FILE.part`` behind after an error.
 
     Attributes:
-        path: where the log will stand when it is closed; its further parts are named by :func:`part_path`.
-        header: what all its rallies share.
+        path: path of the finished log; further parts are named by :func:`part_path`.
+        header: header of the log.
         rallies: number of rallies that survive any end of the process.
     """
 
@@ -54,15 +54,15 @@ class RallyLogWriter:
         """Start a log, or continue with the part that the header names.
 
         Args:
-            path: where the finished log goes; no file of it may exist from the part of the header on.
-            header: what all rallies share.
-            batch_rallies: rallies to a batch; 1,024 to 4,096 are cheap, less is not.
-            max_bytes: a file that has reached this size is closed, and another part started.
-            fsync_seconds: at most this long what was written may wait in the operating system.
-            leave_later: do not refuse to start where there are later parts; the caller, who resumes a log, deletes them later.
+            path: path of the finished log; no part of it may exist from that of the header on.
+            header: header of the log.
+            batch_rallies: rallies per batch; fewer than about 1,024 are slow.
+            max_bytes: size at which a file is closed and the next part started.
+            fsync_seconds: longest time between two calls of ``fsync``.
+            leave_later: allow later parts to exist; the caller, which resumes a log, deletes them.
 
         Raises:
-            RecordingError: a file is there already, or none can be made.
+            RecordingError: a file exists or cannot be created.
         """
         if batch_rallies < 1 or max_bytes < 1:
             raise RecordingError(f"batch_rallies {batch_rallies}, max_bytes {max_bytes}: expected 1 or more")
@@ -82,10 +82,10 @@ class RallyLogWriter:
         return self._file.rallies
 
     def append(self, rallies: Rallies) -> None:
-        """Add rallies; those that fill a batch are written when this returns, the others wait for more.
+        """Add rallies; full batches are written when this returns, the remaining rallies are buffered.
 
         Raises:
-            RecordingError: other columns than the header names; or no space or the like, and every batch before is there.
+            RecordingError: columns that differ from the header; or the disk is full or fails, and earlier batches are complete.
         """
         if rallies.optional_columns != self.header.columns:
             raise RecordingError(f"{self.path}: rallies with columns {rallies.optional_columns}, expected {self.header.columns}")
@@ -99,16 +99,16 @@ class RallyLogWriter:
             self._waiting.append(rallies.slice(first, len(rallies)))
 
     def flush(self, *, sync: bool = True) -> int:
-        """Write the rallies that wait as a shorter batch.
+        """Write the buffered rallies as a shorter batch.
 
         Args:
-            sync: whether to return only when all is on the disk itself, so that it also outlives a power cut.
+            sync: whether to call ``fsync``, so that the rallies also survive a power failure.
 
         Returns:
             The number of rallies that survive any end of this process.
 
         Raises:
-            RecordingError: no space or the like.
+            RecordingError: the disk is full or fails.
         """
         if sum(map(len, self._waiting)):
             rest = Rallies.concatenate(self._waiting)
@@ -119,27 +119,27 @@ class RallyLogWriter:
         return self.rallies
 
     def write_message(self, first: int, data: bytes | memoryview, rallies: Rallies) -> None:
-        """Write one batch as it was encoded before; for copies of a log.
+        """Write one encoded batch, for copies of a log.
 
         Args:
             first: number of its first rally, not below the number of rallies written so far.
-            data: what :func:`shuttle_marl.recording.chunks.encode` made.
-            rallies: the same, decoded.
+            data: the batch, encoded by :func:`shuttle_marl.recording.chunks.encode`.
+            rallies: the batch, decoded.
 
         Raises:
-            RecordingError: no space or the like; every batch before this one is there.
+            RecordingError: the disk is full or fails; earlier batches are complete.
         """
-        # A full file is closed only when there is something for the next one, so that no part is empty.
+        # A full file is closed only when there are rallies for the next one, so that no part is empty.
         if self._file.size >= self._max_bytes and self._file.rallies > self._file.header.first_rally:
             self._file.close()
             self._open(dataclasses.replace(self.header, part=self._file.header.part + 1, first_rally=self._file.rallies))
         self._file.write(first, data, rallies)
 
     def close(self) -> None:
-        """Write the rest and the index, and move the log into place.
+        """Write the buffered rallies and the index, and move the log into place.
 
         Raises:
-            RecordingError: no space or the like; ``FILE.part`` holds every batch.
+            RecordingError: the disk is full or fails; ``FILE.part`` holds every batch.
         """
         self.flush(sync=False)
         self._file.close()
@@ -166,31 +166,30 @@ class RallyLogWriter:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Flush:
-    """A request to write what waits; the future is set when that is done."""
+    """A request to flush the log, and the future of its result."""
 
     sync: bool
     done: "Future[int]"
 
 
 class RallyRecorder:
-    """Takes finished rallies in batches of any size.
+    """Records finished rallies in a background thread.
 
-    A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
-    interpreter's lock, so with a second core recording costs the caller next to nothing. An error in the thread is
-    raised by the next call.
+    A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the GIL.
+    An error in the thread is raised by the next call.
 
     Attributes:
-        path: where the log will stand when it is closed.
-        sampling: which rallies are recorded.
-        sample: those of some rallies that are recorded; can be pickled.
+        path: path of the finished log.
+        sampling: sample of the matches that are recorded.
+        sample: function that returns the rallies of the sample; can be pickled.
     """
 
     def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = WAITING_STROKES) -> None:
-        """Record into a log, as its header says.
+        """Record into a log.
 
         Args:
-            log: a new log, or one that :func:`shuttle_marl.recording.recover.resume` continues. The recorder closes it.
-            waiting_strokes: so many strokes may wait to be written before :meth:`add` waits too.
+            log: a new log, or the result of :func:`shuttle_marl.recording.recover.resume`. The recorder closes it.
+            waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
         self.sampling = Sampling.parse(log.header.record)
@@ -208,26 +207,26 @@ class RallyRecorder:
         """Start a log and record into it.
 
         Args:
-            path: where the finished log goes.
-            header: what all rallies share.
-            record: ``all`` or ``sample:N``; with ``none`` there is nothing to create.
-            **options: of :class:`RallyLogWriter`.
+            path: path of the finished log.
+            header: header of the log.
+            record: ``all`` or ``sample:N``.
+            **options: options of :class:`RallyLogWriter`.
 
         Raises:
-            RecordingError: a file is there already, or none can be made, or ``record`` is something else.
+            RecordingError: a file exists or cannot be created, or ``record`` is invalid.
         """
         if not Sampling.parse(record).every:
             raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
         return cls(RallyLogWriter(path, dataclasses.replace(header, record=record), **options))
 
     def add(self, rallies: Rallies) -> None:
-        """Record finished rallies, or those of them that are in the sample; waits only while too much waits to be written.
+        """Record those of some finished rallies that are in the sample; blocks while the queue is full.
 
         Args:
-            rallies: the rallies; their arrays must not be changed any more.
+            rallies: the rallies; their arrays must not be changed afterwards.
 
         Raises:
-            RecordingError: the log cannot be written any further; every batch before is there.
+            RecordingError: the log cannot be written any further; earlier batches are complete.
         """
         chosen = self.sample(rallies)
         if len(chosen):
@@ -238,10 +237,10 @@ class RallyRecorder:
             self._queue.put(chosen)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
-        """Have everything added so far written, the last batch shorter than others if need be, and return at once.
+        """Request a flush of all rallies added so far, and return at once.
 
         Args:
-            sync: whether it has to be on the disk itself, so that it also outlives a power cut.
+            sync: whether to call ``fsync``, so that the rallies also survive a power failure.
 
         Returns:
             A future of the number of rallies in the log that survive any end of this process.
@@ -255,7 +254,7 @@ class RallyRecorder:
         return done
 
     def flush(self, *, sync: bool = True) -> int:
-        """Do the same and wait until it is done.
+        """Flush all rallies added so far, and return the result of :meth:`request_flush`.
 
         Raises:
             RecordingError: the log cannot be written any further.
@@ -263,7 +262,7 @@ class RallyRecorder:
         return self.request_flush(sync=sync).result()
 
     def close(self) -> None:
-        """Write everything, and move the log into place.
+        """Write all rallies, and move the log into place.
 
         Raises:
             RecordingError: the log cannot be written any further.
@@ -275,7 +274,7 @@ class RallyRecorder:
         self._log.close()
 
     def abort(self) -> None:
-        """Write everything, and leave ``FILE.part`` behind."""
+        """Write all rallies, and leave ``FILE.part`` behind."""
         self._join()
         self._log.abort()
 

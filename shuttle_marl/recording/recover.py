@@ -1,6 +1,6 @@
-"""Rally logs that were cut off or damaged: recovered, or continued by a resumed run.
+"""Recover truncated or damaged rally logs, and resume unfinished ones.
 
-A chunk is found by how it starts and believed if its checksum fits, so batches after a damaged stretch are found too.
+Chunks are found by their first bytes and accepted if their checksums match, so batches after a damaged section are found too.
 """
 
 import contextlib
@@ -25,14 +25,14 @@ from shuttle_marl.recording.log_file import SUFFIX, damage, existing_parts, part
 from shuttle_marl.recording.recorder import RallyLogWriter
 
 _BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4
-"""Bytes of a chunk record before the name of its compression: the frame, two times, a size and a checksum."""
+"""Bytes of a chunk record before the name of its compression: frame, two times, size and checksum."""
 
 
 def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]]:
-    """The header of a log file in any condition, and the number, message and rallies of every whole batch, in order.
+    """Header of a log file in any condition, and the number, message and rallies of every undamaged batch, in order.
 
     Raises:
-        RecordingError: the file cannot be read or is no rally log; its header must be whole.
+        RecordingError: the file cannot be read or is not a rally log, or its header is damaged.
     """
     with damage(path), open_file(path) as file:
         header, start = read_header(file, path.stat().st_size)
@@ -77,9 +77,9 @@ class Recovery:
 
     Attributes:
         path: the new file.
-        rallies: number of rallies saved.
-        strokes: number of strokes saved.
-        lost: number of rallies known to be lost between those that were saved; what was cut off behind them is unknown.
+        rallies: number of rallies recovered.
+        strokes: number of strokes recovered.
+        lost: number of rallies known to be lost between them; the number lost after the last one is unknown.
     """
 
     path: Path
@@ -89,7 +89,7 @@ class Recovery:
 
 
 def recover(source: Path, target: Path | None = None) -> Recovery:
-    """Write a whole file of every batch that can be read from a damaged or unfinished one; ``source`` stays as it is.
+    """Write a finished file with every undamaged batch of a damaged or unfinished one; ``source`` is not changed.
 
     Args:
         source: a file of a log in any condition, ``FILE.part`` included.
@@ -97,23 +97,23 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
             ``NAME.recovered.mcap``.
 
     Raises:
-        RecordingError: the source is no rally log, its header is damaged or none of its batches is whole; or the target exists
-            or cannot be written. No file is left behind then.
+        RecordingError: the source is not a rally log, or its header or all of its batches are damaged; or the target exists or
+            cannot be written. No file is left behind.
     """
     if target is None:
         target = source.with_suffix("") if source.suffix == ".part" else source.with_name(f"{source.stem}.recovered.mcap")
     header, batches = salvage(source)
-    # Written under a name of its own, because ``target.part`` may be the source.
+    # Written under another name, because ``target.part`` may be the source.
     making = target.with_name(target.name + ".recovering")
     with _writing(source, target):
         if target.exists():
             raise FileExistsError(errno.EEXIST, "exists already")
-        _delete_files(making, unfinished(making))  # left by a recovery that was killed
+        _delete_files(making, unfinished(making))  # left by a killed recovery
     try:
         with _writing(source, target):
             found = _copy(header, batches, making)
         if not found.rallies:
-            raise RecordingError(f"{source}: nothing could be saved: no batch of rallies in it is whole")
+            raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
         with _writing(source, target):
             making.replace(target)
     finally:
@@ -123,7 +123,7 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
 
 
 def _copy(header: LogHeader, batches: Iterator[tuple[int, bytes, Rallies]], target: Path) -> Recovery:
-    """Write a new file of batches."""
+    """Write batches to a new file."""
     rallies = strokes = lost = 0
     writer = LogFileWriter(target, header, fsync_seconds=60)
     try:
@@ -139,13 +139,13 @@ def _copy(header: LogHeader, batches: Iterator[tuple[int, bytes, Rallies]], targ
 
 @contextlib.contextmanager
 def _writing(source: Path, target: Path) -> Iterator[None]:
-    """Say why the recovered file cannot be written."""
+    """Raise errors that say why the recovered file cannot be written."""
     try:
         yield
     except (OSError, ValueError, RecordingError) as error:
         why = problem(error.__cause__ or error)
         raise RecordingError(
-            f"{target}: cannot be written ({why}); {source} is as it was: make room, or name another file for the recovered log"
+            f"{target}: cannot be written ({why}); {source} is unchanged: free disk space, or choose another file"
         ) from error
 
 
@@ -155,10 +155,10 @@ def _delete_files(*paths: Path) -> None:
 
 
 def recoverable_files(folder: Path) -> list[Path]:
-    """The unfinished files of a folder of which there is no finished one.
+    """Unfinished files of a folder without a finished file of the same name.
 
     Raises:
-        RecordingError: there is none.
+        RecordingError: there are none.
     """
     found = [path for path in unfinished_files(folder) if not path.with_suffix("").exists()]
     if not found:
@@ -167,7 +167,7 @@ def recoverable_files(folder: Path) -> list[Path]:
 
 
 def unfinished_files(path: Path) -> list[Path]:
-    """The files of the logs in a folder, or of the log at a path, that were not closed."""
+    """Unfinished files of the logs in a folder, or of the log at a path."""
     if path.is_dir():
         return sorted(path.glob(f"*{unfinished(Path(SUFFIX)).name}"))
     parts = [unfinished(part_path(path, number)) for number in existing_parts(path)]
@@ -177,17 +177,17 @@ def unfinished_files(path: Path) -> list[Path]:
 def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> RallyLogWriter:
     """Keep the first rallies of the log at ``path`` and return a writer that continues after them.
 
-    The batches that are kept are the same bytes, so the finished log is the one that an undisturbed process would have
-    written, provided that it flushed after as many rallies and with the same options.
+    Their batches are copied byte for byte, so the finished log equals that of an uninterrupted process with the same options
+    that flushed after the same number of rallies.
 
     Args:
-        path: where the finished log goes.
-        header: of the run; the unfinished log must have the same.
-        rallies: how many to keep; a batch must end there.
-        **options: of :class:`RallyLogWriter`.
+        path: path of the finished log.
+        header: header of the run; the unfinished log must have the same.
+        rallies: number of rallies to keep; a batch must end there.
+        **options: options of :class:`RallyLogWriter`.
 
     Raises:
-        RecordingError: the unfinished log has another header or fewer rallies, is damaged before that, or cannot be written.
+        RecordingError: the unfinished log has another header or fewer undamaged rallies, or cannot be written.
     """
     with damage(path):
         last = _last_part(path, rallies)
@@ -205,7 +205,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         writer.write_message(first, data, batch)
     if writer.rallies != rallies:
         writer.abort()
-        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are whole; start again")
+        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are undamaged; start again")
     writer.flush()
     with damage(path):
         _delete(path, last + 1, header)
@@ -214,12 +214,12 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
 
 
 def rallies_of_pairings(path: Path, pairings: int) -> int:
-    """Number of rallies of an unfinished log, all parts together, that belong to the pairings below a number.
+    """Number of rallies of an unfinished log, in all parts, of pairings below a number.
 
-    Pairings must be recorded in the order of their numbers, each to its end before the next one begins.
+    Pairings must be recorded one after the other, in the order of their numbers.
 
     Raises:
-        RecordingError: a file cannot be read or is no rally log.
+        RecordingError: a file cannot be read or is not a rally log.
     """
     count = 0
     for number in existing_parts(path):
@@ -227,7 +227,7 @@ def rallies_of_pairings(path: Path, pairings: int) -> int:
             try:
                 _, batches = salvage(file)
             except RecordingError:
-                if number:  # started by a process that was killed before it wrote the header
+                if number:  # the process was killed before it wrote the header
                     continue
                 raise
             for first, _, batch in batches:
@@ -238,42 +238,42 @@ def rallies_of_pairings(path: Path, pairings: int) -> int:
 
 
 def _files(part: Path) -> list[Path]:
-    """The file of a part: set aside by a resumption that was killed, else finished, else unfinished."""
+    """The file of a part: set aside by a killed resumption, else finished, else unfinished."""
     return [file for file in (set_aside(part), part, unfinished(part)) if file.exists()][:1]
 
 
 def _last_part(path: Path, rallies: int) -> int | None:
-    """Number of the part that holds the last rally to keep; None: there is none to keep.
+    """Number of the part with the last rally to keep; None: no rallies are kept.
 
     Raises:
-        RecordingError: it is gone.
+        RecordingError: the part is missing.
     """
     if not rallies:
         return None
     last = None
     for number in existing_parts(path):
         for file in _files(part_path(path, number)):
-            # A process that was killed as it began a file leaves one without a header, so without rallies.
+            # A file without a header, of a process that was killed as it started the file, has no rallies.
             with contextlib.suppress(RecordingError), open_file(file) as opened:
                 if read_header(opened, file.stat().st_size)[0].first_rally < rallies:
                     last = number
     if last is None:
-        raise RecordingError(f"{unfinished(path).name}: is gone, with the {rallies} rallies that were played; start again")
+        raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
     return last
 
 
 def _source(part: Path) -> Path:
-    """Move the file of a part out of the way of its copy."""
+    """Rename the file of a part, to copy it."""
     old = set_aside(part)
     if old.exists():
-        unfinished(part).unlink(missing_ok=True)  # a copy that was killed; the original is still whole
+        unfinished(part).unlink(missing_ok=True)  # an incomplete copy; the original is intact
     else:
         os.replace(_files(part)[0], old)
     return old
 
 
 def _delete(path: Path, first: int, header: LogHeader) -> None:
-    """Delete the parts of a log from this number on, the last one first.
+    """Delete the parts of a log from this number on, the last part first.
 
     Raises:
         RecordingError: a finished part is of another log.

@@ -1,4 +1,4 @@
-"""Check rally logs: bytes, numbers and scores, and with the game the replay of every stroke."""
+"""Replay the strokes of rally logs, and check their bytes, numbers and scores."""
 
 import dataclasses
 import itertools
@@ -28,10 +28,10 @@ _BLOCK: Final = 1 << 20
 
 
 def require_game(log: RallyLog, game: Game) -> None:
-    """Refuse another game than that of a log.
+    """Check that a log was played on a game.
 
     Raises:
-        RecordingError: it is another.
+        RecordingError: it was played on another game.
     """
     played = log.files[0].header.game
     if played != game.hash:
@@ -41,9 +41,9 @@ def require_game(log: RallyLog, game: Game) -> None:
 
 
 def states(game: Game, rallies: Rallies) -> tuple[I32, I32]:
-    """``[N]`` each: the state in which every stroke was struck, and which of its legal strokes it is.
+    """``[N]`` each: state in which every stroke was struck, and its position among the legal strokes.
 
-    Both are -1 where the stroke, or the one it answers, is not legal.
+    Both are -1 if the stroke or the incoming stroke is illegal.
     """
     state = rallies.states(game)
     k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), rallies.stroke.astype(np.int64)))
@@ -52,12 +52,12 @@ def states(game: Game, rallies: Rallies) -> tuple[I32, I32]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Replay:
-    """Result of playing rallies again.
+    """Result of :func:`replay`.
 
     Attributes:
-        rallies: number played again.
-        strokes: number of their strokes.
-        wrong: numbers of the rallies of which a stroke is illegal, an outcome, the winner or a choice differs.
+        rallies: number of rallies.
+        strokes: number of strokes.
+        wrong: numbers of the rallies with an illegal stroke, or another outcome, winner or choice than the replay.
     """
 
     rallies: int
@@ -66,14 +66,14 @@ class Replay:
 
 
 def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
-    """Play every rally of a log again.
+    """Replay every rally of a log from its draws.
 
-    Where a log says that its draws are unknown, only the legality of strokes and the winners are checked.
+    If the draws are unknown, only the legality of the strokes and the winners are checked.
 
     Args:
         log: the log.
-        game: the game it was played on.
-        policies: tables of policies by name; strokes of those are chosen again from the draws as well.
+        game: the game of the log.
+        policies: tabulated policies by name, whose choices are compared too.
 
     Raises:
         RecordingError: the log was played on another game; or it is damaged.
@@ -94,7 +94,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
 
 
 def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
-    """``[N]`` strokes that are illegal, have another outcome than the draw gives, or are not what their policy chooses."""
+    """``[N]`` whether a stroke is illegal, or differs in its outcome or its policy's choice from the replay."""
     state, k = states(game, rallies)
     wrong = state < 0
     if header.draws == "unknown":
@@ -112,7 +112,7 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
 
 
 def _wrong_winner(rallies: Rallies) -> Bools:
-    """``[R]`` rallies that the log gives to the wrong player: the last striker wins by a winner and loses by a fault."""
+    """``[R]`` whether the winner is wrong: the last striker wins by a winner and loses by a fault."""
     last = (rallies.server + rallies.length - 1) & 1
     wrong: Bools = rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)
     return wrong
@@ -125,8 +125,8 @@ class Checked:
     Attributes:
         rallies: number of rallies checked.
         strokes: number of strokes checked.
-        replayed: whether the strokes were played again.
-        problems: descriptions of what is wrong; empty for a good log.
+        replayed: whether the strokes were replayed.
+        problems: descriptions of the problems; empty for a correct log.
     """
 
     rallies: int
@@ -140,10 +140,10 @@ def check(path: Path, game: Game | None = None) -> Checked:
 
     Args:
         path: the log, a file or a folder.
-        game: the game it was played on, to play every stroke again; None leaves that out.
+        game: the game of the log, to replay every stroke; None: no replay.
 
     Raises:
-        RecordingError: this is no rally log, or a damaged one, or it was played on another game.
+        RecordingError: not a rally log, a damaged one, or one of another game.
     """
     with RallyLog(path) as log:
         problems: list[str] = []
@@ -163,14 +163,14 @@ def check(path: Path, game: Game | None = None) -> Checked:
 
 
 def _check_data(path: Path) -> None:
-    """Compare the checksum of everything before the summary."""
+    """Verify the checksum of the data section."""
     tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
     with damage(path), open_file(path) as file:
         size = path.stat().st_size
         if size < tail:
             raise DamagedLogError("too short for a rally log")
         file.seek(size - tail + FRAME.size)
-        # The record DataEnd, whose body is the checksum, ends where the summary starts.
+        # The record DataEnd, with the checksum as its body, ends where the summary starts.
         end = Footer.read(stream(file.read(FOOTER_LENGTH))).summary_start - FRAME.size - 4
         if not 0 <= end <= size - tail:
             raise DamagedLogError("it was not closed")
@@ -185,7 +185,7 @@ def _check_data(path: Path) -> None:
 
 
 def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
-    """Compare every rally with what the rally before it in its match led to, and with the sample that was asked for."""
+    """Check that every rally follows from the previous rally of its match, and that it belongs to the sample."""
     header = files[0].header
     sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
     problems: list[str] = []
@@ -209,11 +209,11 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
 
 
 class _Matches:
-    """Follows matches through a log; those of training may be played side by side.
+    """Scores of the matches of a log; matches may be interleaved.
 
     Attributes:
-        open_: ``[M, 9]`` last rally so far of every match that is not over, as :func:`_rows` has it.
-        in_order: whether each match came to its end before the next one began.
+        open_: ``[M, 9]`` last rally so far of every unfinished match, see :func:`_rows`.
+        in_order: whether each match ended before the next one started.
     """
 
     def __init__(self, rules: Rules) -> None:
@@ -224,11 +224,11 @@ class _Matches:
         self.in_order = True
 
     def forget(self) -> None:
-        """Note that rallies are missing here: a match may continue whose first rallies were not seen."""
+        """Forget open matches, because rallies are missing: later rallies may belong to matches whose start was not seen."""
         self.open_, self._all_known = self.open_[:0], False
 
     def breaks(self, rallies: Rallies) -> Bools:
-        """``[R]`` whether a rally cannot follow what was seen."""
+        """``[R]`` whether a rally contradicts the rallies before it."""
         new = _rows(rallies)
         rows = np.concatenate([self.open_, new])
         order = np.lexsort((rows[:, 1], rows[:, 0]))  # stable, so the rallies of a match stay in their order
@@ -249,7 +249,7 @@ class _Matches:
         return breaks[len(breaks) - len(new) :]
 
     def _after(self, rows: I64) -> tuple[Bools, I64, I64]:
-        """Whether the match is over after each rally, the score, and who serves next."""
+        """After each rally: whether the match is over, the score, and the next server."""
         row, winner = np.arange(len(rows)), rows[:, 4]
         after = rows[:, 5:].copy()
         counted = count_rally(after[row, winner], after[row, winner ^ 1], after[row, 2 + winner], self._rules)

@@ -1,4 +1,4 @@
-"""Strokes in the schema of the annotated matches: of any rallies, and of whole matches that are simulated."""
+"""Rallies as strokes in the schema of the annotated matches, and simulated matches."""
 
 import dataclasses
 import itertools
@@ -27,7 +27,7 @@ _NO_DISCIPLINE: Final = "MS"
 def stroke_table(
     rallies: Rallies, catalogue: Catalogue, players: Sequence[str], matches: Sequence[str], rng: np.random.Generator
 ) -> pa.Table:
-    """Write every stroke of rallies down as an annotated match would have it.
+    """Strokes of rallies in the schema of the annotated matches.
 
     Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
     (:mod:`shuttle_marl.data.positions`): a good stroke lands in its target area, and flight times are medians of the annotated

@@ -241,10 +241,10 @@ def test_recovering_nothing_is_an_error(log_file: Path, tmp_path: Path, capsys: 
     part = unfinished(log_file)
     part.write_bytes(log_file.read_bytes()[: first + 50])
     log_file.unlink()
-    with pytest.raises(RecordingError, match="nothing could be saved"):
+    with pytest.raises(RecordingError, match="nothing could be recovered"):
         recover(part)
     assert recording.main(["recover", str(part)]) == 1
-    assert "nothing could be saved" in capsys.readouterr().err
+    assert "nothing could be recovered" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == [part]
 
 
@@ -257,7 +257,7 @@ def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, c
     (tmp_path / "b.mcap.part").write_bytes(content[:-100])
     assert recording.main(["recover", str(tmp_path)]) == 1
     printed = capsys.readouterr()
-    assert "a.mcap.part: nothing could be saved" in printed.err
+    assert "a.mcap.part: nothing could be recovered" in printed.err
     assert "b.mcap: 100 rallies" in printed.out
 
 
@@ -272,7 +272,7 @@ def test_recovering_on_a_full_disk_leaves_nothing_behind(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, fails, full)
-    with pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\); .* is as it was: make room"):
+    with pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\); .* is unchanged: free disk space"):
         recover(part)
     assert list(tmp_path.iterdir()) == [part]
 

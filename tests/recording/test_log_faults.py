@@ -76,7 +76,7 @@ def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -
         with pytest.raises(RecordingError) as refused:
             RallyLog(path)
         if length < first_chunk:
-            with pytest.raises(RecordingError, match=r"cannot be read|damaged|no rally log|nothing could be saved"):
+            with pytest.raises(RecordingError, match=r"cannot be read|damaged|no rally log|nothing could be recovered"):
                 recover(path)
             assert list(tmp_path.glob("a.*")) == [path]
             continue
@@ -245,8 +245,8 @@ def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int)
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, limit, reserve=True, batch=batch).partition("\n")
     assert message == (
-        f"{path}: cannot be written any further (File too large); the {rallies} rallies before that are there, whole: "
-        "make room and resume"
+        f"{path}: cannot be written any further (File too large); the {rallies} rallies before it are complete: "
+        "free disk space and resume"
     )
     assert limit / 2 < path.stat().st_size <= limit
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
@@ -258,7 +258,7 @@ def test_a_full_disk_without_reserves_leaves_whole_batches(tmp_path: Path) -> No
     """If the system cannot reserve room, a batch that was torn is cut off."""
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, 50_000, reserve=False).partition("\n")
-    assert f"the {rallies} rallies before that are there, whole" in message
+    assert f"the {rallies} rallies before it are complete" in message
     assert f"recover {unfinished(path)}" in message
     assert not path.exists()
     assert recover(unfinished(path)).rallies == int(rallies) > 0

@@ -109,23 +109,23 @@ def test_what_the_checkpoint_counts_must_be_there(tmp_path: Path) -> None:
     train(dataclasses.replace(config, resume=True))
     assert (done.folder / LOG).read_bytes() == before
     (done.folder / LOG).unlink()
-    with pytest.raises(RecordingError, match="is gone, with the"):
+    with pytest.raises(RecordingError, match="is missing, with the"):
         train(dataclasses.replace(config, resume=True))
 
 
 def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = PPOConfig(**SMALL, out=tmp_path / "run")
     whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
-    take_room, asked = Sink.take_room, []
+    reserve, asked = Sink.reserve, []
 
     def fills(self: Sink, count: int) -> None:
         asked.append(count)
         if len(asked) == 4:
             raise NoRoomError(28, "No space left on device")
-        take_room(self, count)
+        reserve(self, count)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Sink, "take_room", fills)
+        patch.setattr(Sink, "reserve", fills)
         with pytest.raises(RecordingError, match="No space left on device"):
             train(config)
     assert not (tmp_path / "run" / "agent").exists()
