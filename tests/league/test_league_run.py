@@ -484,7 +484,7 @@ def test_what_cannot_be_resumed(small_model: str, finished: Path, tmp_path: Path
         run_league(LeagueConfig(**config, resume=True))
     manifest.unlink()
     (tmp_path / "run" / "rallies.mcap").unlink()
-    with pytest.raises(RecordingError, match="is gone"):
+    with pytest.raises(RecordingError, match="is missing"):
         run_league(LeagueConfig(**config, resume=True))
 
 

@@ -279,7 +279,7 @@ class TestResume:
             with pytest.raises(RecordingError, match=f"{rallies} rallies were played"):
                 resume(path, header(), rallies)
         assert part.with_name(part.name + ".old").exists(), "what was played is still there"
-        with pytest.raises(RecordingError, match="is gone"):
+        with pytest.raises(RecordingError, match="is missing"):
             resume(tmp_path / "nothing.mcap", header(), 1)
 
 
