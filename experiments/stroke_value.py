@@ -1,10 +1,10 @@
-"""Value of strokes: players ranked by the value that theirs added, with intervals over matches.
+"""Players ranked by the value added by their strokes, with intervals over matches.
 
     python -m experiments.stroke_value [--data DATA] [--out FOLDER] [--json]
 
-Without ``--data`` the folder that the environment variable SHUTTLESET names is taken, else the simulated sample of the
-repository. The value of a stroke is the change of the probability of winning the rally, exactly computed on the shipped game as
-if both played on like the average player (``bc``); each player is measured by the mean stroke of their discipline.
+Without ``--data`` the folder in the environment variable SHUTTLESET is used, or the simulated sample of the repository. The value
+of a stroke is the change of the probability of winning the rally, computed exactly on the shipped game if both players continue
+like the average player (``bc``), relative to the mean stroke of the discipline.
 """
 
 import csv
@@ -50,7 +50,7 @@ from shuttle_marl.policy.registry import resolve
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
 _DRAWN: Final = range(9, 14)
-"""Lengths of rallies that make a readable picture."""
+"""Lengths of rallies with a readable picture."""
 
 
 def stroke_value(
@@ -67,12 +67,12 @@ def stroke_value(
 
     Args:
         data: annotated matches, a Parquet file of `data convert`, or a rally log; default: see above.
-        out: folder for pictures and the table as CSV.
+        out: folder for pictures and a CSV table.
         reference: policy whose play the values assume.
         model: a shipped model or a model folder.
         least_matches: players with fewer matches are left out.
         least_strokes: players with fewer strokes are left out.
-        json: print JSON instead.
+        json: print JSON.
     """
     path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
     game = load_game(model)
@@ -152,7 +152,7 @@ def _print(title: str, players: Sequence[PlayerValue], away: Mapping[str, Spread
     console = Console(highlight=False, width=max(Console().width, 120))
     console.print(table)
     if away:
-        console.print("away: 95 % interval for the same matches, valued in one more refit of the game on resampled matches.")
+        console.print("away: 95 % interval for the same matches in one more refit of the game on resampled matches.")
 
 
 def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:

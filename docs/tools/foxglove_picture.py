@@ -1,7 +1,7 @@
-"""Makes ``docs/images/foxglove.png`` and the court by each of its cameras: ``python -m docs.tools.foxglove_picture``.
+"""Takes ``docs/images/foxglove.png`` and pictures of every camera: ``python -m docs.tools.foxglove_picture``.
 
-A lively rally of two imitated players becomes a scene file, and Foxglove Studio (:mod:`experiments.studio`) opens it at its last
-stroke, a smash; then the whole match does, and is opened at a smash in its middle (``foxglove_match.png``).
+Foxglove Studio (:mod:`experiments.studio`) opens the scene of a varied rally of two imitated players at its last stroke, a smash,
+and the scene of the whole match at a smash in its middle (``foxglove_match.png``).
 """
 
 import tempfile
@@ -20,11 +20,11 @@ from shuttle_marl.scene.board import CAMERAS
 PICTURE: Final = IMAGES / "foxglove.png"
 MATCH: Final = IMAGES / "foxglove_match.png"
 AFTER: Final = 0.06
-"""From the contact to the picture [s]."""
+"""Time from the contact to the picture [s]."""
 
 
 def main() -> None:
-    """Play, stage, look."""
+    """Record, stage, and take the pictures."""
     with tempfile.TemporaryDirectory() as temporary:
         folder, run = Path(temporary), Path(temporary) / "run"
         run_league(LeagueConfig(pool=PLAYERS, matches=10, out=run))
@@ -35,16 +35,18 @@ def main() -> None:
         install(folder / "studio")
         scene = folder / "rally.mcap"
         recording(["scene", str(log), "--rally", str(number), "--out", str(scene)])
-        look(folder / "studio", scene, PICTURE, strokes(scene)[-1][0], tabs=[camera.title for camera in CAMERAS])
+        take_picture(folder / "studio", scene, PICTURE, strokes(scene)[-1][0], tabs=[camera.title for camera in CAMERAS])
         scene = folder / "match.mcap"
         recording(["scene", str(log), "--match", str(match), "--out", str(scene)])
         struck = strokes(scene)
         middle = next(seconds for seconds, shot in struck[len(struck) // 2 :] if shot == "smash")
-        look(folder / "studio", scene, MATCH, middle, match=True)
+        take_picture(folder / "studio", scene, MATCH, middle, match=True)
 
 
-def look(studio: Path, scene: Path, picture: Path, contact: float, *, match: bool = False, tabs: Sequence[str] = ()) -> None:
-    """Take a picture of a scene just after a contact, which is given in seconds since its start."""
+def take_picture(
+    studio: Path, scene: Path, picture: Path, contact: float, *, match: bool = False, tabs: Sequence[str] = ()
+) -> None:
+    """Take a picture of a scene just after a contact; ``contact`` is its time from the start [s]."""
     seen = visit(studio, scene, picture, contact + AFTER, match=match, tabs=tabs)
     if seen["problems"] != NO_PROBLEMS or seen["errors"]:
         raise SystemExit(f"{seen['problems']} {seen['errors']}")

@@ -1,7 +1,7 @@
-"""Makes ``docs/images/scene.png``, ``moments.png`` and ``film.webp``: ``python -m docs.tools.scene_picture``.
+"""Draws ``docs/images/scene.png``, ``moments.png`` and ``film.webp``: ``python -m docs.tools.scene_picture``.
 
-Two imitated players play ten matches; the first varied rally of a deciding game that a smash wins becomes a scene file. The
-pictures and the film are drawn from that file by ``experiments.pictures``, without a viewer.
+Two imitated players play ten matches. The first varied rally of a deciding game that ends with a smash becomes a scene file, and
+``experiments.pictures`` draws it without a viewer.
 """
 
 import json
@@ -26,16 +26,16 @@ from shuttle_marl.recording import RallyLog
 PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 SMASH: Final = SHOTS.index("smash")
 BESIDE: Final = Camera(place=(10.4, -4.0, 3.0), target=(0.0, 0.45, 1.35), field=38)
-"""A camera from which both players are seen from the side."""
+"""A camera that shows both players from the side."""
 _EVERY: Final = 0.08
-"""Time between two pictures of the film: four frames of the staging [s]."""
+"""Time between frames of the film: four frames of the staging [s]."""
 _AROUND: Final = (0.7, 1.3)
-"""Time from the film's beginning to the serve, and from the last contact to its end [s]."""
+"""Time from the start of the film to the serve, and from the last contact to the end [s]."""
 _QUALITY: Final = 55
 
 
 def lively(log: RallyLog) -> int:
-    """Number of the first rally worth a picture."""
+    """Number of the first varied rally that a smash wins in a close deciding game."""
     for first, rallies in log.batches():
         for row in range(len(rallies)):
             rally = rallies.slice(row, row + 1)
@@ -47,7 +47,7 @@ def lively(log: RallyLog) -> int:
 
 
 def strokes(path: Path) -> list[tuple[float, str]]:
-    """Seconds since the start, and the shot, of every stroke of a scene."""
+    """Time from the start [s] and shot of every stroke of a scene."""
     with path.open("rb") as file:
         found = [
             (m.log_time, json.loads(m.data)["shot"]) for _, _, m in make_reader(file).iter_messages(topics=["/rally/stroke"])
@@ -57,7 +57,7 @@ def strokes(path: Path) -> list[tuple[float, str]]:
 
 
 def film_of(scene: SceneFile, struck: list[tuple[float, str]], path: Path) -> None:
-    """Write an animated picture of a rally."""
+    """Write a film of a rally."""
     begin, end = struck[0][0] - _AROUND[0], struck[-1][0] + _AROUND[1]
     seconds = np.arange(max(begin, 0.0), end, _EVERY).tolist()
     first, *others = (Image.fromarray(scene.picture(at, camera=BESIDE, width=640, height=300)) for at in seconds)
@@ -65,7 +65,7 @@ def film_of(scene: SceneFile, struck: list[tuple[float, str]], path: Path) -> No
 
 
 def main() -> None:
-    """Play, stage, draw."""
+    """Record, stage, and draw."""
     with tempfile.TemporaryDirectory() as temporary:
         run, path = Path(temporary) / "run", Path(temporary) / "rally.mcap"
         run_league(LeagueConfig(pool=PLAYERS, matches=10, out=run))

@@ -1,4 +1,4 @@
-"""Triangles and lines to pixels: a depth buffer, smooth shading, translucent surfaces."""
+"""Software rasteriser of triangles and lines, with depth buffer, smooth shading and transparency."""
 
 import dataclasses
 import math
@@ -20,9 +20,9 @@ class Camera:
     """Viewpoint of a picture.
 
     Attributes:
-        place: [m], in the frame of the court.
-        target: what is in the middle of the picture [m].
-        field: angle of view from top to bottom [degrees].
+        place: position in the frame of the court [m].
+        target: point in the middle of the picture [m].
+        field: vertical field of view [degrees].
     """
 
     place: tuple[float, float, float] = (10.3, -6.7, 5.9)
@@ -30,7 +30,7 @@ class Camera:
     field: float = 39.0
 
     def project(self, points: F64, width: int, height: int) -> F64:
-        """``[N, 3]`` pixel across, pixel down, and distance along the line of sight [m]."""
+        """``[N, 3]`` horizontal and vertical pixel, and depth along the viewing direction [m]."""
         place, target = np.array(self.place), np.array(self.target)
         ahead = unit(target - place)
         right = unit(np.cross(ahead, [0.0, 0.0, 1.0]))
@@ -43,13 +43,13 @@ class Camera:
 
 
 class Canvas:
-    """A picture that is being drawn, twice as fine as it is handed out.
+    """A picture, drawn at twice its resolution.
 
     Args:
-        width: [pixels].
-        height: [pixels].
-        camera: where it is taken from.
-        background: red, green, blue, linear.
+        width: width of the picture [pixels].
+        height: height of the picture [pixels].
+        camera: viewpoint.
+        background: linear red, green, blue.
     """
 
     def __init__(self, width: int, height: int, camera: Camera, background: tuple[float, float, float]) -> None:
@@ -65,7 +65,7 @@ class Canvas:
             vertices: ``[V, 3]`` [m].
             normals: ``[V, 3]`` unit.
             faces: ``[T, 3]``.
-            colour: red, green, blue (linear) and alpha; below 1 it is drawn over what is there, and hides nothing.
+            colour: linear red, green, blue, and alpha; below 1 the triangles are blended and do not change the depth.
         """
         towards = unit(np.array(self._camera.place) - vertices)
         facing = np.where((normals * towards).sum(axis=1, keepdims=True) < 0, -normals, normals)
@@ -83,7 +83,7 @@ class Canvas:
                 _stroke(self._pixels, self._nearness, seen[a], seen[a + 1], colours[a], colours[a + 1], width)
 
     def image(self) -> U8:
-        """``[height, width, 3]`` as screens show it."""
+        """``[height, width, 3]`` picture in sRGB."""
         height, width, _ = self._pixels.shape
         mean = self._pixels.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
         seen = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * np.maximum(mean, 1e-9) ** (1 / 2.4) - 0.055)
@@ -91,7 +91,7 @@ class Canvas:
 
 
 def linear(colour: F64) -> F64:
-    """Colours as screens show them (alpha last) made linear."""
+    """Linear colours of sRGB colours, with alpha last."""
     out = np.array(colour, dtype=np.float64)
     rgb = out[..., :3]
     out[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
@@ -146,11 +146,11 @@ def _stroke(pixels: Any, nearness: Any, start: Any, end: Any, first: Any, last: 
         for x in range(x_from, x_to + 1):
             px, py = x + 0.5 - start[0], y + 0.5 - start[1]
             u = (px * dx + py * dy) / (length * length)
-            # Half open, so that two pieces of a line share no pixel at their joint.
+            # Half open, so that consecutive segments share no pixel.
             if u < 0 or u >= 1 or abs(px * dy - py * dx) / length > half:
                 continue
             near = (1 - u) / start[2] + u / end[2]
-            # A line on a surface is seen.
+            # Lines on a surface are visible.
             if near * 1.002 < nearness[y, x]:
                 continue
             alpha = (1 - u) * first[3] + u * last[3]

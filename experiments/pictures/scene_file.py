@@ -1,6 +1,6 @@
-"""Pictures of a scene file, drawn from its messages alone: for pages, and to check what viewers get.
+"""Pictures of a scene file, drawn from its messages without a viewer, for documentation and tests.
 
-It knows what the scenes of this package use: models, boxes, cylinders, lines, texts, and transforms.
+Supports the messages of this package's scenes: models, boxes, cylinders, lines, texts, and transforms.
 """
 
 import bisect
@@ -31,13 +31,13 @@ Words = tuple[str, tuple[float, float], float, tuple[float, float, float]]
 BACKGROUND: Final = (0.010, 0.013, 0.020)
 _BOX_CELL: Final = 1.0
 _WINDOW: Final = 620.0
-_SHOWN: Final = ("foxglove.SceneUpdate", "foxglove.FrameTransforms")
+_SCHEMAS: Final = ("foxglove.SceneUpdate", "foxglove.FrameTransforms")
 _LIST: Final = 2
-"""Number of line lists in the schema; 0 are strips."""
+"""Enumeration value of line lists in the schema; 0 is a strip."""
 
 
 class SceneFile:
-    """A scene file, opened to be looked at.
+    """A scene file that can be drawn.
 
     Args:
         path: the file.
@@ -47,7 +47,7 @@ class SceneFile:
         end: time of the last message [ns].
 
     Raises:
-        SceneError: it cannot be read or is no scene.
+        SceneError: the file cannot be read or holds no scene.
     """
 
     def __init__(self, path: Path) -> None:
@@ -57,7 +57,7 @@ class SceneFile:
         try:
             reader = make_reader(io.BytesIO(path.read_bytes()))
             for schema, channel, message in reader.iter_messages():
-                if schema is None or schema.name not in _SHOWN:
+                if schema is None or schema.name not in _SCHEMAS:
                     continue
                 if channel.topic not in self._decoders:
                     decoder = decoders.decoder_for(channel.message_encoding, schema)
@@ -74,12 +74,12 @@ class SceneFile:
         self.start, self.end = self._messages[0][0], self._messages[-1][0]
 
     def picture(self, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> U8:
-        """The picture some seconds after the start, without texts: ``[height, width, 3]``."""
+        """``[height, width, 3]`` picture at a time from the start [s], without texts."""
         return self._draw(seconds, camera or Camera(), width, height)[0]
 
     def save(self, path: Path, seconds: float, *, camera: Camera | None = None, width: int = 1280, height: int = 720) -> None:
-        """Write what is seen some seconds after the start, with texts, as a PNG file."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  not needed for anything else
+        """Write the picture at a time from the start [s], with texts, as a PNG file."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  an extra
         from matplotlib.figure import Figure  # noqa: PLC0415
 
         image, words = self._draw(seconds, camera or Camera(), width, height)
@@ -110,13 +110,13 @@ class SceneFile:
             if time > until:
                 break
             last[topic] = data
-        # Of the scoreboards only the first camera's is drawn, in the corner where its picture has it.
+        # Only the scoreboard of the first camera is drawn, in its corner of the picture.
         newest = [self._decoders[topic](message) for topic, message in last.items() if topic not in BOARDS]
-        told: dict[str, list[Any]] = {}
+        transforms: dict[str, list[Any]] = {}
         for message in newest:
             for moved in getattr(message, "transforms", ()):
-                told.setdefault(moved.child_frame_id, []).append(moved)
-        frames = {name: (moves[0].parent_frame_id, _interpolated(moves, until)) for name, moves in told.items()}
+                transforms.setdefault(moved.child_frame_id, []).append(moved)
+        frames = {name: (moves[0].parent_frame_id, _interpolated(moves, until)) for name, moves in transforms.items()}
         canvas = Canvas(width, height, camera, BACKGROUND)
         words = self._board(last, width, height)
         late: list[Any] = []
@@ -153,7 +153,7 @@ def _draw_line(canvas: Canvas, line: Any, pose: Pose) -> None:
     points = np.array([(p.x, p.y, p.z) for p in line.points]) @ pose[0].T + pose[1]
     one = _colour(line.color)
     colours = linear(np.array([(c.r, c.g, c.b, c.a) for c in line.colors])) if line.colors else np.tile(one, (len(points), 1))
-    # The canvas is twice as fine as the picture.
+    # The canvas has twice the resolution of the picture.
     width = 2 * line.thickness
     if line.type == _LIST:
         for a in range(0, len(points) - 1, 2):
@@ -167,7 +167,7 @@ def _words(text: Any, pose: Pose, camera: Camera, width: int, height: int) -> Wo
     x, y, depth = camera.project(place[None], width, height)[0]
     if depth < 0.2 or not 0 <= x < width or not 0 <= y < height:
         return None
-    # Letters of a fixed size are meant for a window of about this height.
+    # Font sizes in pixels assume a window of about this height.
     fixed = text.font_size * height / _WINDOW
     pixels = fixed if text.scale_invariant else text.font_size * height / (2 * np.tan(np.radians(camera.field) / 2) * depth)
     return text.text, (float(x), float(y)), float(pixels), _rgb(text.color)
@@ -177,7 +177,7 @@ def _against_world(frames: dict[str, tuple[str, Pose]], name: str) -> Pose:
     pose: Pose = (np.eye(3), np.zeros(3))
     while name != WORLD:
         if name not in frames:
-            raise SceneError(f"the scene says nowhere where the frame of reference {name!r} is")
+            raise SceneError(f"no transform of the frame of reference {name!r}")
         name, above = frames[name][0], frames[name][1]
         pose = _chained(above, pose)
     return pose
@@ -188,7 +188,7 @@ def _chained(outer: Pose, inner: Pose) -> Pose:
 
 
 def _interpolated(moves: list[Any], time: int) -> Pose:
-    """A frame of reference at a time, between the instants that are told of it."""
+    """Pose of a frame of reference at a time, interpolated between its transforms."""
     times = [move.timestamp.ToNanoseconds() for move in moves]
     after = min(bisect.bisect_right(times, time), len(times) - 1)
     before = max(after - 1, 0)
@@ -221,7 +221,7 @@ def _model(data: bytes) -> list[Mesh]:
 
 
 def _box(cube: Any) -> Mesh:
-    """Six faces in cells of a metre, so that a face that reaches behind the camera is not lost as a whole."""
+    """Six faces in cells of a metre, so that only the cells behind the camera are dropped."""
     size = np.array([cube.size.x, cube.size.y, cube.size.z])
     vertices, normals, triangles, count = [], [], [], 0
     for axis in range(3):
@@ -251,7 +251,7 @@ def _cylinder(cylinder: Any) -> Mesh:
 
 
 def read_glb(content: bytes) -> list[Mesh]:
-    """The meshes of a file from :func:`glb`."""
+    """The meshes of a file from :func:`shuttle_marl.scene.mesh.glb`."""
     document = gltf.GLTF2().load_from_bytes(content)
     out = []
     for primitive in document.meshes[0].primitives:

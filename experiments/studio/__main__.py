@@ -1,8 +1,8 @@
-"""Opens a scene file in Foxglove Studio and prints its messages.
+"""Opens a scene file in Foxglove Studio and prints the viewer's report.
 
     python -m experiments.studio SCENE [--picture FILE] [--seconds S] [--scale X]
 
-Exits with 1 if the viewer has anything against the file.
+The exit status is 1 if the viewer reports problems.
 """
 
 import json
@@ -27,14 +27,14 @@ def studio(
     scale: float = 1.0,
     folder: Path = _FOLDER,
 ) -> None:
-    """Open a scene file in Foxglove Studio, take a picture, and print what the viewer says as JSON.
+    """Open a scene file in Foxglove Studio, take a picture, and print the viewer's report as JSON.
 
     Args:
         scene: file of `recording scene`.
-        picture: where the picture of the window goes.
-        seconds: when it is taken, from the beginning of the scene.
-        scale: pixels of the picture for one of the window, which is 1500 wide and 1000 high.
-        folder: where the viewer is, or is put: 300 MB of the npm registry.
+        picture: PNG file of the window.
+        seconds: time of the picture from the start of the scene.
+        scale: scale of the picture relative to the window of 1500 x 1000 pixels.
+        folder: folder of the viewer, which is installed there if missing (300 MB).
     """
     install(folder)
     seen = visit(folder, scene, picture, seconds, scale=scale)

@@ -19,7 +19,7 @@ def bc() -> TabulatedPolicy:
 
 @pytest.fixture(scope="session")
 def tournament(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rally log of bc, attacking and random; look, do not touch."""
+    """A rally log of bc, attacking and random; read-only."""
     from shuttle_marl.league import LeagueConfig
     from tests.tournaments import play_league
 

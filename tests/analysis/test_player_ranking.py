@@ -37,7 +37,7 @@ def test_order_and_counts() -> None:
 
 
 @pytest.mark.parametrize("matches", [3, 10])
-def test_intervals_hold_the_truth_as_often_as_they_say(matches: int) -> None:
+def test_intervals_have_their_nominal_coverage(matches: int) -> None:
     rng = np.random.default_rng(1)
     held = []
     for _ in range(60):
@@ -46,7 +46,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(matches: int) -> None:
     assert 0.92 <= np.mean(held) <= 0.985
 
 
-def test_who_played_too_little_is_left_out() -> None:
+def test_players_with_too_few_matches_are_left_out() -> None:
     rng = np.random.default_rng(2)
     played = pa.concat_tables([table(rng, {"a": 0.0}, 5), table(rng, {"b": 0.0}, 2, strokes=500)])
     assert [p.player for p in rank_players(played)] == ["a"]
@@ -63,7 +63,7 @@ def test_centred_on_the_discipline() -> None:
     assert sum(found.values()) == pytest.approx(0, abs=1e-12)
 
 
-def test_values_that_are_not_known_do_not_count() -> None:
+def test_unknown_values_do_not_count() -> None:
     played = table(np.random.default_rng(4), {"a": 0.1}, 6)
     values = played["value_added"].to_numpy().copy()
     values[::3] = np.nan

@@ -46,7 +46,7 @@ def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Tab
     assert np.allclose(column(valued, "decision") + column(valued, "execution"), column(valued, "value_added"))
 
 
-def test_a_fault_is_a_choice_among_the_targets_that_it_may_have_had(tournament: Path, valued: pa.Table, bc) -> None:
+def test_the_decision_of_a_fault_is_a_mean_over_its_possible_targets(tournament: Path, valued: pa.Table, bc) -> None:
     """The mean over the targets of the shot type and technique, weighted by how likely bc aims and faults there."""
     game = bc.game
     with RallyLog(tournament) as log:
@@ -78,7 +78,7 @@ def test_the_values_of_a_rally_add_up_to_its_outcome(valued: pa.Table, bc: Tabul
         assert sign @ added[first:end] == pytest.approx((server == winner) - serve, abs=1e-9)
 
 
-def test_the_reference_adds_nothing_to_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
+def test_the_reference_adds_no_value_against_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
     """bc against a player of the same play: decisions and execution are 0 but for luck; minimax decides better."""
     from shuttle_marl.league import LeagueConfig
     from tests.tournaments import play_league
@@ -102,7 +102,7 @@ def test_minimax_values_may_be_the_reference_too(tournament: Path, bc: Tabulated
     assert np.nanmean(decision) < -0.01
 
 
-def test_what_is_not_known_is_null_and_nothing_else(valued: pa.Table, bc: TabulatedPolicy) -> None:
+def test_only_unknown_values_are_null(valued: pa.Table, bc: TabulatedPolicy) -> None:
     lengths = rally_table(valued)["length"].to_numpy()
     first = int(rally_table(valued)["first"][int(np.flatnonzero(lengths >= 6)[0])].as_py())
     plain = valued.drop_columns(list(COLUMNS))

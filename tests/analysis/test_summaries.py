@@ -40,7 +40,7 @@ def by_hand() -> pa.Table:
     return pa.Table.from_pylist(table, schema=STROKES)
 
 
-def test_rallies_written_down_by_hand() -> None:
+def test_rally_table_of_hand_written_rallies() -> None:
     rows = rally_table(by_hand()).to_pylist()
     assert [(r["server"], r["receiver"], r["winner"], r["length"]) for r in rows] == [
         ("ann", "bea", "ann", 3),
@@ -52,7 +52,7 @@ def test_rallies_written_down_by_hand() -> None:
     ]
 
 
-def test_figures_of_rallies_written_down_by_hand() -> None:
+def test_summary_of_hand_written_rallies() -> None:
     table = by_hand()
     ann, bea, both = summarise(table, "ann"), summarise(table, "bea"), summarise(table)
     assert (ann.strokes, ann.rallies, ann.matches, ann.wins) == (2, 2, 1, 1.0)
@@ -86,7 +86,7 @@ def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
     assert list(violations(strokes)) == []
 
 
-def test_part_of_a_log(tournament: Path) -> None:
+def test_samples_of_a_log_depend_on_the_seed(tournament: Path) -> None:
     with RallyLog(tournament) as log:
         some = strokes_of_log(log, rallies=1)
         assert 0 < some.num_rows <= log.strokes.max()
@@ -94,7 +94,7 @@ def test_part_of_a_log(tournament: Path) -> None:
         assert not some.equals(strokes_of_log(log, rallies=1, seed=1))
 
 
-def test_every_pairing_has_its_part_in_a_sample(tournament: Path) -> None:
+def test_samples_are_balanced_over_pairings(tournament: Path) -> None:
     with RallyLog(tournament) as log:
         few, many = (rally_table(strokes_of_log(log, rallies=n)) for n in (30, 600))
         whole = rally_table(strokes_of_log(log, rallies=10**9))
@@ -109,7 +109,7 @@ def test_every_pairing_has_its_part_in_a_sample(tournament: Path) -> None:
     assert match.count(match[0]) == whole["match"].to_pylist().count(match[0])
 
 
-def test_nothing_to_analyse(tmp_path: Path) -> None:
+def test_an_empty_table_is_refused(tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
     pq.write_table(STROKES.empty_table(), tmp_path / "none.parquet")

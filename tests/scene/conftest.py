@@ -1,4 +1,4 @@
-"""A small log, and scenes made from it once."""
+"""A small log and its scenes."""
 
 import bisect
 import dataclasses
@@ -25,7 +25,7 @@ from tests.tournaments import play_league
 
 RALLIES = 2
 Placed = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
-"""Rotation and place of a frame of reference on the court."""
+"""Rotation and position of a frame of reference on the court."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Reel:
         return [(time, message) for time, name, message in self.messages if name == topic]
 
     def placed(self, time: int) -> dict[str, Placed]:
-        """Every frame of reference as a viewer shows it that has just jumped to a time: from the last message of each topic."""
+        """Pose of every frame of reference after a seek to a time: from the last message of each topic."""
         told = self._told[max(when for when in self._told if when <= time)]
         out: dict[str, Placed] = {WORLD: (np.eye(3), np.zeros(3))}
 
@@ -61,14 +61,14 @@ class Reel:
         return out
 
     @functools.cached_property
-    def _told(self) -> dict[int, dict[str, "Told"]]:
-        """By the time of a packet of transforms: what it tells, and what never moves."""
+    def _told(self) -> dict[int, dict[str, "Transforms"]]:
+        """Moving and fixed transforms by the time of their packet."""
         ((_, fixed),) = self.of(topics.TF_STATIC)
-        return {time: told_of([*fixed.transforms, *packet.transforms]) for time, packet in self.of(topics.TF)}
+        return {time: transforms_by_frame([*fixed.transforms, *packet.transforms]) for time, packet in self.of(topics.TF)}
 
 
 @dataclasses.dataclass(frozen=True)
-class Told:
+class Transforms:
     """A frame of reference: its parent, and quaternions and places in it by time [ns]."""
 
     parent: str
@@ -77,7 +77,7 @@ class Told:
     places: npt.NDArray[np.float64]
 
     def at(self, time: int) -> Placed:
-        """Rotation and place between the instants that are told."""
+        """Interpolated rotation and position."""
         after = min(bisect.bisect_right(self.when, time), len(self.when) - 1)
         before = max(after - 1, 0)
         share = min(max((time - self.when[before]) / max(self.when[after] - self.when[before], 1), 0.0), 1.0)
@@ -87,12 +87,12 @@ class Told:
         return matrix, (1 - share) * self.places[before] + share * self.places[after]
 
 
-def told_of(transforms: list[Any]) -> dict[str, Told]:
+def transforms_by_frame(transforms: list[Any]) -> dict[str, Transforms]:
     by_name: dict[str, list[Any]] = {}
     for transform in transforms:
         by_name.setdefault(transform.child_frame_id, []).append(transform)
     return {
-        name: Told(
+        name: Transforms(
             parent=own[0].parent_frame_id,
             when=[t.timestamp.ToNanoseconds() for t in own],
             turns=np.array([(t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w) for t in own]),
@@ -116,7 +116,7 @@ def read(content: bytes) -> list[tuple[int, str, Any]]:
 
 @pytest.fixture(scope="session")
 def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two players over two matches; look, do not touch."""
+    """Two players over two matches; read-only."""
     out = tmp_path_factory.mktemp("scene") / "run"
     play_league(LeagueConfig(pool=("bc", "random"), matches=2, out=out))
     return out / "rallies.mcap"

@@ -24,7 +24,7 @@ def texts(thing: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_every_path_leads_somewhere(name: str) -> None:
+def test_every_path_is_a_field_of_a_topic(name: str) -> None:
     paths = [text for text in texts(DOCUMENTS[name]) if re.match(r"/(rally|scene|log|tf)", text)]
     assert set(topics.SCENES) <= set(paths)
     assert topics.LOG in paths
@@ -59,7 +59,7 @@ def test_layouts_have_the_cameras_of_the_scoreboards(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["layout.lichtblick.json", "match.lichtblick.json"])
-def test_lichtblick_finds_every_panel_of_the_arrangement(name: str) -> None:
+def test_every_panel_of_lichtblick_is_configured(name: str) -> None:
     document = DOCUMENTS[name]
     tabs = [tab["layout"] for tab in document["configById"]["Tab!cameras"]["tabs"]]
 
@@ -71,7 +71,7 @@ def test_lichtblick_finds_every_panel_of_the_arrangement(name: str) -> None:
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.title)
-def test_scoreboards_stand_where_their_camera_shows_them(camera: Camera) -> None:
+def test_scoreboards_are_in_the_picture_of_their_camera(camera: Camera) -> None:
     """Seen from the camera, as three.js projects it: in the upper left quarter, with room for half a board."""
     phi, theta = np.radians(camera.phi), np.radians(camera.theta)
     away = camera.distance * np.array([-np.sin(phi) * np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi)])
@@ -94,6 +94,6 @@ def test_names_of_any_length_fit(name: str) -> None:
         assert "".join(lines) == name
 
 
-def test_a_match_is_shown_without_the_jumps_of_every_rally() -> None:
+def test_the_layout_of_a_match_does_not_plot_single_rallies() -> None:
     assert "rally_win_0" not in json.dumps(DOCUMENTS["match.lichtblick.json"])
     assert "rally_win_0" in json.dumps(DOCUMENTS["layout.lichtblick.json"])

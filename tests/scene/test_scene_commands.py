@@ -25,7 +25,7 @@ from shuttle_marl.scene.write import select, write_scene
 from tests.scene.conftest import read
 
 
-def test_one_rally_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "scene.mcap"
     assert main(["scene", str(log_path), "--rally", "1", "--fps", "25", "--out", str(out)]) == 0
     assert f"{out}: 1 rallies" in capsys.readouterr().out
@@ -68,12 +68,12 @@ def test_a_scene_needs_a_file(log_path: Path, capsys: pytest.CaptureFixture[str]
     assert "--out" in capsys.readouterr().err
 
 
-def test_a_scene_is_no_rally_log(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_file_is_not_a_rally_log(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scene", str(scene_file), "--rally", "0", "--out", str(tmp_path / "x.mcap")]) == 1
     assert "no rally log" in capsys.readouterr().err
 
 
-def test_a_match_is_all_its_rallies(log_path: Path) -> None:
+def test_a_match_selects_all_its_rallies(log_path: Path) -> None:
     with RallyLog(log_path) as log:
         numbers = select(log, match=1)
         scores = np.concatenate([log.rally(number).score for number in numbers]).astype(int)
@@ -82,7 +82,7 @@ def test_a_match_is_all_its_rallies(log_path: Path) -> None:
     assert max(scores[-1, 2:]) == 1
 
 
-def test_the_best_are_the_longest(log_path: Path) -> None:
+def test_best_selects_the_longest_rallies(log_path: Path) -> None:
     with RallyLog(log_path) as log:
         chosen = select(log, best=7)
         lengths = np.concatenate([rallies.length for _, rallies in log.batches()])
@@ -146,7 +146,7 @@ def shown(path: Path, *flags: str) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def test_a_policy_that_is_not_there_leaves_its_probabilities_out(
+def test_probabilities_of_an_unknown_policy_are_omitted(
     log_of: Callable[..., Path], bc_hash: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A log of a policy that this machine does not have: what follows from the game alone is still shown."""
@@ -158,7 +158,7 @@ def test_a_policy_that_is_not_there_leaves_its_probabilities_out(
         assert ("probability" in stroke) == (stroke["player"] == "bc")
 
 
-def test_a_rally_that_cannot_be_is_refused(log_of: Callable[..., Path], short_rally: Rally, bc_hash: str) -> None:
+def test_an_impossible_rally_is_refused(log_of: Callable[..., Path], short_rally: Rally, bc_hash: str) -> None:
     wrong = dataclasses.replace(short_rally, stroke=np.full(2, short_rally.stroke[0]))
     player = Player(name="bc", hash=bc_hash)
     with RallyLog(log_of(player, player, rally=wrong)) as log, pytest.raises(RallyError, match="has no other"):
@@ -210,7 +210,7 @@ def test_a_log_opens_no_file_of_its_choice(
 
 
 @pytest.mark.parametrize("flags", [("--trust-policies",), ("--policy", "trap_of_a_log:Policy=random")], ids=["trusted", "named"])
-def test_the_user_may_say_which_policy_is_meant(
+def test_flags_select_the_policy_of_a_name(
     flags: tuple[str, ...], log_of: Callable[..., Path], trap: Path, bc_hash: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     game = default_game()
@@ -222,7 +222,7 @@ def test_the_user_may_say_which_policy_is_meant(
     assert found["/rally/value"]
 
 
-def test_a_name_that_the_log_does_not_have(
+def test_a_policy_flag_with_an_unknown_name(
     log_of: Callable[..., Path], bc_hash: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = log_of(Player(name="bc", hash=bc_hash), Player(name="random"))
@@ -231,7 +231,7 @@ def test_a_name_that_the_log_does_not_have(
 
 
 @pytest.mark.parametrize(("recorded", "said"), [("1" * 64, "not the one that played"), ("", "holds no hash of its table")])
-def test_another_policy_of_the_same_name_is_not_taken_for_the_one_that_played(
+def test_a_different_policy_of_the_same_name_is_not_used(
     recorded: str, said: str, log_of: Callable[..., Path], bc_hash: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An agent that was trained again has other probabilities under its old name."""
@@ -242,7 +242,7 @@ def test_another_policy_of_the_same_name_is_not_taken_for_the_one_that_played(
     assert all(("probability" in stroke) == (stroke["player"] == "bc") for stroke in found["/rally/stroke"])
 
 
-def test_names_from_a_log_are_shown_without_control_characters_and_never_read_as_markup(
+def test_names_of_a_log_are_printed_without_control_characters_and_markup(
     log_of: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = "[bold]a[/x]\x1b[31m\n\u202e<b>"

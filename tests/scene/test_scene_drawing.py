@@ -29,7 +29,7 @@ def same(a: Mesh, b: Mesh) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.01, 1), st.floats(0.01, 1)), min_size=2, max_size=6), st.integers(3, 9))
-def test_models_are_read_as_they_were_written(steps: list[tuple[float, float]], sides: int) -> None:
+def test_models_round_trip(steps: list[tuple[float, float]], sides: int) -> None:
     heights = np.cumsum([height for _, height in steps])
     body = lathe([(radius, height) for (radius, _), height in zip(steps, heights, strict=True)], RED, sides)
     pipe = tube(np.array([[0.0, 0, 0], [0, 1, 0.1], [0, 2, 0]]), 0.1, DARK, sides)
@@ -73,7 +73,7 @@ def test_joined_meshes_keep_their_triangles() -> None:
 
 @pytest.mark.parametrize("name", ATHLETES)
 @pytest.mark.parametrize("right_handed", [True, False])
-def test_parts_put_together_make_an_athlete(name: str, right_handed: bool) -> None:
+def test_parts_form_an_athlete(name: str, right_handed: bool) -> None:
     skeleton = load_skeleton(name)
     rest = skeleton.rest_pose(right_handed=right_handed)
     found = models.athlete(name, right_handed=right_handed, shirt=RED, shorts=DARK)
@@ -113,7 +113,7 @@ def test_a_camera_sees_its_target_in_the_middle_and_up_is_up() -> None:
     assert here[2] < 1e-9
 
 
-def test_what_is_nearer_hides_what_is_behind() -> None:
+def test_near_surfaces_hide_far_ones() -> None:
     camera = Camera(place=(0, -4, 0), target=(0, 0, 0), field=40)
     square = np.array([[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 0, 0.5], [-0.5, 0, 0.5]])
     faces, normals = np.array([[0, 1, 2], [0, 2, 3]]), np.tile([0.0, -1, 0], (4, 1))
@@ -132,7 +132,7 @@ def test_what_is_nearer_hides_what_is_behind() -> None:
 
 
 @given(st.lists(st.floats(0, 1), min_size=4, max_size=4))
-def test_colours_of_screens_are_made_linear(colour: list[float]) -> None:
+def test_srgb_colours_are_converted_to_linear(colour: list[float]) -> None:
     out = linear(np.array(colour))
     assert out[3] == colour[3]
     assert (out[:3] <= np.array(colour[:3]) + 1e-9).all()
@@ -163,7 +163,7 @@ def test_a_picture_is_written_with_its_texts(scene_file: Path, tmp_path: Path) -
     assert film.end > film.start
 
 
-def test_what_is_no_scene_cannot_be_drawn(log_path: Path, tmp_path: Path) -> None:
+def test_other_files_are_not_scenes(log_path: Path, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="cannot be read"):
         SceneFile(tmp_path / "none.mcap")
     (tmp_path / "text.mcap").write_text("no")

@@ -30,7 +30,7 @@ RERUN = shutil.which("rerun", path=sysconfig.get_path("scripts"))
 MOST_A_SECOND = 60
 
 
-def test_topics_have_the_schemas_that_viewers_know(reel: Any) -> None:
+def test_topics_have_the_schemas_of_the_viewers(reel: Any) -> None:
     summary = make_reader(io.BytesIO(reel.content)).get_summary()
     schema = {c.topic: (summary.schemas[c.schema_id].name, c.message_encoding) for c in summary.channels.values()}
     for topic in topics.SCENES:
@@ -40,7 +40,7 @@ def test_topics_have_the_schemas_that_viewers_know(reel: Any) -> None:
     assert {topic for topic, (_, encoding) in schema.items() if encoding == "json"} == set(topics.SCHEMAS)
 
 
-def test_messages_come_in_order_and_not_too_many_a_second(reel: Any) -> None:
+def test_messages_are_ordered_and_their_rate_is_limited(reel: Any) -> None:
     times = [time for time, _, _ in reel.messages]
     assert times == sorted(times)
     assert times[0] == EPOCH
@@ -51,26 +51,26 @@ def test_messages_come_in_order_and_not_too_many_a_second(reel: Any) -> None:
 
 
 @pytest.mark.skipif(RERUN is None, reason="rerun-sdk is not installed")
-def test_another_program_finds_nothing_wrong(scene_file: Path) -> None:
+def test_rerun_accepts_the_file(scene_file: Path) -> None:
     done = subprocess.run([str(RERUN), "mcap", "check", "--full", str(scene_file)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert topics.TF in done.stdout
 
 
-def test_static_things_come_once_and_first(reel: Any) -> None:
+def test_static_entities_are_written_once_and_first(reel: Any) -> None:
     for topic in (topics.COURT, topics.PLAYERS):
         ((time, message),) = reel.of(topic)
         assert time == EPOCH
         assert all(entity.frame_locked and entity.lifetime.ToNanoseconds() == 0 for entity in message.entities)
 
 
-def test_every_scene_message_stands_for_itself(reel: Any) -> None:
+def test_every_scene_message_is_self_contained(reel: Any) -> None:
     for topic in topics.SCENES:
         for _, message in reel.of(topic):
             assert [deletion.type for deletion in message.deletions] == [1], "deletes all that was there"
 
 
-def test_every_frame_of_reference_is_told_in_every_packet(reel: Any) -> None:
+def test_every_packet_has_every_frame_of_reference(reel: Any) -> None:
     """A packet tells where everything is from its beginning until the next one begins, so that none before it is missed."""
     bones = {bone_frame(seat, bone) for seat in (0, 1) for bone in BONES}
     joints = {f"{seat}.{bone}" for seat in (0, 1) for bone in range(1, len(BONES))}
@@ -101,7 +101,7 @@ def test_every_frame_of_reference_is_told_in_every_packet(reel: Any) -> None:
     assert cuts == len(reel.numbers) - 1
 
 
-def test_what_viewers_interpolate_is_the_motion(reel: Any, log_path: Path) -> None:
+def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) -> None:
     """Bones, strings and shuttle between the instants that the file tells are where the staging has them."""
     start, off, tip_off, shuttle_off = EPOCH, [], [], []
     with RallyLog(log_path) as log:
@@ -126,7 +126,7 @@ def test_what_viewers_interpolate_is_the_motion(reel: Any, log_path: Path) -> No
     assert np.max(tip_off) < 6 * TOLERANCE
 
 
-def test_a_second_of_a_scene_takes_no_more_than_its_share(reel: Any) -> None:
+def test_the_size_of_a_scene_per_second_is_limited(reel: Any) -> None:
     """115 rallies of 1,600 s are to take at most 150 MB before compression, all that MCAP adds included."""
     summary = make_reader(io.BytesIO(reel.content)).get_summary()
     whole = sum(chunk.uncompressed_size for chunk in summary.chunk_indexes)
@@ -148,7 +148,7 @@ def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
         assert np.linalg.norm(place + SWEET_SPOT * turn @ shaft - at["shuttle"][1]) < 0.012
 
 
-def test_names_hang_over_the_heads(reel: Any) -> None:
+def test_names_are_above_the_heads(reel: Any) -> None:
     for time, _ in reel.of(topics.STROKE):
         at = reel.placed(time)
         for seat in (0, 1):
@@ -259,7 +259,7 @@ def test_a_mean_over_the_policy_is_the_value(reel: Any) -> None:
         assert mean == pytest.approx(dict(reel.of(topics.VALUE))[time]["striker"], abs=2e-3)
 
 
-def test_messages_hold_what_their_schema_says(reel: Any) -> None:
+def test_messages_match_their_schemas(reel: Any) -> None:
     kinds = {"number": (int, float), "integer": int, "string": str, "object": dict, "array": list}
 
     def check(content: Any, schema: dict[str, Any], where: str) -> None:
@@ -292,7 +292,7 @@ def test_attachments_and_origin(reel: Any, log_path: Path) -> None:
     assert facts["rallies"].split() == [str(number) for number in reel.numbers]
 
 
-def test_the_same_rallies_give_the_same_file(reel: Any, log_path: Path) -> None:
+def test_files_are_reproducible(reel: Any, log_path: Path) -> None:
     with RallyLog(log_path) as log:
         again, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
         once_more, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
