@@ -30,8 +30,9 @@ import pyarrow as pa
 from shuttle_marl.arrays import F64, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
-from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tables import Game
 
 DISCIPLINES: Final = ("MS", "WS")
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from shuttle_marl.arrays import F32, Ints
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
-from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tables import Game
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from shuttle_marl.arrays import I8, I32, Ints
 from shuttle_marl.errors import ActionError
-from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.tables import Game
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
 FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)

@@ -84,6 +84,9 @@ class Catalogue:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, frozen(getattr(self, field.name)))
 
+    def __repr__(self) -> str:
+        return f"Catalogue(version={self.version!r}, n_strokes={len(self)})"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Catalogue, (self.shot, self.area, self.height, self.technique)
 

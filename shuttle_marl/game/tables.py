@@ -1,4 +1,4 @@
-"""The pure rules of a rally, on tables, for a batch at a time. No torch, no environment, no policy.
+"""Tables of a game: the probabilities of outcomes over the layout of its states.
 
 A rally alternates between two players. The one to hit is the striker, the other the receiver. What decides a stroke is
 the striker's **state**:
@@ -10,18 +10,6 @@ the striker's **state**:
 
 One 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above. The striker's
 effort multiplies the odds of a fault, and nothing else; the receiver's changes nothing until the roles swap.
-
-How the tables are laid out
----------------------------
-``START = n`` stands for "no stroke yet". A pair (own last stroke x, incoming stroke y) that can occur is an **edge**
-x -> y; edges between two net shots exist once for each length of the duel; edge 0 is START -> START, the start of a rally.
-A **base state** is ``2 * edge + contact``. The replies to stroke y from contact c do not depend on x but for the duel that
-they continue, so they stand next to each other in ``reply_edge``: ``reply_count[y, c]`` of them from
-``reply_start[y, d, c]`` on, d = 1 where two or more net shots in a row end with y. So the k-th legal stroke of a state is a
-number, and so is what follows it. A **base pair** is (base state, k); its row in ``threshold`` is counted in that order.
-
-With S base states and P base pairs, **state** ``block * S + base state`` and **legal pair** ``block * P + base pair`` add the
-effort: ``block = own effort * L + opponent's effort``. After a stroke the two change places.
 """
 
 import dataclasses
@@ -35,23 +23,18 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.arrays import F64, I16, I32, I64, U16, Bools, Floats, Ints
+from shuttle_marl.arrays import F64, I32, U16, Ints
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.stroke import Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 from shuttle_marl.tensor_files import parsed, read_tensors
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
-LONGEST_DUEL: Final = 3
-"""Longer duels count as this one."""
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
-
-Indices = Ints | int
-
-_ALL: Final = slice(None)
 
 
 class GameError(ShuttleError):
@@ -62,30 +45,16 @@ def _no_effort() -> I32:
     return np.full(1, ONE, dtype=np.int32)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Game:
-    """A compiled game: n strokes, E edges, V replies, L levels of effort; S = 2 E L^2 states, P legal pairs.
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Game(Layout):
+    """A compiled game: its layout and the probabilities of outcomes.
 
     Attributes:
-        catalogue: the n strokes.
-        edge_own: ``[E]`` int32, the striker's own last stroke, n for none.
-        edge_incoming: ``[E]`` int32, the incoming stroke, n for none (the serve).
-        edge_duel: ``[E]`` int32, net shots in a row that end with the incoming stroke, 0 to 3; all 0 where duels do not count.
-        reply_start: ``[n + 1, 2, 2]`` int32, first reply to a stroke, by duel (1: of two net shots or more) and contact.
-        reply_count: ``[n + 1, 2]`` int32, their number by contact.
-        reply_edge: ``[V]`` int32, edge that follows each reply.
         threshold: ``[base pairs, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below at effort 0, in
             units of 1/65536.
         fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
     """
 
-    catalogue: Catalogue
-    edge_own: I32
-    edge_incoming: I32
-    edge_duel: I32
-    reply_start: I32
-    reply_count: I32
-    reply_edge: I32
     threshold: U16
     fault_odds: I32 = dataclasses.field(default_factory=_no_effort)
 
@@ -97,6 +66,12 @@ class Game:
             object.__setattr__(self, name, frozen(array))
         self._check_layout()
 
+    def __repr__(self) -> str:
+        return (
+            f"Game(hash={self.hash[:12]!r}, n_strokes={self.n_strokes}, n_states={self.n_states}, n_pairs={self.n_pairs}, "
+            f"levels={self.levels})"
+        )
+
     def __reduce__(self) -> tuple[Any, ...]:
         arrays: dict[str, Any] = self._arrays()
         return functools.partial(Game, catalogue=self.catalogue, **arrays), ()
@@ -104,326 +79,30 @@ class Game:
     def __deepcopy__(self, memo: dict[int, Any]) -> "Game":
         return self  # nothing in it can be changed
 
-    @functools.cached_property
-    def n_strokes(self) -> int:
-        """Number of strokes in the catalogue."""
-        return len(self.catalogue)
-
     @property
     def levels(self) -> int:
         """Number of levels of effort L; 1 where effort does not count."""
         return len(self.fault_odds)
 
     @functools.cached_property
-    def counts_duels(self) -> bool:
-        """Whether states count net shots in a row."""
-        return bool(self.edge_duel.any())
-
-    @property
-    def n_blocks(self) -> int:
-        """Number of combinations of both players' efforts."""
-        return self.levels**2
-
-    @property
-    def n_base_states(self) -> int:
-        """Number of states at given efforts; the serve from above (base state 1) has no legal stroke and never occurs."""
-        return 2 * len(self.edge_own)
-
-    @property
-    def n_states(self) -> int:
-        """Number of states S."""
-        return self.n_blocks * self.n_base_states
-
-    @property
-    def n_base_pairs(self) -> int:
-        """Number of legal pairs at given efforts."""
-        return len(self.threshold)
-
-    @property
-    def n_pairs(self) -> int:
-        """Number of legal pairs P."""
-        return self.n_blocks * self.n_base_pairs
-
-    # Parts of a state.
-
-    def base(self, state: Indices) -> Ints:
-        """The base state of each state; any shape."""
-        return np.asarray(state) % self.n_base_states
-
-    def own(self, state: Indices) -> I32:
-        """The striker's own last stroke in each state, n for none; any shape."""
-        return self.edge_own[self.base(state) >> 1]
-
-    def incoming(self, state: Indices) -> I32:
-        """The incoming stroke of each state, n for none: the striker serves; any shape."""
-        return self.edge_incoming[self.base(state) >> 1]
-
-    def duel(self, state: Indices) -> I32:
-        """Net shots in a row that end with the incoming stroke of each state, 3 for three or more; any shape."""
-        return self.edge_duel[self.base(state) >> 1]
-
-    @staticmethod
-    def contact(state: Indices) -> I32:
-        """The contact offered in each state, 0 below and 1 above the net; any shape."""
-        return (np.asarray(state) & 1).astype(np.int32)
-
-    def effort(self, state: Indices) -> I32:
-        """The striker's effort in each state; any shape."""
-        return (np.asarray(state) // (self.n_base_states * self.levels)).astype(np.int32)
-
-    def opponent_effort(self, state: Indices) -> I32:
-        """The receiver's effort in each state; any shape."""
-        return (np.asarray(state) // self.n_base_states % self.levels).astype(np.int32)
-
-    def observation(self, state: Indices) -> I32:
-        """``[..., 6]`` all that a striker observes of a rally.
-
-        Own last stroke, incoming stroke, contact, duel, own effort and the opponent's effort of each state.
-        """
-        parts = (self.own, self.incoming, self.contact, self.duel, self.effort, self.opponent_effort)
-        return np.stack([part(state) for part in parts], axis=-1)
-
-    @property
-    def highest_observation(self) -> I32:
-        """``[6]`` highest number of each part of an observation."""
-        n, effort = self.n_strokes, self.levels - 1
-        return np.array([n, n, 1, LONGEST_DUEL, effort, effort], dtype=np.int32)
-
-    def state_of(
-        self,
-        own: Indices,
-        incoming: Indices,
-        contact: Indices,
-        duel: Indices = 0,
-        effort: Indices = 0,
-        opponent_effort: Indices = 0,
-    ) -> I32:
-        """The state of an observation, -1 where the game has none such: the inverse of :meth:`observation`.
-
-        Args:
-            own, incoming: catalogue indices, n for no stroke yet; anything else is no stroke.
-            contact: 0 or 1.
-            duel: 0 to 3.
-            effort, opponent_effort: 0 to L - 1. All six broadcast against each other.
-        """
-        parts = (own, incoming, contact, duel, effort, opponent_effort)
-        own, incoming, contact, duel, effort, opponent_effort = np.broadcast_arrays(
-            *(np.asarray(part, dtype=np.int64) for part in parts)
-        )
-        n, levels = self.n_strokes, self.levels
-        begun = (own >= 0) & (own <= n) & (incoming >= 0) & (incoming < n) & (duel >= 0) & (duel <= LONGEST_DUEL)
-        edge = np.where(begun, self._edge_of[np.where(begun, own, 0), np.where(begun, incoming, 0), np.where(begun, duel, 0)], -1)
-        edge = np.where((own == n) & (incoming == n) & (duel == 0), 0, edge)
-        found = (edge >= 0) & ((contact == 0) | (contact == 1))
-        for level in (effort, opponent_effort):
-            found &= (level >= 0) & (level < levels)
-        base = 2 * edge + contact
-        return np.where(found, (effort * levels + opponent_effort) * self.n_base_states + base, -1).astype(np.int32)
-
-    @functools.cached_property
-    def _edge_of(self) -> I32:
-        """``[n + 1, n + 1, 4]`` edge of own last stroke, incoming stroke and duel, -1 where there is none."""
-        table = np.full((self.n_strokes + 1, self.n_strokes + 1, LONGEST_DUEL + 1), -1, dtype=np.int32)
-        table[self.edge_own, self.edge_incoming, self.edge_duel] = np.arange(len(self.edge_own))
-        return frozen(table)
-
-    # Legal strokes of states.
-
-    @functools.cached_property
-    def base_pair_start(self) -> I32:
-        """``[base states + 1]`` first base pair of each base state."""
-        return frozen(np.r_[0, np.cumsum(self.reply_count[self.edge_incoming].ravel())].astype(np.int32))
-
-    @functools.cached_property
-    def pair_start(self) -> I32:
-        """``[S + 1]`` first legal pair of each state."""
-        blocks = np.arange(self.n_blocks, dtype=np.int32)[:, None] * np.int32(self.n_base_pairs)
-        return frozen(np.r_[(blocks + self.base_pair_start[:-1]).ravel(), np.int32(self.n_pairs)].astype(np.int32))
-
-    @functools.cached_property
-    def playable(self) -> Bools:
-        """``[S]`` whether a state has legal strokes: all have but the serve from above, which never occurs."""
-        return frozen(np.diff(self.pair_start) > 0)
-
-    def legal_count(self, state: Indices) -> I32:
-        """Number of legal strokes in each state; any shape."""
-        base = self.base(state)
-        return self.base_pair_start[base + 1] - self.base_pair_start[base]
-
-    def legal_strokes(self, state: int) -> I32:
-        """Catalogue indices of the legal strokes of one state, in the order of its legal pairs."""
-        return self.stroke_at(state, np.arange(int(self.legal_count(state))))
-
-    def mask(self, state: Indices) -> Bools:
-        """``[..., n]`` which strokes are legal in each state."""
-        return self.reply_mask[self.incoming(state), self.contact(state)]
-
-    def rank(self, state: Indices, stroke: Indices) -> I32:
-        """Position k of a stroke among the legal ones of its state, -1 where it is not legal; any shape."""
-        return self.reply_rank[self.incoming(state), self.contact(state), stroke].astype(np.int32)
-
-    def pair(self, state: Indices, stroke: Indices) -> I32:
-        """Legal pair of a state and a stroke, -1 where the stroke is not legal; any shape."""
-        rank = self.rank(state, stroke)
-        return np.where(rank < 0, -1, self.pair_at(state, rank)).astype(np.int32)
-
-    def pair_at(self, state: Indices, rank: Indices) -> I32:
-        """Legal pair of a state and a position among its legal strokes, which is not checked; any shape."""
-        return np.asarray(self.pair_start[state] + rank)
-
-    def stroke_at(self, state: Indices, rank: Indices) -> I32:
-        """Catalogue index of the stroke at a position among the legal ones of a state, which is not checked; any shape."""
-        return self.edge_incoming[self.reply_edge[self.first_reply[self.base(state)] + rank]]
-
-    def pairs_of(self, state: int) -> slice:
-        """The legal pairs of one state, which lie next to each other."""
-        return slice(int(self.pair_start[state]), int(self.pair_start[state + 1]))
-
-    def pairs(self, state: Ints) -> tuple[I64, I64]:
-        """All legal pairs of B states, one state after the other.
-
-        Returns:
-            ``[M]`` row of ``state`` that each pair belongs to, and ``[M]`` the pair.
-        """
-        count = self.legal_count(state).astype(np.int64)
-        row = np.repeat(np.arange(len(state)), count)
-        rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        return row, self.pair_start[state].astype(np.int64)[row] + rank
-
-    def block_pairs(self, block: int) -> slice:
-        """The legal pairs of one combination of efforts, which lie next to each other."""
-        return slice(block * self.n_base_pairs, (block + 1) * self.n_base_pairs)
-
-    def block_states(self, block: int) -> slice:
-        """The states of one combination of efforts, which lie next to each other."""
-        return slice(block * self.n_base_states, (block + 1) * self.n_base_states)
-
-    def block_following(self, block: int) -> tuple[int, int]:
-        """The block that follows a block after a stroke that is no attack, and after an attack."""
-        own, other = divmod(block, self.levels)
-        return other * self.levels + own, other * self.levels + min(own + 1, self.levels - 1)
-
-    # Tables over base pairs, which hold in every block, and over all legal pairs.
-
-    @functools.cached_property
-    def base_pair_state(self) -> I32:
-        """``[base pairs]`` base state of each base pair."""
-        return frozen(np.repeat(np.arange(self.n_base_states, dtype=np.int32), np.diff(self.base_pair_start)))
-
-    @functools.cached_property
-    def base_pair_rank(self) -> I32:
-        """``[base pairs]`` position k of each base pair in its state."""
-        return frozen(np.arange(self.n_base_pairs, dtype=np.int32) - self.base_pair_start[self.base_pair_state])
-
-    @functools.cached_property
-    def base_pair_edge(self) -> I32:
-        """``[base pairs]`` edge that follows each base pair if the stroke is returned."""
-        return frozen(self.reply_edge[self.first_reply[self.base_pair_state] + self.base_pair_rank])
-
-    @functools.cached_property
-    def base_pair_stroke(self) -> I32:
-        """``[base pairs]`` catalogue index of the stroke of each base pair."""
-        return frozen(self.edge_incoming[self.base_pair_edge])
-
-    @functools.cached_property
-    def pair_state(self) -> I32:
-        """``[P]`` state of each legal pair."""
-        return frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
-
-    @functools.cached_property
-    def pair_rank(self) -> I32:
-        """``[P]`` position k of each legal pair in its state."""
-        return frozen(np.tile(self.base_pair_rank, self.n_blocks))
-
-    @functools.cached_property
-    def pair_stroke(self) -> I32:
-        """``[P]`` catalogue index of the stroke of each legal pair."""
-        return frozen(np.tile(self.base_pair_stroke, self.n_blocks))
-
-    @functools.cached_property
-    def first_reply(self) -> I32:
-        """``[base states]`` place in ``reply_edge`` of the first legal stroke of a state; the k-th one is k further on."""
-        longer = (self.edge_duel >= LONGEST_DUEL - 1).astype(np.int32)
-        return frozen(self.reply_start[self.edge_incoming, longer].ravel())
-
-    @functools.cached_property
-    def edge_attack(self) -> Bools:
-        """``[E]`` whether the incoming stroke of an edge is an attack, which costs the one who played it effort."""
-        return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
-
-    @functools.cached_property
-    def first_pairs(self) -> I32:
-        """First legal pair of each state that has one, in the order of the states."""
-        return frozen(self.pair_start[:-1][self.playable])
-
-    @functools.cached_property
-    def last_pairs(self) -> I32:
-        """Last legal pair of each state that has one, in the order of the states."""
-        return frozen(self.pair_start[1:][self.playable] - 1)
-
-    @functools.cached_property
-    def reply_mask(self) -> Bools:
-        """``[n + 1, 2, n]`` whether a stroke is legal against an incoming stroke (n: at the start) from a contact."""
-        return frozen(self.reply_rank >= 0)
-
-    @functools.cached_property
-    def reply_rank(self) -> I16:
-        """``[n + 1, 2, n]`` position of a stroke among the legal ones, -1 where it is not legal."""
-        rank = np.full((self.n_strokes + 1, 2, self.n_strokes), -1, dtype=np.int16)
-        s = self.base_pair_state
-        rank[self.incoming(s), self.contact(s), self.base_pair_stroke] = self.base_pair_rank
-        return frozen(rank)
-
-    def arrivals(self, pairs: slice | Indices = _ALL) -> I32:
-        """``[..., 2]`` the receiver's state after a returned stroke, met below and above the net, of legal pairs."""
-        block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
-        edge = self.base_pair_edge[base]
-        own, other = np.divmod(block, self.levels)
-        after = other * self.levels + np.minimum(own + self.edge_attack[edge], self.levels - 1)
-        below = after * self.n_base_states + 2 * edge
-        return np.stack([below, below + 1], axis=-1).astype(np.int32)
-
-    def _numbers(self, pairs: slice | Indices) -> Ints:
-        # Not a part of all numbers: those are tens of megabytes.
-        return np.arange(*pairs.indices(self.n_pairs)) if isinstance(pairs, slice) else np.asarray(pairs)
-
-    @functools.cached_property
     def limits(self) -> U16:
         """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``."""
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
 
-    def limits_of(self, pairs: slice | Indices = _ALL) -> U16:
+    def limits_of(self, pairs: slice | Indices = ALL) -> U16:
         """``[..., 3]`` thresholds of legal pairs, all by default."""
         return self.limits.reshape(-1, 3)[self.limit_row(pairs)]
 
-    def limit_row(self, pairs: slice | Indices = _ALL) -> Ints:
+    def limit_row(self, pairs: slice | Indices = ALL) -> Ints:
         """``[...]`` row of legal pairs in tables by own effort and base pair, such as ``limits`` as ``[L * base pairs, 3]``."""
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
         return np.asarray(block // self.levels * self.n_base_pairs + base)
 
-    # Numbers over legal pairs.
-
-    def sum_by_state(self, values: Floats) -> F64:
-        """``[S]`` sum of the ``[P]`` values of the legal pairs of each state."""
-        total = np.empty(self.n_states)
-        for block in range(self.n_blocks):
-            part = values[self.block_pairs(block)]
-            total[self.block_states(block)] = np.bincount(self.base_pair_state, part, self.n_base_states)
-        return total
-
-    def normalized(self, weights: Floats) -> F64:
-        """``[P]`` weights divided by their sum in each state: the probabilities of the legal strokes."""
-        return np.asarray(weights / self.of_pairs(self.sum_by_state(weights)))
-
-    def of_pairs(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """``[P]`` for each legal pair the value of its state, from ``[S]`` values."""
-        return np.repeat(values, np.diff(self.pair_start))
-
-    def outcome_probabilities(self, pairs: slice | Indices = _ALL) -> F64:
+    def outcome_probabilities(self, pairs: slice | Indices = ALL) -> F64:
         """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
         return np.asarray(np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
 
-    def stroke_probabilities(self, pairs: slice | Indices = _ALL) -> tuple[F64, F64, F64]:
+    def stroke_probabilities(self, pairs: slice | Indices = ALL) -> tuple[F64, F64, F64]:
         """Probability that the stroke is good, that a good one is returned, that a return is from above; of legal pairs."""
         fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -432,7 +111,7 @@ class Game:
             above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
         return good, returned, above
 
-    def stroke_values(self, following: F64, pairs: slice | Indices = _ALL) -> F64:
+    def stroke_values(self, following: F64, pairs: slice | Indices = ALL) -> F64:
         """Q-values: what legal pairs are worth to the striker, +1 for winning the rally and -1 for losing it.
 
         Args:
@@ -442,7 +121,7 @@ class Game:
         Returns:
             One value for each pair.
         """
-        if isinstance(pairs, slice) and pairs == _ALL and self.n_blocks > 1:
+        if isinstance(pairs, slice) and pairs == ALL and self.n_blocks > 1:
             # One block after the other, so that what is needed on the way stays small.
             blocks = [self.stroke_values(following, self.block_pairs(block)) for block in range(self.n_blocks)]
             return np.concatenate(blocks)
@@ -460,22 +139,11 @@ class Game:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
-    def describe(self, state: int) -> str:
-        """A state in words: own last stroke, incoming stroke, contact, and the duel and the efforts where they count."""
-        names = (*self.catalogue.names, "none")
-        own, incoming, contact, duel, effort, opponent_effort = self.observation(state).tolist()
-        words = f"own {names[own]}, incoming {names[incoming]}, contact {'above' if contact else 'below'}"
-        if duel > 1:
-            words += f", net shots in a row {duel}{' or more' if duel == LONGEST_DUEL else ''}"
-        if self.levels > 1:
-            words += f", effort {effort} against {opponent_effort}"
-        return words
-
     def _check_layout(self) -> None:
-        """Refuse tables that point outside each other: compiled code reads them without looking.
+        """Check that all indices are in range: compiled code reads the tables without bounds checks.
 
         Raises:
-            GameError: they do.
+            GameError: an index is out of range, or a shape or a value is not valid.
         """
         n, edges, replies = self.n_strokes, len(self.edge_own), len(self.reply_edge)
         wanted = {
@@ -498,10 +166,10 @@ class Game:
         self._check_replies()
 
     def _check_replies(self) -> None:
-        """Refuse replies that do not follow the strokes that they answer.
+        """Check that replies follow the strokes that they answer.
 
         Raises:
-            GameError: there are some.
+            GameError: some do not.
         """
         n, replies = self.n_strokes, len(self.reply_edge)
         starts = self.reply_start.astype(np.int64)

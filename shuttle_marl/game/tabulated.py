@@ -1,4 +1,4 @@
-"""Tables: the layout of a game's states and its thresholds, and policies compiled to the same layout.
+"""Layout tables and thresholds from replies and probabilities, and policies as tables over legal pairs.
 
 A policy is one 16-bit cumulative probability for each legal pair of a state and a stroke.
 """
@@ -14,9 +14,10 @@ from safetensors.numpy import save
 from shuttle_marl.arrays import F64, I32, U16, Bools, Floats, Intp, Ints
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import LONGEST_DUEL, Game, GameError
+from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import read_tensors
 
@@ -118,6 +119,9 @@ class TabulatedPolicy:
 
     game: Game
     cumulative: U16
+
+    def __repr__(self) -> str:
+        return f"TabulatedPolicy(hash={self.hash[:12]!r}, game={self.game!r})"
 
     @functools.cached_property
     def hash(self) -> str:

@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from shuttle_marl.arrays import F64, I64, U16
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.compiling import cached
 from shuttle_marl.tensor_files import checked

@@ -161,6 +161,9 @@ class Rallies:
     log_probability: F32 | None = None
     value: F32 | None = None
 
+    def __repr__(self) -> str:
+        return f"Rallies(rallies={len(self)}, strokes={len(self.stroke)}, columns={[name for name, _ in self.columns()]})"
+
     def __len__(self) -> int:
         return len(self.length)
 

@@ -7,8 +7,8 @@ import numpy as np
 from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity, Vector3
 
 from shuttle_marl.game.court import AREAS, area_box
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import LONGEST_DUEL
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.board import boards
 from shuttle_marl.scene.report import RallyReport, StagedRally

@@ -17,8 +17,9 @@ from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from shuttle_marl.arrays import F32, F64
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.tables import LONGEST_DUEL, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import DivergedError

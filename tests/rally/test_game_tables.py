@@ -1,4 +1,4 @@
-"""Tables that point outside each other are no game: compiled code reads them without looking."""
+"""Tables with indices out of range are refused: compiled code reads them without bounds checks."""
 
 import dataclasses
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.errors import OptionError, ShuttleError
+from shuttle_marl.game import UniformPolicy, default_game, tabulate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import GameError
@@ -58,3 +59,11 @@ def test_an_unknown_stroke_is_a_shuttle_error() -> None:
     assert issubclass(UnknownStrokeError, ShuttleError)
     with pytest.raises(ShuttleError, match="unknown shot type"):
         Catalogue.from_names(["slice:front-left:below:forehand"])
+
+
+def test_short_texts_of_objects_that_hold_tables() -> None:
+    game = default_game()
+    expected = f"Game(hash='{game.hash[:12]}', n_strokes=155, n_states=165078, n_pairs={game.n_pairs}, levels=3)"
+    assert str(game) == repr(game) == expected
+    assert repr(tabulate(UniformPolicy(), GAME)).startswith("TabulatedPolicy(hash='")
+    assert repr(game.catalogue) == f"Catalogue(version='{game.catalogue.version}', n_strokes=155)"
