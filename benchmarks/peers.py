@@ -1,8 +1,7 @@
-"""Learners of other projects on this game, each with its own defaults and each with settings chosen for it here.
+"""Learners of other projects on this game, each with its defaults and with settings tuned for this game.
 
-Every learner is a function that trains until the watch that it shows its policy to ends it. None of them knows anything of the
-game beyond its environments. Their policies are evaluated at the temperature at which those of this package are, so that none
-pays for what it explores.
+Each learner is a function that trains until its :class:`Watch` ends it. Learners use the environments of the package only. Their
+policies are evaluated at the softmax temperature of this package, to remove exploration.
 """
 
 import contextlib
@@ -37,17 +36,17 @@ Scores = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 
 
 class Over(Exception):
-    """The learner has reached all it can, or its time is up."""
+    """All targets are reached, or the time limit is exceeded."""
 
 
 class Watch:
-    """Looks at a learner's policy now and then, notes when it reaches targets, and ends the training.
+    """Evaluates the policy of a learner periodically, records when it reaches targets, and ends the training.
 
     Args:
-        reached: which targets the policy reaches.
-        targets: all there are.
-        limit: seconds.
-        every: strokes between two looks.
+        reached: targets that a policy reaches.
+        targets: all targets.
+        limit: time limit in seconds.
+        every: strokes between evaluations.
     """
 
     def __init__(self, reached: Callable[[TabulatedPolicy], set[str]], targets: set[str], *, limit: float, every: int) -> None:
@@ -59,14 +58,14 @@ class Watch:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the beginning."""
+        """Seconds since the start."""
         return time.perf_counter() - self._begun
 
     def look(self, strokes: int, policy: Callable[[], TabulatedPolicy]) -> None:
-        """Look at the policy if it is time to.
+        """Evaluate the policy if an evaluation is due.
 
         Raises:
-            Over: the training ends here.
+            Over: the training ends.
         """
         self.strokes = strokes
         if strokes >= self._next:
@@ -78,24 +77,24 @@ class Watch:
 
 
 class Learned:
-    """A network of another project as a policy, so that its probabilities of winning can be computed."""
+    """Policy of a network of another project."""
 
     def __init__(self, scores: Scores, game: Game) -> None:
         self._scores, self._rows = scores, features(game)
 
     def probabilities(self, states: States) -> F64:
-        """``[B, n]`` as its network gives them, at :data:`TEMPERATURE`."""
+        """``[B, n]`` probabilities at :data:`TEMPERATURE`."""
         mask = states.mask.copy()  # torch warns about arrays that cannot be written to
         with torch.no_grad():
             seen = torch.from_numpy(with_efforts(states.game, self._rows, states.state))
             found: F64 = self._scores(seen, torch.from_numpy(mask)).double().numpy() * mask
-        # Relative to the likeliest stroke, whose power is 1: no row vanishes.
+        # Relative to the most probable stroke, so that no row underflows.
         found = (found / found.max(axis=1, keepdims=True)) ** (1 / TEMPERATURE)
         return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 class _Callback(BaseCallback):
-    """Shows a learner of Stable-Baselines3 to a watch."""
+    """Passes the policy of a Stable-Baselines3 learner to a watch."""
 
     def __init__(self, watch: Watch, policy: Callable[[], TabulatedPolicy]) -> None:
         super().__init__()
@@ -105,7 +104,7 @@ class _Callback(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        # Between learning and collecting: here the weights are those that an evaluation should see.
+        # The weights are those after an update and before the next rollout.
         self._watch.look(self.num_timesteps, self._policy)
 
 
@@ -145,7 +144,7 @@ def maskable_ppo(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
 
 
 def dqn(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
-    """DQN of Stable-Baselines3, which knows no masks: an illegal stroke loses the rally. The best legal stroke is evaluated."""
+    """DQN of Stable-Baselines3, without action masks: an illegal stroke loses the rally. The best legal stroke is evaluated."""
     settings: dict[str, Any] = {}
     if tuned:
         settings = {
@@ -176,7 +175,7 @@ def dqn(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
 
 
 def single_file_ppo(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
-    """PPO as CleanRL writes it, one loop in one function, on the vector environment, with the mask in the logits."""
+    """PPO in the style of CleanRL, one loop in one function, on the vector environment, with masked logits."""
     rows, steps, rate, discount, decay, epochs, parts, entropy, width, layer = (
         (512, 32, 2e-3, 1.0, 0.7, 1, 4, 0.01, 128, nn.ReLU) if tuned else (4, 128, 2.5e-4, 0.99, 0.95, 4, 4, 0.01, 64, nn.Tanh)
     )

@@ -1,12 +1,12 @@
-"""Time until an agent that starts from nothing wins: learners of this package beside those of other projects.
+"""Training time until an agent wins: learners of this package and of other projects.
 
     python -m benchmarks.time_to_win [--seeds N] [--limit SECONDS] [--learners NAME …] [--json]
 
 Three targets against `bc`: 98 % of the matches, and .95 and .99 of the normalised score, which is 1 for the best response. All
-learners meet the same opponent in the same game, one after another in one process with one thread of PyTorch. The clock runs from
-the call to the evaluation that reaches the target; evaluations are exact, and computing them now and then is part of the time.
-Ours have a budget for each target, by which learning rate and entropy fall. Those of :mod:`benchmarks.peers` run with their
-own defaults and with settings chosen for this game, and are watched until they have reached all targets or their time is up.
+learners play the same opponent in the same game, one after another in one process with one PyTorch thread. The time ends with the
+exact evaluation that reaches the target, and includes all evaluations. Our learners have a budget for each target, over which
+learning rate and entropy decay. Those of :mod:`benchmarks.peers` run with their defaults and with settings tuned for this game,
+until they reach all targets or a time limit.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ TARGETS: Final[dict[str, tuple[str, float]]] = {
     ".95 of the optimum": ("normalised_score", 0.95),
     ".99 of the optimum": ("normalised_score", 0.99),
 }
-"""Figures of an evaluation, and what they have to reach."""
+"""Figures of an evaluation, and their target values."""
 _QUIET: Final[dict[str, Any]] = {"record": "none", "exploitability": False, "opponent": (OPPONENT,), "threads": THREADS}
 OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     "shuttle_marl PPO": {
@@ -102,9 +102,9 @@ class Reached:
 
 
 def _reaches(evaluation: Evaluation, target: str) -> bool:
-    name, wanted = TARGETS[target]
-    found: float | None = getattr(evaluation, name)
-    return found is not None and found >= wanted
+    name, minimum = TARGETS[target]
+    figure: float | None = getattr(evaluation, name)
+    return figure is not None and figure >= minimum
 
 
 def ours(learner: str, target: str, seed: int) -> Reached:
@@ -147,7 +147,7 @@ def theirs(peer: str, seed: int, limit: float, *, tuned: bool) -> list[Reached]:
 
 
 def summary(found: list[Reached]) -> list[dict[str, Any]]:
-    """A row for each learner and target; where a seed did not reach it, its seconds are a lower bound."""
+    """A row for each learner and target; the seconds of seeds that did not reach it are lower bounds."""
     rows = []
     for learner, target in dict.fromkeys((r.learner, r.target) for r in found):
         runs = [r for r in found if (r.learner, r.target) == (learner, target)]
@@ -176,9 +176,9 @@ def main(
     """Measure and print.
 
     Args:
-        seeds: runs of every learner.
-        limit: seconds after which a learner of another project is stopped.
-        learners: parts of the names of those that are measured; none for all.
+        seeds: runs of each learner.
+        limit: time limit of learners of other projects, in seconds.
+        learners: substrings of the names of the measured learners; none: all.
         as_json: print JSON instead of a table.
     """
     torch.set_num_threads(THREADS)

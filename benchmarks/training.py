@@ -1,10 +1,10 @@
-"""Speed of training: strokes that PPO is trained on in a second, and what recording all of them costs.
+"""Speed of PPO training in strokes per second, and the overhead of recording all rallies.
 
     python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--sampler kernel|torch] [--json]
 
-Measured on one thread of PyTorch, or on its `--device`, over iterations late in a run, as the default schedule has them, without
-evaluations: collecting, learning, and for the overhead writing every rally. `strokes_trained_per_s` is by the clock on the wall;
-`strokes_trained_per_cpu_s` is by the CPU time of all threads, which other programs on the machine change less.
+Measured with one PyTorch thread, or on `--device`, over late iterations of the default schedule, without evaluations: rollouts,
+updates, and for the overhead recording of all rallies. `strokes_trained_per_s` is per second of wall-clock time;
+`strokes_trained_per_cpu_s` is per second of CPU time of all threads, which depends less on other programs.
 """
 
 import dataclasses
@@ -34,11 +34,11 @@ from shuttle_marl.training.run import check_device
 from shuttle_marl.training.run_log import RunLog, open_log
 
 MEASURED: Final = 100
-"""Iterations that are measured each time: so many that closing the log, which a run does once, weighs little."""
+"""Measured iterations; enough to make the time for closing the log negligible."""
 
 
 class _Run:
-    """PPO with a schedule that stands where a run of some strokes is nearly over."""
+    """PPO in the last iteration of a run."""
 
     def __init__(self, config: PPOConfig, game: Game, opponents: list[TabulatedPolicy]) -> None:
         torch.manual_seed(0)
@@ -52,7 +52,7 @@ class _Run:
         self.collector.iteration -= 1
 
     def iterate(self, log: RunLog | None = None, update: int = 0) -> int:
-        """One iteration, recorded as a run records it; returns its strokes."""
+        """One iteration, recorded as in a run; returns its strokes."""
         remaining = max(0.02, 1 - self.collector.iteration / self.config.iterations)
         self.learner.prepare(remaining)
         data = self.collector.collect()
@@ -83,7 +83,7 @@ def rows(base: PPOConfig, repeats: int) -> list[dict[str, Any]]:
     for opponent in ("bc", "self"):
         opponents = [] if opponent == "self" else [tabulate(resolve(opponent, game), game, opponent)]
         run = _Run(dataclasses.replace(base, opponent=(opponent,)), game, opponents)
-        # In turn, because a machine may be faster at one time than at another.
+        # Interleaved, because the speed of a machine varies over time.
         times = [(run.measure(record=False), run.measure(record=True)) for _ in range(repeats)]
         plain, logged = np.array(times).transpose(1, 0, 2)
         wall, cpu = (float(np.median(plain[:, 2] / plain[:, part])) for part in (0, 1))
@@ -101,7 +101,7 @@ def rows(base: PPOConfig, repeats: int) -> list[dict[str, Any]]:
 
 
 def _name(device: str) -> str:
-    """The model of a GPU; else the device as it was given."""
+    """Model of a GPU; otherwise the name of the device."""
     return torch.cuda.get_device_name(device) if torch.device(device).type == "cuda" else device
 
 
@@ -116,10 +116,10 @@ def main(
     """Measure and print.
 
     Args:
-        strokes: of the run, at whose end is measured.
-        repeats: times each is measured; the median counts.
-        device: of PyTorch, such as cuda.
-        sampler: player of the rallies, as in training.
+        strokes: strokes of the run whose last iteration is measured.
+        repeats: number of measurements; the median is reported.
+        device: PyTorch device, such as cuda.
+        sampler: sampler of the rallies, as in training.
         as_json: print JSON instead of a table.
     """
     try:

@@ -1,4 +1,4 @@
-"""Pictures of learning, from the results of experiments.win_rates.
+"""Learning curves, from the results of experiments.win_rates.
 
 python -m experiments.learning_curves [--results FILE] [--out FILE]
 """
@@ -18,7 +18,7 @@ from shuttle_marl.files import replace_file
 
 ROOT: Final = Path(__file__).parents[1]
 COLOURS: Final = {"a2c": "#4477aa", "ppo": "#ee6677", "sac": "#228833", "ppo, self-play": "#aa3377"}
-"""From Paul Tol's palette for all kinds of colour vision."""
+"""Colours of Paul Tol's palette for colour-blind readers."""
 PANELS: Final = {
     "match_win": "probability of winning a match against bc",
     "normalised_score": "normalised score",
@@ -27,7 +27,7 @@ PANELS: Final = {
 
 
 def draw(result: dict[str, Any]) -> bytes:
-    """The picture as PNG: a panel a figure, a line an agent, a band from the lowest to the highest seed.
+    """The learning curves as PNG: a panel per figure, a line per agent, and a band over the seeds.
 
     Raises:
         ModuleNotFoundError: matplotlib is not installed.
@@ -60,7 +60,7 @@ def learning_curves(
     """Draw the learning curves.
 
     Args:
-        results: what `experiments.win_rates --json` wrote.
+        results: file written by `experiments.win_rates --json`.
         out: picture to write.
     """
     try:

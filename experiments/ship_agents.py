@@ -1,9 +1,9 @@
-"""Put trained agents into the package: those of the experiments' first seed, not the best of them.
+"""Copy trained agents into the package: those of the first seed of the experiments, not the best.
 
     python -m experiments.ship_agents --win-rates runs/win_rates --styles runs/styles
 
 They then play as `ppo`, `a2c`, `sac`, `ppo:self-play`, `ppo:attacking`, `ppo:defensive` and `ppo:cautious` on this game; a model
-that is fitted again needs agents that are trained again.
+that is refitted needs new agents.
 """
 
 import shutil

@@ -1,4 +1,4 @@
-"""Agents with a style: PPO with shaped rewards, and how differently they then play.
+"""Agents with a style: PPO with shaped rewards, and the differences of their play.
 
     python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
 
@@ -60,12 +60,12 @@ STYLES: Final[dict[str, PPOConfig]] = {
     ),
     "cautious": PPOConfig(strokes=15_000_000, fault_cost=0.5, risk_aversion=1.0),
 }
-"""Training settings by name; `plain` learns for the point alone."""
+"""Training settings by name; `plain` has no reward shaping."""
 QUICK_STROKES: Final = 200_000
 ATTACK: Final = ("smash", "half-smash", "net-kill", "drive")
 FIGURES: Final = {
-    "attack": "share of strokes hit hard, flat or down: smash, half smash, net kill, drive",
-    "net": "share of strokes, serves aside, aimed at the front of the court",
+    "attack": "fraction of strokes hit hard, flat or down: smash, half smash, net kill, drive",
+    "net": "fraction of strokes, serves aside, aimed at the front of the court",
     "tempo": "strokes a second, from the median flight time of each shot type in the matches",
     "faults": "own faults a stroke",
     "movement": "metres from where the opponent struck to the middle of the area aimed at",
@@ -102,23 +102,23 @@ class Styles:
     """Settings of the experiment."""
 
     seeds: int = 3
-    """Training runs of every style."""
-    share: float = 1.0
-    """Strokes of every training run, as a share of those of the full experiment."""
+    """Training runs of each style."""
+    fraction: float = 1.0
+    """Strokes of each training run, as a fraction of those of the full experiment."""
     quick: bool = False
-    """Two seeds and little training: to see that all works, not to compare."""
+    """Two seeds and little training: a smoke test without meaningful results."""
     jobs: int = 2
-    """Training runs side by side; changes no result."""
+    """Number of parallel training runs; does not change the result."""
     out: Path | None = None
-    """Run folder; default runs/styles, with a number behind it if that exists."""
+    """Run folder; default runs/styles, with a number appended if that exists."""
     resume: bool = False
     """Continue the run in --out."""
     overwrite: bool = False
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.share <= 1:
-            raise ShuttleError(f"--share {self.share}: expected a number above 0, at most 1")
+        if not 0 < self.fraction <= 1:
+            raise ShuttleError(f"--fraction {self.fraction}: expected a number above 0, at most 1")
         if self.seeds < 2 or self.jobs < 1:
             raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
 
@@ -131,7 +131,7 @@ class Styles:
                     opponent=(OPPONENT,),
                     seed=seed,
                     out=folder / f"{style}-{seed}",
-                    strokes=QUICK_STROKES if self.quick else round(self.share * config.strokes),
+                    strokes=QUICK_STROKES if self.quick else round(self.fraction * config.strokes),
                 )
                 for seed in range(self.seeds)
             ]
@@ -209,7 +209,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
     if config.quick:
         config = dataclasses.replace(config, seeds=2)
     console = Console(stderr=True, highlight=False)
-    fixed = {"seeds": config.seeds, "share": config.share, "quick": config.quick}
+    fixed = {"seeds": config.seeds, "fraction": config.fraction, "quick": config.quick}
     with runs.open_run(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
         training = config.training(folder)
         train_all(list(itertools.chain(*training.values())), config.jobs, console)

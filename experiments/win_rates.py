@@ -57,7 +57,7 @@ each match is played twice with the seats swapped and the same draws."""
 OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
 QUICK_STROKES: Final = {"a2c": 100_000, "ppo": 100_000, "sac": 40_000, "ppo, self-play": 100_000}
 _WIDTH: Final = 130
-"""Columns of what is printed into a file or a pipe."""
+"""Width of the output in a file or a pipe."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,19 +67,19 @@ class WinRates:
     opponent: str = "bc"
     """Opponent of the agents, in training and in the matches."""
     agents: tuple[str, ...] = tuple(AGENTS)
-    """Which of them to train."""
+    """Agents to train."""
     seeds: int = 5
-    """Training runs of every agent."""
+    """Training runs of each agent."""
     matches: int = 1000
     """Matches that every trained agent plays against the opponent; an even number."""
-    share: float = 1.0
-    """Strokes of every training run, as a share of those of the full experiment."""
+    fraction: float = 1.0
+    """Strokes of each training run, as a fraction of those of the full experiment."""
     quick: bool = False
-    """Two seeds, 100 matches and a small part of the training: to see that all works, not to compare."""
+    """Two seeds, 100 matches and a small part of the training: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
-    """Training runs side by side; changes no result."""
+    """Number of parallel training runs; does not change the result."""
     out: Path | None = None
-    """Run folder; default runs/win_rates, with a number behind it if that exists."""
+    """Run folder; default runs/win_rates, with a number appended if that exists."""
     resume: bool = False
     """Continue the run in --out."""
     overwrite: bool = False
@@ -89,23 +89,23 @@ class WinRates:
         unknown = [name for name in self.agents if name not in AGENTS]
         if unknown or not self.agents:
             raise ShuttleError(f"--agents {' '.join(unknown)}: expected some of {', '.join(map(repr, AGENTS))}")
-        if not 0 < self.share <= 1:
-            raise ShuttleError(f"--share {self.share}: expected a number above 0, at most 1")
+        if not 0 < self.fraction <= 1:
+            raise ShuttleError(f"--fraction {self.fraction}: expected a number above 0, at most 1")
         if self.seeds < 2 or self.jobs < 1:
             raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
 
     def sized(self) -> "WinRates":
-        """These settings with what --quick changes."""
+        """These settings, adjusted by --quick."""
         return dataclasses.replace(self, seeds=2, matches=100) if self.quick else self
 
     def fixed(self) -> dict[str, Any]:
-        """Settings that decide the result, as JSON."""
+        """Settings that determine the result, as JSON."""
         return {
             "opponent": self.opponent,
             "agents": list(self.agents),
             "seeds": self.seeds,
             "matches": self.matches,
-            "share": self.share,
+            "fraction": self.fraction,
             "quick": self.quick,
         }
 
@@ -115,15 +115,15 @@ class WinRates:
         for agent in self.agents:
             base = AGENTS[agent]
             changes: dict[str, Any] = {} if base.self_play else {"opponent": (self.opponent,)}
-            changes["strokes"] = QUICK_STROKES[agent] if self.quick else round(self.share * base.strokes)
+            changes["strokes"] = QUICK_STROKES[agent] if self.quick else round(self.fraction * base.strokes)
             for seed in range(self.seeds):
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
                 configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, **changes)
         return configs
 
 
-def share_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
-    """Share of the matches that a policy wins against the opponent, every rally recorded."""
+def fraction_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
+    """Fraction of the matches that a policy wins against the opponent; all rallies are recorded."""
     out = folder / "matches" / f"{name.replace(':', '-').replace('/', '-')}-{seed}"
     league = LeagueConfig(
         pool=(name, config.opponent),
@@ -164,7 +164,7 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
             # Rows without training play the same policy with every seed.
             figures = known.get(policy.hash) or dataclasses.asdict(evaluator.evaluate(policy))
             known[policy.hash] = figures
-            found.append({"seed": seed, "matches_won": share_won(name, config, seed, folder), **figures})
+            found.append({"seed": seed, "matches_won": fraction_won(name, config, seed, folder), **figures})
             against.append(_match_odds(policy, others))
             policies.append(policy)
         away = over(refits, functools.partial(_away, policies, others[config.opponent])) if len(refits) > 1 else None

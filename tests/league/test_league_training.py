@@ -295,7 +295,7 @@ def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(process.pid, signal.SIGKILL)
     process.join()
-    wait_until(lambda: not _is_worker(worker), 60, "the end of the worker")
+    wait_until(lambda: not _is_worker(worker), 300, "the end of the worker")
 
 
 def _is_worker(pid: int) -> bool:
