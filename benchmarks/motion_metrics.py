@@ -33,10 +33,10 @@ from shuttle_marl.staging.arm import (
 )
 from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.keys import own_frame
-from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS, hip_angles
+from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.rotation import cross, matrix, turned_bowed_leant, unit
+from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height
 
@@ -84,9 +84,9 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
         return rotation[:, BONE[parent]].transpose(0, 2, 1) @ rotation[:, BONE[child]]
 
     for below, above in (("Hips", "Spine"), ("Spine", "Spine1"), ("Spine1", "Spine2")):
-        for k, (name, angle) in enumerate(zip(("turn", "bow", "lean"), turned_bowed_leant(between(below, above)), strict=True)):
+        for k, (name, angle) in enumerate(zip(("turn", "bow", "lean"), to_yaw_pitch_roll(between(below, above)), strict=True)):
             add(f"{above} {name}", angle, SPINE_LIMITS[k] / 3)
-    neck, head = turned_bowed_leant(between("Spine2", "Neck")), turned_bowed_leant(between("Neck", "Head"))
+    neck, head = to_yaw_pitch_roll(between("Spine2", "Neck")), to_yaw_pitch_roll(between("Neck", "Head"))
     for k, name in enumerate(("turn", "bow")):
         add(f"head {name}", neck[k] + head[k], NECK_LIMITS[k])
     arm = arm_of(skeleton)
@@ -159,8 +159,8 @@ def leg_angles(skeleton: Skeleton, hips: F64, upper: F64, lower: F64, foot: F64,
     m = _inverse(upper) @ lower
     straight = _signed(shank[None], thigh[None], hinge[None])[0]
     bend = -_signed(np.broadcast_to(shank, hip.shape), m @ shank, np.broadcast_to(hinge, hip.shape)) + straight
-    turn, bow, lean = turned_bowed_leant(_inverse(lower) @ foot)
-    _, toes, _ = turned_bowed_leant(_inverse(foot) @ toe)
+    turn, bow, lean = to_yaw_pitch_roll(_inverse(lower) @ foot)
+    _, toes, _ = to_yaw_pitch_roll(_inverse(foot) @ toe)
     return {
         "hip flexion": hip[:, 0],
         "hip abduction": hip[:, 1],
@@ -171,6 +171,24 @@ def leg_angles(skeleton: Skeleton, hips: F64, upper: F64, lower: F64, foot: F64,
         "ankle turn": turn,
         "toes up": -toes,
     }
+
+
+def hip_angles(relative: F64, thigh: F64) -> F64:
+    """``[F, 3]`` thigh forward, to the right, turned left, from its rotation against the hips and its direction at rest."""
+    way = relative @ thigh
+    swing = _shortest(thigh, way)
+    side = unit(np.array([1.0, 0.0, 0.0]) - thigh[0] * thigh)
+    turned_side = relative @ side
+    cosine = (swing @ side * turned_side).sum(axis=1)
+    sine = (cross(swing @ side, turned_side) * way).sum(axis=1)
+    return np.stack([np.arctan2(way[:, 1], -way[:, 2]), np.arcsin(np.clip(way[:, 0], -1, 1)), -np.arctan2(sine, cosine)], axis=1)
+
+
+def _shortest(a: F64, b: F64) -> F64:
+    """``[F, 3, 3]`` the shortest rotation of ``a`` onto each ``b``."""
+    axis = cross(np.broadcast_to(a, b.shape), b)
+    angle = np.arctan2(np.linalg.norm(axis, axis=1), b @ a)
+    return exponential(unit(axis) * angle[:, None])
 
 
 def _inverse(m: F64) -> F64:

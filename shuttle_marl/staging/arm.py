@@ -10,7 +10,7 @@ Inverse kinematics is damped least squares with the geometric Jacobian (Buss & K
 
 import dataclasses
 import functools
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,44 @@ _STARTS: Final[F64] = np.radians(
 )
 
 
+class ArmConstants(NamedTuple):
+    """Geometry and limits of a right arm, for the compiled solver.
+
+    Attributes:
+        axes: ``[10, 3]`` axis of each angle in its own frame; the last one is the shaft.
+        offset: ``[4, 3]`` from collar bone to shoulder, elbow, hand and grip at rest [m].
+        to_middle: ``[3, 3]`` rotation of the arm at rest into :data:`MIDDLE`.
+        rest_bend: bend of the elbow at rest [rad].
+        string_normal: ``[3]`` side of the strings that a forehand strikes with, at rest.
+        limits: ``[10, 2]`` least and greatest angles [rad].
+        relaxed: ``[10]`` preferred angles [rad].
+        swing_limit: greatest swing of the shoulder [rad].
+    """
+
+    axes: F64
+    offset: F64
+    to_middle: F64
+    rest_bend: float
+    string_normal: F64
+    limits: F64
+    relaxed: F64
+    swing_limit: float
+
+
+class ArmGoals(NamedTuple):
+    """Goals of N arms, for the compiled solver.
+
+    Attributes:
+        target: ``[N, 4, 3]`` point, shaft, normal and elbow of :class:`Goal`.
+        weight: ``[N, 4]`` their weights.
+        reach: ``[N]`` distance of the point from the grip along the shaft [m].
+    """
+
+    target: F64
+    weight: F64
+    reach: F64
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ArmPose:
     """Bones of N arms, all in the frame of the chest.
@@ -97,7 +135,16 @@ class Arm:
         self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
         up, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
         fixed = [up, forward, *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
-        self.constants = (np.array(fixed), self.offset, self.to_middle.copy(), self.rest_bend, self.normal.copy())
+        self.constants = ArmConstants(
+            axes=np.array(fixed),
+            offset=self.offset,
+            to_middle=self.to_middle.copy(),
+            rest_bend=self.rest_bend,
+            string_normal=self.normal.copy(),
+            limits=LIMITS,
+            relaxed=RELAXED,
+            swing_limit=float(SWING_LIMIT),
+        )
 
     def pose(self, angles: F64) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
@@ -146,21 +193,21 @@ class Goal:
 
 
 def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03) -> F64:
-    """``[N, 10]`` angles within the limits that come closest to the goals.
+    """Inverse kinematics: ``[N, 10]`` angles within the limits closest to the goals.
 
     Args:
-        arm: the model.
-        goal: what to reach.
-        start: ``[N, 10]`` where to begin.
-        rounds: steps.
-        hold: weight of the wish to stay near :data:`RELAXED`.
+        arm: the arm.
+        goal: goals of N arms.
+        start: ``[N, 10]`` initial angles [rad].
+        rounds: maximum number of steps.
+        hold: weight of staying near :data:`RELAXED`.
     """
     from shuttle_marl.staging.compiled.arms import solve_arms  # noqa: PLC0415  numba is slow to import
 
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
-    wanted = np.ascontiguousarray(np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1), dtype=np.float64)
-    weight, reach = (np.ascontiguousarray(part, dtype=np.float64) for part in (goal.weight, goal.reach))
-    solve_arms(x, wanted, weight, reach, arm.constants, LIMITS, RELAXED, float(SWING_LIMIT), rounds, hold)
+    target = np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1)
+    goals = ArmGoals(*(np.ascontiguousarray(part, dtype=np.float64) for part in (target, goal.weight, goal.reach)))
+    solve_arms(x, goals, arm.constants, rounds, hold)
     return x
 
 

@@ -14,7 +14,7 @@ from shuttle_marl.staging.keys import Keys, Past, Timeline
 from shuttle_marl.staging.legs import legs, reach_of, settle, strays
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
-from shuttle_marl.staging.rotation import apply, unit, yaw_pitch_roll
+from shuttle_marl.staging.rotation import apply, from_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import (
     BONE,
     HIPS_HEIGHT,
@@ -146,7 +146,7 @@ def prepare(
     reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
     body[:, HIPS_YAW : HIPS_ROLL + 1] += added.pose[:, HIPS_YAW : HIPS_ROLL + 1]
-    root = yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
+    root = from_yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
     done = len(before.hips) if before else 0
     for _ in range(_TRIES):
         feet = move(plants, timeline.air, len(hips), fps, done)
@@ -247,8 +247,8 @@ def bones(skeleton: Skeleton, found: Course) -> tuple[F64, F64]:
             both.position[k],
         )
     zero = np.zeros(len(place))
-    half = yaw_pitch_roll(0.45 * found.gaze[:, 0], 0.4 * found.gaze[:, 1], zero)
-    rest = yaw_pitch_roll(0.55 * found.gaze[:, 0], 0.6 * found.gaze[:, 1], zero)
+    half = from_yaw_pitch_roll(0.45 * found.gaze[:, 0], 0.4 * found.gaze[:, 1], zero)
+    rest = from_yaw_pitch_roll(0.55 * found.gaze[:, 0], 0.6 * found.gaze[:, 1], zero)
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     turn = chest @ half
     head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))

@@ -12,7 +12,7 @@ def slopes_through(frame: I64, pose: F64) -> F64:
         frame: ``[K]`` when each pose is taken, ascending.
         pose: ``[K, C]`` the poses.
     """
-    from shuttle_marl.staging.compiled.curves import monotone_slopes  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.staging.compiled.paths import monotone_slopes  # noqa: PLC0415  numba is slow to import
 
     out = np.zeros_like(pose)
     if len(pose) > 1:
@@ -29,7 +29,7 @@ def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
         slope: ``[K, C]`` for each frame.
         frames: F.
     """
-    from shuttle_marl.staging.compiled.curves import run_between  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.staging.compiled.paths import run_between  # noqa: PLC0415  numba is slow to import
 
     out = np.empty((frames, pose.shape[1]))
     run_between(frame, np.ascontiguousarray(pose), np.ascontiguousarray(slope), out)

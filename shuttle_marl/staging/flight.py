@@ -169,7 +169,7 @@ def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
-    from shuttle_marl.staging.compiled.flights import integrate  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.staging.compiled.paths import integrate  # noqa: PLC0415  numba is slow to import
 
     state = np.empty((4, len(t), steps + 1))
     integrate(np.ascontiguousarray(vx), np.ascontiguousarray(vy), nodes, state)

@@ -2,20 +2,14 @@
 
 import dataclasses
 import functools
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
-from shuttle_marl.staging.rotation import (
-    apply,
-    cross,
-    exponential,
-    frame,
-    unit,
-)
+from shuttle_marl.staging.rotation import apply, frame
 from shuttle_marl.staging.skeleton import Skeleton
 from shuttle_marl.staging.stands import LEFT, RIGHT
 
@@ -47,6 +41,42 @@ class Legs:
 
     rotation: F64
     position: F64
+
+
+class LegConstants(NamedTuple):
+    """Geometry and limits of one leg, for the compiled solver.
+
+    Attributes:
+        rest: ``[3, 3]`` from hip to knee, to ankle, to toes at rest [m].
+        aligned: ``[2, 3, 3]`` frames of thigh and shank at rest.
+        thigh: length of the thigh [m].
+        shank: length of the shank [m].
+        longest: length of the leg as far as it is used [m].
+        toe_height: height of the joint of the toes over the floor [m].
+        sign: 1 for the right leg, -1 for the left one.
+        hip_limits: :data:`HIP_LIMITS`.
+        ankle_limits: :data:`ANKLE_LIMITS`.
+        toe_limits: :data:`TOE_LIMITS`.
+    """
+
+    rest: F64
+    aligned: F64
+    thigh: float
+    shank: float
+    longest: float
+    toe_height: float
+    sign: float
+    hip_limits: F64
+    ankle_limits: F64
+    toe_limits: F64
+
+
+class FootPath(NamedTuple):
+    """One foot over F frames: ``[F, 3]`` ball, ``[F]`` yaw and ``[F]`` pitch of :class:`~shuttle_marl.staging.feet.Feet`."""
+
+    ball: F64
+    yaw: F64
+    pitch: F64
 
 
 def reach_of(skeleton: Skeleton, height: F64) -> F64:
@@ -107,11 +137,8 @@ def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
     rotation, position = np.empty((2, 4, len(hips), 3, 3)), np.empty((2, 4, len(hips), 3))
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
         joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
-        sign = 1.0 if side == "Right" else -1.0
-        solve_legs(
-            joint, root, feet.ball[foot], feet.yaw[foot], feet.pitch[foot], sign, _limb(skeleton, side),
-            HIP_LIMITS, ANKLE_LIMITS, TOE_LIMITS, _ROUNDS, rotation[foot], position[foot],
-        )  # fmt: skip
+        path = FootPath(feet.ball[foot], feet.yaw[foot], feet.pitch[foot])
+        solve_legs(joint, root, path, _leg_constants(skeleton, side), _ROUNDS, rotation[foot], position[foot])
     return Legs(rotation=rotation, position=position)
 
 
@@ -123,30 +150,21 @@ def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
 
 
 @functools.cache
-def _limb(skeleton: Skeleton, side: str) -> tuple[Any, ...]:
-    """Constants of a leg, as the compiled solver wants them."""
+def _leg_constants(skeleton: Skeleton, side: str) -> LegConstants:
     rest = np.diff([skeleton.at(f"{side}{bone}") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")], axis=0)
-    aligned = frame(rest[:2], np.array([1.0, 0.0, 0.0]))
     thigh, shank = skeleton.leg
-    return rest, aligned, thigh, shank, _STRETCH * (thigh + shank), _above(skeleton)
-
-
-def hip_angles(relative: F64, thigh: F64) -> F64:
-    """``[F, 3]`` thigh forward, to the right, turned left, from its rotation against the hips and its direction at rest."""
-    way = relative @ thigh
-    swing = _shortest(thigh, way)
-    side = unit(np.array([1.0, 0.0, 0.0]) - thigh[0] * thigh)
-    turned_side = relative @ side
-    cosine = (swing @ side * turned_side).sum(axis=1)
-    sine = (cross(swing @ side, turned_side) * way).sum(axis=1)
-    return np.stack([np.arctan2(way[:, 1], -way[:, 2]), np.arcsin(np.clip(way[:, 0], -1, 1)), -np.arctan2(sine, cosine)], axis=1)
-
-
-def _shortest(a: F64, b: F64) -> F64:
-    """``[F, 3, 3]`` the shortest rotation of ``a`` onto each ``b``."""
-    axis = cross(np.broadcast_to(a, b.shape), b)
-    angle = np.arctan2(np.linalg.norm(axis, axis=1), b @ a)
-    return exponential(unit(axis) * angle[:, None])
+    return LegConstants(
+        rest=rest,
+        aligned=frame(rest[:2], np.array([1.0, 0.0, 0.0])),
+        thigh=thigh,
+        shank=shank,
+        longest=_STRETCH * (thigh + shank),
+        toe_height=_above(skeleton),
+        sign=1.0 if side == "Right" else -1.0,
+        hip_limits=HIP_LIMITS,
+        ankle_limits=ANKLE_LIMITS,
+        toe_limits=TOE_LIMITS,
+    )
 
 
 def _above(skeleton: Skeleton) -> float:

@@ -55,7 +55,7 @@ def turned(angle: F64 | float) -> F64:
     return _TURN(angle)
 
 
-def yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
+def from_yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
     """``[..., 3, 3]`` turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll`` [rad].
 
     The axes are the body's own: x to the right, y forward, z up.
@@ -63,8 +63,8 @@ def yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
     return _TURN(yaw) @ _BOW(pitch) @ _LEAN(roll)
 
 
-def turned_bowed_leant(m: F64) -> tuple[F64, F64, F64]:
-    """The angles from which ``yaw_pitch_roll`` makes a rotation."""
+def to_yaw_pitch_roll(m: F64) -> tuple[F64, F64, F64]:
+    """Yaw, pitch and roll ``[...]`` [rad] of rotations ``[..., 3, 3]``; the inverse of :func:`from_yaw_pitch_roll`."""
     return (
         np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
         -np.arcsin(np.clip(m[..., 2, 1], -1, 1)),

@@ -7,7 +7,7 @@ they wait near their base, slow enough for a split step. Solved by the alternati
 Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,15 +19,66 @@ TOP_SPEED: Final = 6.5
 TOP_ACCELERATION: Final = 12.0
 """Acceleration of the hips over the floor that is never passed [m/s²]."""
 _MARGIN: Final = 0.90
-"""Share of the limits that the solver aims at."""
-_ROUNDS, _MOST_ROUNDS = 240, 4000
-_STIFFER: Final = (400, 1200)
-"""Rounds from which on the limits are pressed harder."""
+"""Fraction of the limits that the solver aims at."""
 _PINNED: Final = 1e11
-_BENDING: Final = 2e-3
-_PENALTIES: Final = (2e-2, 3e-3)
-"""Of speed and acceleration beyond the limits."""
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
+
+
+class TravelWishes(NamedTuple):
+    """Weights of the objective over F frames.
+
+    Attributes:
+        weight: ``[F]`` weight of a place.
+        target: ``[F, 2]`` weight times place.
+        still: ``[F - 1]`` weight of the speed.
+    """
+
+    weight: F64
+    target: F64
+    still: F64
+
+
+class TravelOptions(NamedTuple):
+    """Options of the solver.
+
+    Attributes:
+        bending: weight of the acceleration.
+        speed_penalty: penalty of speed above the limit.
+        acceleration_penalty: penalty of acceleration above the limit.
+        top_speed: limit of the speed [m/s].
+        top_acceleration: limit of the acceleration [m/s²].
+        rounds: iterations after which ``late_slack`` replaces ``slack``.
+        most_rounds: maximum number of iterations.
+        stiffer: iterations at which the penalties grow twelvefold.
+        slack: factor of the limits below which the path is accepted.
+        late_slack: the same after ``rounds``.
+    """
+
+    bending: float
+    speed_penalty: float
+    acceleration_penalty: float
+    top_speed: float
+    top_acceleration: float
+    rounds: int
+    most_rounds: int
+    stiffer: tuple[int, int]
+    slack: float
+    late_slack: float
+
+
+_OPTIONS: Final = TravelOptions(
+    bending=2e-3,
+    speed_penalty=2e-2,
+    acceleration_penalty=3e-3,
+    top_speed=_MARGIN * TOP_SPEED,
+    top_acceleration=_MARGIN * TOP_ACCELERATION,
+    rounds=240,
+    most_rounds=4000,
+    stiffer=(400, 1200),
+    slack=1.02,
+    # Paths that want to break the limits converge slowly: after ``rounds`` the margin is given up, the limits never.
+    late_slack=0.995 / _MARGIN,
+)
 
 
 def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
@@ -41,18 +92,18 @@ def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int,
         fps: frames a second.
         walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
     """
-    weight, target, still = _wishes(trajectory, seat, shift, frames, fps)
+    wishes = _wishes(trajectory, seat, shift, frames, fps)
     if walked is None:
-        return _solve(weight, target, still, fps)
-    # The last two frames that are known pin place and speed, and only what follows is solved.
+        return _solve(wishes, fps)
+    # The last two known frames pin place and speed, and only the following frames are solved.
     first = len(walked) - 2
-    weight, target, still = weight[first:].copy(), target[first:].copy(), still[first:]
-    weight[:2], target[:2] = _PINNED, _PINNED * walked[first:]
-    return np.concatenate([walked, _solve(weight, target, still, fps)[2:]])
+    wishes = TravelWishes(wishes.weight[first:].copy(), wishes.target[first:].copy(), wishes.still[first:])
+    wishes.weight[:2], wishes.target[:2] = _PINNED, _PINNED * walked[first:]
+    return np.concatenate([walked, _solve(wishes, fps)[2:]])
 
 
-def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> tuple[F64, F64, F64]:
-    """``[frames]`` weight of a place, ``[frames, 2]`` weight times place, ``[frames - 1]`` weight against speed."""
+def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> TravelWishes:
+    """Weights of all frames."""
     weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
 
     def wish(frame: int, place: F64, w: float, half: int = 0) -> None:
@@ -80,7 +131,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
     elif trajectory.reply is not None:
         if striker[-1] != seat:
             wish(frames - 1, trajectory.reply.root, 60.0)
-        return weight, target, still
+        return TravelWishes(weight, target, still)
     elif striker[-1] != seat and trajectory.end[-1] == WIN:
         # The receiver goes for a winner, but does not get there.
         landing = facing(seat) * trajectory.end_point[-1, :2]
@@ -89,15 +140,12 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
         place[1] = min(place[1], -0.8)
         wish(min(round(trajectory.end_time[-1] * fps), frames - 1), place, 60.0)
     still[-round(0.3 * fps) :] += 5.0
-    return weight, target, still
+    return TravelWishes(weight, target, still)
 
 
-def _solve(weight: F64, target: F64, still: F64, fps: int) -> F64:
+def _solve(wishes: TravelWishes, fps: int) -> F64:
     from shuttle_marl.staging.compiled.paths import smooth_path  # noqa: PLC0415  numba is slow to import
 
-    path = np.empty_like(target)
-    # Paths that want to break the limits converge slowly: the margin is given up for them, the limits never.
-    slack = (1.02, 0.995 / _MARGIN)
-    limits = (_MARGIN * TOP_SPEED, _MARGIN * TOP_ACCELERATION)
-    smooth_path(weight, target, still, fps, _BENDING, _PENALTIES, limits, (_ROUNDS, _MOST_ROUNDS), _STIFFER, slack, path)
+    path = np.empty_like(wishes.target)
+    smooth_path(wishes, fps, _OPTIONS, path)
     return path

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.staging.rotation import about, exponential, matrix, quaternion, turned_bowed_leant, yaw_pitch_roll
+from shuttle_marl.staging.rotation import about, exponential, from_yaw_pitch_roll, matrix, quaternion, to_yaw_pitch_roll
 
 ANGLE = st.floats(-3.1, 3.1)
 
@@ -31,4 +31,4 @@ def test_rotation_vectors_turn_about_their_own_direction(angle: float) -> None:
 @given(yaw=ANGLE, pitch=st.floats(-1.5, 1.5), roll=ANGLE)
 def test_angles_of_the_body_are_found_again(yaw: float, pitch: float, roll: float) -> None:
     angles = [np.array(angle) for angle in (yaw, pitch, roll)]
-    np.testing.assert_allclose(turned_bowed_leant(yaw_pitch_roll(*angles)), angles, atol=1e-9)
+    np.testing.assert_allclose(to_yaw_pitch_roll(from_yaw_pitch_roll(*angles)), angles, atol=1e-9)

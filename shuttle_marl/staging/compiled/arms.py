@@ -1,192 +1,246 @@
-"""The arm: from angles to bones, and inverse kinematics. What the numbers mean stands in :mod:`shuttle_marl.staging.arm`."""
+"""Arms: forward kinematics, and inverse kinematics by damped least squares; see :mod:`shuttle_marl.staging.arm`."""
 
 import math
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.staging.compiled.linear import add, cross, on, place, put, times, turn
+from shuttle_marl.staging.arm import (
+    BEND,
+    DEVIATION,
+    ELBOW,
+    FORWARD,
+    PRONATION,
+    RAISE,
+    ROLL,
+    SWING_1,
+    SWING_2,
+    TWIST,
+    ArmConstants,
+    ArmGoals,
+)
+from shuttle_marl.staging.compiled.linear import add_vec, copy_mat, copy_vec, cross, mat_mul, mat_vec, rotation_about
 
 _N: Final = 10
-_ROWS: Final = 22
+_ROWS: Final = 12
+"""Residuals of one arm: three each for point, shaft, normal and elbow."""
+
+
+class _ArmFrames(NamedTuple):
+    """One arm in the frame of the chest: ``[3, 3]`` rotations, ``[3]`` points, and scratch space.
+
+    Attributes:
+        collar: rotation of the collar bone.
+        upper: rotation of the upper arm.
+        forearm: rotation of the forearm, half of the pronation included.
+        hand: rotation of the hand.
+        racket: rotation of the racket.
+        axes: ``[10, 3]`` axis of each angle.
+        pivots: ``[10, 3]`` a point on each axis; the first is the origin, the last the middle of the grip.
+        shoulder: where the upper arm begins.
+        elbow: where the forearm begins.
+        wrist: where the hand begins.
+        swing: rotation vector of the shoulder.
+        joint: scratch, rotation of one joint.
+        chain: scratch, product of rotations.
+        chain_2: scratch, product of rotations.
+        vector: scratch.
+        vector_2: scratch.
+    """
+
+    collar: F64
+    upper: F64
+    forearm: F64
+    hand: F64
+    racket: F64
+    axes: F64
+    pivots: F64
+    shoulder: F64
+    elbow: F64
+    wrist: F64
+    swing: F64
+    joint: F64
+    chain: F64
+    chain_2: F64
+    vector: F64
+    vector_2: F64
 
 
 @compiled
-def _pose(q: F64, fixed: F64, offset: F64, middle: F64, rest_bend: float, m: F64, v: F64) -> None:
-    """One arm: ``m`` gets rotations (0 collar bone, 1 upper arm, 4 racket), ``v`` axes (0 to 9), pivots (10 to 19), points.
+def _arm_frames() -> _ArmFrames:
+    m, v = np.empty((8, 3, 3)), np.empty((6, 3))
+    axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
+    return _ArmFrames(m[0], m[1], m[2], m[3], m[4], axes, pivots, v[0], v[1], v[2], v[3], m[5], m[6], m[7], v[4], v[5])
 
-    ``fixed``: 0 raise, 1 forward, 2 and 3 swing, 4 middle, 5 elbow, 6 pronation, 7 bend, 8 deviation, 9 the shaft.
-    """
-    a, b = m[5], m[6]
-    turn(fixed[1], q[1], a)
-    on(a, fixed[0], v[0])
-    put(fixed[1], v[1])
-    turn(fixed[0], q[0], b)
-    times(a, b, m[0])
-    on(m[0], offset[0], v[20])
+
+@compiled
+def _pose(q: F64, arm: ArmConstants, frames: _ArmFrames) -> None:
+    """Forward kinematics of one arm: ``[10]`` angles to ``frames``."""
+    fixed, axes, pivots = arm.axes, frames.axes, frames.pivots
+    joint, chain, chain_2 = frames.joint, frames.chain, frames.chain_2
+    rotation_about(fixed[FORWARD], q[FORWARD], joint)
+    mat_vec(joint, fixed[RAISE], axes[RAISE])
+    copy_vec(fixed[FORWARD], axes[FORWARD])
+    rotation_about(fixed[RAISE], q[RAISE], chain)
+    mat_mul(joint, chain, frames.collar)
+    mat_vec(frames.collar, arm.offset[0], frames.shoulder)
     # The swing is a rotation vector across the middle direction; its two axes turn with it.
-    x = v[24]
+    swing, vector, vector_2 = frames.swing, frames.vector, frames.vector_2
     for i in range(3):
-        x[i] = q[2] * fixed[2, i] + q[3] * fixed[3, i]
-    angle = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        swing[i] = q[SWING_1] * fixed[SWING_1, i] + q[SWING_2] * fixed[SWING_2, i]
+    angle = math.sqrt(swing[0] * swing[0] + swing[1] * swing[1] + swing[2] * swing[2])
     safe = max(angle, 1e-6)
     for i in range(3):
-        v[23, i] = x[i] / safe
-    turn(v[23], safe if angle > 1e-6 else 0.0, a)
-    times(m[0], a, m[7])
+        vector[i] = swing[i] / safe
+    rotation_about(vector, safe if angle > 1e-6 else 0.0, joint)
+    mat_mul(frames.collar, joint, chain_2)
     first, second = (1.0 - math.cos(safe)) / safe**2, (safe - math.sin(safe)) / safe**3
-    for k in (2, 3):
-        cross(x, fixed[k], v[23])
-        cross(x, v[23], v[25])
+    for k in (SWING_1, SWING_2):
+        cross(swing, fixed[k], vector)
+        cross(swing, vector, vector_2)
         for i in range(3):
-            v[25, i] = fixed[k, i] + first * v[23, i] + second * v[25, i]
-        on(m[0], v[25], v[k])
-    on(m[7], fixed[4], v[4])
-    turn(fixed[4], q[4], a)
-    times(m[7], a, b)
-    times(b, middle, m[1])
-    on(m[1], fixed[5], v[5])
-    turn(fixed[5], q[5] - rest_bend, a)
-    times(m[1], a, m[2])
-    on(m[2], fixed[6], v[6])
-    turn(fixed[6], q[6] / 2, a)
-    times(m[2], a, m[3])
-    times(m[3], a, m[7])
-    on(m[7], fixed[7], v[7])
-    turn(fixed[7], q[7], a)
-    times(m[7], a, b)
-    on(b, fixed[8], v[8])
-    turn(fixed[8], q[8], a)
-    times(b, a, m[7])
-    on(m[7], fixed[9], v[9])
-    turn(fixed[9], q[9], a)
-    times(m[7], a, m[4])
-    on(m[1], offset[1], v[23])
-    add(v[20], v[23], v[21])
-    on(m[3], offset[2], v[23])
-    add(v[21], v[23], v[22])
-    on(m[7], offset[3], v[23])
+            vector_2[i] = fixed[k, i] + first * vector[i] + second * vector_2[i]
+        mat_vec(frames.collar, vector_2, axes[k])
+    mat_vec(chain_2, fixed[TWIST], axes[TWIST])
+    rotation_about(fixed[TWIST], q[TWIST], joint)
+    mat_mul(chain_2, joint, chain)
+    mat_mul(chain, arm.to_middle, frames.upper)
+    mat_vec(frames.upper, fixed[ELBOW], axes[ELBOW])
+    rotation_about(fixed[ELBOW], q[ELBOW] - arm.rest_bend, joint)
+    mat_mul(frames.upper, joint, chain)
+    mat_vec(chain, fixed[PRONATION], axes[PRONATION])
+    rotation_about(fixed[PRONATION], q[PRONATION] / 2, joint)
+    mat_mul(chain, joint, frames.forearm)
+    mat_mul(frames.forearm, joint, chain)
+    mat_vec(chain, fixed[BEND], axes[BEND])
+    rotation_about(fixed[BEND], q[BEND], joint)
+    mat_mul(chain, joint, chain_2)
+    mat_vec(chain_2, fixed[DEVIATION], axes[DEVIATION])
+    rotation_about(fixed[DEVIATION], q[DEVIATION], joint)
+    mat_mul(chain_2, joint, frames.hand)
+    mat_vec(frames.hand, fixed[ROLL], axes[ROLL])
+    rotation_about(fixed[ROLL], q[ROLL], joint)
+    mat_mul(frames.hand, joint, frames.racket)
+    mat_vec(frames.upper, arm.offset[1], vector)
+    add_vec(frames.shoulder, vector, frames.elbow)
+    mat_vec(frames.forearm, arm.offset[2], vector)
+    add_vec(frames.elbow, vector, frames.wrist)
+    mat_vec(frames.hand, arm.offset[3], vector)
     for i in range(3):
-        v[10, i], v[11, i] = 0.0, 0.0
-        for k in range(12, 15):
-            v[k, i] = v[20, i]
-        v[15, i], v[16, i] = v[21, i], v[21, i]
-        v[17, i], v[18, i] = v[22, i], v[22, i]
-    add(v[22], v[23], v[19])
+        pivots[RAISE, i], pivots[FORWARD, i] = 0.0, 0.0
+    for k in (SWING_1, SWING_2, TWIST):
+        copy_vec(frames.shoulder, pivots[k])
+    for k in (ELBOW, PRONATION):
+        copy_vec(frames.elbow, pivots[k])
+    for k in (BEND, DEVIATION):
+        copy_vec(frames.wrist, pivots[k])
+    add_vec(frames.wrist, vector, pivots[ROLL])
 
 
 @compiled
-def _eliminate(square: F64, slope: F64, a: F64, b: F64, x: F64) -> None:
-    """Solve a symmetric positive definite system (Cholesky); ``a`` and ``b`` are overwritten."""
+def _cholesky_solve(square: F64, right: F64, factor: F64, b: F64, x: F64) -> None:
+    """Solve ``square @ x = right``, symmetric positive definite; ``factor`` and ``b`` are overwritten."""
     for i in range(_N):
-        b[i] = slope[i]
+        b[i] = right[i]
         for j in range(_N):
-            a[i, j] = square[i, j]
+            factor[i, j] = square[i, j]
     for j in range(_N):
         for k in range(j):
-            a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = math.sqrt(a[j, j])
+            factor[j, j] -= factor[j, k] * factor[j, k]
+        factor[j, j] = math.sqrt(factor[j, j])
         for i in range(j + 1, _N):
             for k in range(j):
-                a[i, j] -= a[i, k] * a[j, k]
-            a[i, j] /= a[j, j]
+                factor[i, j] -= factor[i, k] * factor[j, k]
+            factor[i, j] /= factor[j, j]
     for i in range(_N):
         for k in range(i):
-            b[i] -= a[i, k] * b[k]
-        b[i] /= a[i, i]
+            b[i] -= factor[i, k] * b[k]
+        b[i] /= factor[i, i]
     for i in range(_N - 1, -1, -1):
         x[i] = b[i]
         for k in range(i + 1, _N):
-            x[i] -= a[k, i] * x[k]
-        x[i] /= a[i, i]
+            x[i] -= factor[k, i] * x[k]
+        x[i] /= factor[i, i]
 
 
 @compiled
-def _within(x: F64, limits: F64, swing: float) -> None:
+def _clip(q: F64, arm: ArmConstants) -> None:
+    """Move ``[10]`` angles into their limits, in place."""
     for k in range(_N):
-        x[k] = min(max(x[k], limits[k, 0]), limits[k, 1])
-    length = math.sqrt(x[2] * x[2] + x[3] * x[3])
-    if length > swing:
-        x[2] *= swing / length
-        x[3] *= swing / length
+        q[k] = min(max(q[k], arm.limits[k, 0]), arm.limits[k, 1])
+    length = math.sqrt(q[SWING_1] * q[SWING_1] + q[SWING_2] * q[SWING_2])
+    if length > arm.swing_limit:
+        q[SWING_1] *= arm.swing_limit / length
+        q[SWING_2] *= arm.swing_limit / length
 
 
 @compiled
-def solve_arms(
-    x: F64,
-    goal: F64,
-    weight: F64,
-    reach: F64,
-    arm: tuple[Any, ...],
-    limits: F64,
-    relaxed: F64,
-    swing: float,
-    rounds: int,
-    hold: float,
+def _residuals(
+    arm: ArmConstants, goals: ArmGoals, n: int, frames: _ArmFrames, reached: F64, jacobian: F64, residual: F64
 ) -> None:
-    """Damped least squares of :func:`shuttle_marl.staging.arm.solve` for each row of ``x``, in place.
+    """Weighted residuals ``[12]`` of one arm to goal ``n`` and their geometric Jacobian ``[12, 10]``."""
+    point, shaft, normal, elbow = reached[0], reached[1], reached[2], reached[3]
+    mat_vec(frames.racket, arm.axes[ROLL], shaft)
+    mat_vec(frames.racket, arm.string_normal, normal)
+    for i in range(3):
+        point[i] = frames.pivots[ROLL, i] + goals.reach[n] * shaft[i]
+        elbow[i] = frames.elbow[i] - frames.shoulder[i]
+    length = math.sqrt(elbow[0] ** 2 + elbow[1] ** 2 + elbow[2] ** 2)
+    for i in range(3):
+        elbow[i] /= length
+    for k in range(4):
+        for i in range(3):
+            residual[3 * k + i] = goals.weight[n, k] * (goals.target[n, k, i] - reached[k, i])
+    moment, change = frames.vector, frames.vector_2
+    for j in range(_N):
+        for k in range(4):
+            if k == 0:
+                for i in range(3):
+                    moment[i] = point[i] - frames.pivots[j, i]
+            else:
+                copy_vec(reached[k], moment)
+            cross(frames.axes[j], moment, change)
+            for i in range(3):
+                jacobian[3 * k + i, j] = goals.weight[n, k] * change[i] if k < 3 or j < ELBOW else 0.0
+
+
+@compiled
+def solve_arms(angles: F64, goals: ArmGoals, arm: ArmConstants, rounds: int, hold: float) -> None:
+    """Damped least squares of :func:`shuttle_marl.staging.arm.solve` for each row of ``angles``, in place.
 
     Args:
-        x: ``[N, 10]`` angles, within the limits.
-        goal: ``[N, 4, 3]`` point, shaft, normal, elbow.
-        weight: ``[N, 4]`` of those.
-        reach: ``[N]`` distance of the point from the grip along the shaft.
-        arm: constants of the arm: fixed axes, offsets, middle direction, bend at rest, normal of the strings.
-        limits: ``[10, 2]`` least and greatest angles.
-        relaxed: ``[10]`` preferred angles.
-        swing: greatest swing of the shoulder.
-        rounds: steps.
+        angles: ``[N, 10]`` within the limits.
+        goals: goals of N arms.
+        arm: the arm.
+        rounds: maximum number of steps.
         hold: weight of the preferred angles.
     """
-    fixed, offset, middle, rest_bend, normal = arm
-    m, v = np.empty((8, 3, 3)), np.empty((26, 3))
-    jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
+    frames, limits = _arm_frames(), arm.limits
+    jacobian, residual, reached = np.empty((_ROWS, _N)), np.empty(_ROWS), np.empty((4, 3))
     square, slope = np.empty((_N, _N)), np.empty(_N)
-    a, b, move, moment = np.empty((_N, _N)), np.empty(_N), np.empty(_N), np.empty(3)
-    at, held = np.empty((4, 3)), np.empty(_N, np.bool_)
-    for n in range(len(x)):
-        q = x[n]
+    factor, b, move, held = np.empty((_N, _N)), np.empty(_N), np.empty(_N), np.empty(_N, np.bool_)
+    for n in range(len(angles)):
+        q = angles[n]
         for step in range(rounds):
-            _pose(q, fixed, offset, middle, rest_bend, m, v)
-            on(m[4], fixed[9], at[1])
-            on(m[4], normal, at[2])
-            for i in range(3):
-                at[0, i] = v[19, i] + reach[n] * at[1, i]
-                at[3, i] = v[21, i] - v[20, i]
-            length = math.sqrt(at[3, 0] ** 2 + at[3, 1] ** 2 + at[3, 2] ** 2)
-            for i in range(3):
-                at[3, i] /= length
-            for k in range(4):
-                for i in range(3):
-                    residual[3 * k + i] = weight[n, k] * (goal[n, k, i] - at[k, i])
-            for j in range(_N):
-                for k in range(4):
-                    if k == 0:
-                        for i in range(3):
-                            moment[i] = at[0, i] - v[10 + j, i]
-                    else:
-                        for i in range(3):
-                            moment[i] = at[k, i]
-                    cross(v[j], moment, v[25])
-                    for i in range(3):
-                        jacobian[3 * k + i, j] = weight[n, k] * v[25, i] if k < 3 or j < 5 else 0.0
+            _pose(q, arm, frames)
+            _residuals(arm, goals, n, frames, reached, jacobian, residual)
             damping = 1e-2 if step < rounds // 2 else 1e-4
             for i in range(_N):
                 for j in range(i + 1):
                     total = 0.0
-                    for k in range(12):
+                    for k in range(_ROWS):
                         total += jacobian[k, i] * jacobian[k, j]
                     square[i, j] = total
                     square[j, i] = total
                 square[i, i] += hold * hold + damping
-                total = hold * hold * (relaxed[i] - q[i])
-                for k in range(12):
+                total = hold * hold * (arm.relaxed[i] - q[i])
+                for k in range(_ROWS):
                     total += jacobian[k, i] * residual[k]
                 slope[i] = total
-            _eliminate(square, slope, a, b, move)
-            # Angles that are pushed against their limits stay there, and the others do their work.
+            _cholesky_solve(square, slope, factor, b, move)
+            # Angles pushed against their limits are fixed, and the step is solved again for the others.
             for i in range(_N):
                 held[i] = (q[i] <= limits[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= limits[i, 1] - 1e-9 and move[i] > 0)
             for i in range(_N):
@@ -194,12 +248,12 @@ def solve_arms(
                     for j in range(_N):
                         square[i, j], square[j, i] = 0.0, 0.0
                     square[i, i], slope[i] = 1.0, 0.0
-            _eliminate(square, slope, a, b, move)
+            _cholesky_solve(square, slope, factor, b, move)
             change = 0.0
             for i in range(_N):
                 b[i] = q[i]
                 q[i] += min(max(move[i], -0.5), 0.5)
-            _within(q, limits, swing)
+            _clip(q, arm)
             for i in range(_N):
                 change = max(change, abs(q[i] - b[i]))
             if step > rounds // 3 and change < 2e-4:
@@ -207,25 +261,25 @@ def solve_arms(
 
 
 @compiled
-def pose_arms(angles: F64, arm: tuple[Any, ...], rotation: F64, position: F64, axes: F64, pivot: F64) -> None:
+def pose_arms(angles: F64, arm: ArmConstants, rotation: F64, position: F64, axes: F64, pivot: F64) -> None:
     """Bones of :meth:`shuttle_marl.staging.arm.Arm.pose` for each row of ``angles``.
 
     Args:
         angles: ``[N, 10]``.
-        arm: constants of the arm.
+        arm: the arm.
         rotation: ``[5, N, 3, 3]``, written: collar bone, upper arm, forearm, hand, racket.
-        position: ``[5, N, 3]``, written: where they begin.
-        axes: ``[N, 10, 3]``, written: axis about which each angle turns.
-        pivot: ``[N, 10, 3]``, written: a point on it.
+        position: ``[5, N, 3]``, written: where each begins.
+        axes: ``[N, 10, 3]``, written: axis of each angle.
+        pivot: ``[N, 10, 3]``, written: a point on that axis.
     """
-    fixed, offset, middle, rest_bend, _ = arm
-    m, v = np.empty((8, 3, 3)), np.empty((26, 3))
+    frames = _arm_frames()
+    rotations = (frames.collar, frames.upper, frames.forearm, frames.hand, frames.racket)
+    points = (frames.pivots[RAISE], frames.shoulder, frames.elbow, frames.wrist, frames.pivots[ROLL])
     for n in range(len(angles)):
-        _pose(angles[n], fixed, offset, middle, rest_bend, m, v)
-        for k, of in enumerate((0, 1, 3, 7, 4)):
-            place(m[of], rotation[k, n])
-        for k, of in enumerate((10, 20, 21, 22, 19)):
-            put(v[of], position[k, n])
+        _pose(angles[n], arm, frames)
+        for k in range(5):
+            copy_mat(rotations[k], rotation[k, n])
+            copy_vec(points[k], position[k, n])
         for k in range(_N):
-            put(v[k], axes[n, k])
-            put(v[_N + k], pivot[n, k])
+            copy_vec(frames.axes[k], axes[n, k])
+            copy_vec(frames.pivots[k], pivot[n, k])

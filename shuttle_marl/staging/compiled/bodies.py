@@ -1,29 +1,28 @@
-"""Trunk and legs, and rotations as quaternions. What the numbers mean stands in :mod:`shuttle_marl.staging.skeleton` and
-:mod:`shuttle_marl.staging.legs`.
-"""
+"""Trunk, legs and quaternions; see :mod:`shuttle_marl.staging.skeleton` and :mod:`shuttle_marl.staging.legs`."""
 
 import math
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.staging.compiled.linear import (
-    add,
-    back_times,
+    add_vec,
+    copy_mat,
+    copy_vec,
     cross,
     dot,
-    frame_of,
+    from_yaw_pitch_roll,
+    mat_mul,
+    mat_mul_transposed,
+    mat_vec,
     normalise,
-    on,
-    place,
-    put,
-    times,
-    times_back,
-    turn,
-    turned_bowed_leant_of,
+    orthonormal_frame,
+    rotation_about,
+    transposed_mat_mul,
 )
+from shuttle_marl.staging.legs import FootPath, LegConstants
 
 _OUT: Final = 0.10
 """Outward turn of the knees."""
@@ -45,20 +44,20 @@ def bend_trunks(hips: F64, angles: F64, above: F64, rotation: F64, position: F64
     third, way = np.empty((3, 3)), np.empty(3)
     for n in range(len(angles)):
         a = angles[n]
-        turned_bowed_leant_of(a[1], a[2], a[3], rotation[0, n])
-        turned_bowed_leant_of(a[4] / 3, a[5] / 3, a[6] / 3, third)
-        put(hips[n], position[0, n])
+        from_yaw_pitch_roll(a[1], a[2], a[3], rotation[0, n])
+        from_yaw_pitch_roll(a[4] / 3, a[5] / 3, a[6] / 3, third)
+        copy_vec(hips[n], position[0, n])
         for k in range(3):
-            on(rotation[k, n], above[k], way)
-            add(position[k, n], way, position[k + 1, n])
-            times(rotation[k, n], third, rotation[k + 1, n])
+            mat_vec(rotation[k, n], above[k], way)
+            add_vec(position[k, n], way, position[k + 1, n])
+            mat_mul(rotation[k, n], third, rotation[k + 1, n])
 
 
 @compiled
 def ankle_of(ball: F64, yaw: float, pitch: float, heel: F64, above: float, m: F64, out: F64) -> None:
     """The ankle of a foot that stands on its ball, the heel raised by ``pitch``; ``m`` is overwritten."""
-    turned_bowed_leant_of(yaw, pitch, 0.0, m)
-    on(m, heel, out)
+    from_yaw_pitch_roll(yaw, pitch, 0.0, m)
+    mat_vec(m, heel, out)
     for i in range(3):
         out[i] += ball[i]
     out[2] += above
@@ -100,14 +99,14 @@ def stand_ankles(ball: F64, yaw: F64, pitch: F64, heel: F64, above: float, out: 
 
 
 @compiled
-def _shortest(a: F64, b: F64, axis: F64, out: F64) -> None:
+def _shortest_rotation(a: F64, b: F64, axis: F64, out: F64) -> None:
     """The shortest rotation of ``a`` onto ``b``."""
     cross(a, b, axis)
     angle = math.atan2(math.sqrt(dot(axis, axis)), dot(a, b))
     if math.sqrt(dot(axis, axis)) < 1e-12:
         angle = 0.0
     normalise(axis)
-    turn(axis, angle, out)
+    rotation_about(axis, angle, out)
 
 
 @compiled
@@ -115,174 +114,228 @@ def _clip(x: float, limits: F64) -> float:
     return min(max(x, limits[0]), limits[1])
 
 
+class _HipWorkspace(NamedTuple):
+    """Scratch of the hip joint: ``[3, 3]`` rotations and ``[3]`` vectors.
+
+    Attributes:
+        relative: rotation of the thigh against the hips.
+        swing: its shortest rotation from rest.
+        twist: rotation about the thigh.
+        product: product of two of them.
+        way: direction of the thigh.
+        side: axis across the thigh at rest.
+        turned: that axis under ``relative``.
+        swung: that axis under ``swing``.
+        axis: axis of the swing.
+        normal: cross product of ``swung`` and ``turned``.
+    """
+
+    relative: F64
+    swing: F64
+    twist: F64
+    product: F64
+    way: F64
+    side: F64
+    turned: F64
+    swung: F64
+    axis: F64
+    normal: F64
+
+
+class _LegWorkspace(NamedTuple):
+    """One leg in one frame: ``[3, 3]`` rotations and ``[3]`` vectors.
+
+    Attributes:
+        thigh: rotation of the thigh.
+        shank: rotation of the shank.
+        sole: rotation of the sole.
+        floor: rotation of a sole that follows the floor.
+        limited: rotation of the sole within the range of the ankle.
+        knee: where the shank begins.
+        ankle: where the foot begins.
+        target: where the ankle shall be.
+        heel: from the joint of the toes to the ankle at rest.
+        toes: from the ankle to the toes.
+        frame: frame of a bone.
+        bend: rotation of the shank against the thigh.
+        joint: scratch rotation of the ankle.
+        down: direction from hip to ankle.
+        aim: direction in which the knee points.
+        upper: from hip to knee.
+        lower: from knee to ankle.
+        hinge: axis of the knee.
+        rest: direction of the thigh at rest.
+        normal: normal of the floor against the shank.
+        hip: scratch of the hip joint.
+    """
+
+    thigh: F64
+    shank: F64
+    sole: F64
+    floor: F64
+    limited: F64
+    knee: F64
+    ankle: F64
+    target: F64
+    heel: F64
+    toes: F64
+    frame: F64
+    bend: F64
+    joint: F64
+    down: F64
+    aim: F64
+    upper: F64
+    lower: F64
+    hinge: F64
+    rest: F64
+    normal: F64
+    hip: _HipWorkspace
+
+
 @compiled
-def _keep_hip(root: F64, thigh: F64, sign: float, limits: F64, upper: F64, m: F64, v: F64) -> None:
-    """Turn a thigh into the range of the hip, in place; ``m [4]`` and ``v [6]`` are overwritten."""
-    relative, swing = m[0], m[1]
-    way, side, turned, axis = v[0], v[1], v[2], v[3]
-    back_times(root, upper, relative)
-    on(relative, thigh, way)
-    _shortest(thigh, way, axis, swing)
+def _leg_workspace() -> _LegWorkspace:
+    m, v = np.empty((12, 3, 3)), np.empty((18, 3))
+    hip = _HipWorkspace(m[8], m[9], m[10], m[11], v[12], v[13], v[14], v[15], v[16], v[17])
+    return _LegWorkspace(
+        m[0], m[1], m[2], m[3], m[4], v[0], v[1], v[2], v[3], v[4],
+        m[5], m[6], m[7], v[5], v[6], v[7], v[8], v[9], v[10], v[11], hip,
+    )  # fmt: skip
+
+
+@compiled
+def _limit_hip(root: F64, leg: LegConstants, work: _LegWorkspace) -> None:
+    """Turn the thigh into the range of the hip joint, in place."""
+    upper, thigh, hip = work.thigh, work.rest, work.hip
+    relative, swing, way, side, turned, swung = hip.relative, hip.swing, hip.way, hip.side, hip.turned, hip.swung
+    transposed_mat_mul(root, upper, relative)
+    mat_vec(relative, thigh, way)
+    _shortest_rotation(thigh, way, hip.axis, swing)
     for i in range(3):
         side[i] = (1.0 if i == 0 else 0.0) - thigh[0] * thigh[i]
     normalise(side)
-    on(relative, side, turned)
-    on(swing, side, v[4])
-    cross(v[4], turned, v[5])
+    mat_vec(relative, side, turned)
+    mat_vec(swing, side, swung)
+    cross(swung, turned, hip.normal)
     forward, right = math.atan2(way[1], -way[2]), math.asin(min(max(way[0], -1.0), 1.0))
-    twist = -math.atan2(dot(v[5], way), dot(v[4], turned))
-    kept_forward, kept_right = _clip(forward, limits[0]), sign * _clip(sign * right, limits[1])
-    kept_twist = sign * _clip(sign * twist, limits[2])
-    if max(abs(kept_forward - forward), abs(kept_right - right), abs(kept_twist - twist)) <= 1e-9:
+    twist = -math.atan2(dot(hip.normal, way), dot(swung, turned))
+    limits, sign = leg.hip_limits, leg.sign
+    new_forward, new_right = _clip(forward, limits[0]), sign * _clip(sign * right, limits[1])
+    new_twist = sign * _clip(sign * twist, limits[2])
+    if max(abs(new_forward - forward), abs(new_right - right), abs(new_twist - twist)) <= 1e-9:
         return
-    way[0] = math.sin(kept_right)
-    way[1], way[2] = math.cos(kept_right) * math.sin(kept_forward), -math.cos(kept_right) * math.cos(kept_forward)
-    _shortest(thigh, way, axis, swing)
-    turn(way, -kept_twist, m[2])
-    times(m[2], swing, m[3])
-    times(root, m[3], upper)
+    way[0] = math.sin(new_right)
+    way[1], way[2] = math.cos(new_right) * math.sin(new_forward), -math.cos(new_right) * math.cos(new_forward)
+    _shortest_rotation(thigh, way, hip.axis, swing)
+    rotation_about(way, -new_twist, hip.twist)
+    mat_mul(hip.twist, swing, hip.product)
+    mat_mul(root, hip.product, upper)
 
 
 @compiled
-def _keep_ankle(shank: F64, wanted: F64, sign: float, limits: F64, out: F64, m: F64, v: F64) -> None:
-    """Turn a sole into the range of the ankle; ``m [2]`` and ``v [1]`` are overwritten."""
-    up, tilt, outward = limits[0], limits[1], limits[2]
+def _limit_ankle(leg: LegConstants, work: _LegWorkspace) -> None:
+    """Write the sole that follows the floor as far as the ankle allows to ``work.limited``."""
+    shank, wanted, joint, normal, out = work.shank, work.floor, work.joint, work.normal, work.limited
+    up, tilt, outward, sign = leg.ankle_limits[0], leg.ankle_limits[1], leg.ankle_limits[2], leg.sign
     # Rising about the ball comes first: far outside the range the three angles would not be independent.
     for i in range(3):
-        v[0, i] = wanted[0, i] * shank[0, 2] + wanted[1, i] * shank[1, 2] + wanted[2, i] * shank[2, 2]
-    bent = math.atan2(v[0, 1], v[0, 2])
-    turned_bowed_leant_of(0.0, bent - _clip(bent, up), 0.0, m[0])
-    times(wanted, m[0], m[1])
-    back_times(shank, m[1], m[0])
-    twist = math.atan2(-m[0, 0, 1], m[0, 1, 1])
-    bow = -math.asin(min(max(m[0, 2, 1], -1.0), 1.0))
-    lean = math.atan2(-m[0, 2, 0], m[0, 2, 2])
-    turned_bowed_leant_of(sign * _clip(sign * twist, outward), -_clip(-bow, up), sign * _clip(sign * lean, tilt), m[1])
-    times(shank, m[1], out)
+        normal[i] = wanted[0, i] * shank[0, 2] + wanted[1, i] * shank[1, 2] + wanted[2, i] * shank[2, 2]
+    bent = math.atan2(normal[1], normal[2])
+    from_yaw_pitch_roll(0.0, bent - _clip(bent, up), 0.0, joint)
+    mat_mul(wanted, joint, out)
+    transposed_mat_mul(shank, out, joint)
+    twist = math.atan2(-joint[0, 1], joint[1, 1])
+    bow = -math.asin(min(max(joint[2, 1], -1.0), 1.0))
+    lean = math.atan2(-joint[2, 0], joint[2, 2])
+    from_yaw_pitch_roll(sign * _clip(sign * twist, outward), -_clip(-bow, up), sign * _clip(sign * lean, tilt), joint)
+    mat_mul(shank, joint, out)
 
 
 @compiled
-def _limb(
-    joint: F64,
-    target: F64,
-    root: F64,
-    sole: F64,
-    sign: float,
-    limb: tuple[Any, ...],
-    limits: F64,
-    m: F64,
-    v: F64,
-) -> None:
-    """Thigh ``m[0]`` and shank ``m[1]``, knee ``v[0]`` and ankle ``v[1]`` of a leg that reaches for a target with its ankle.
-
-    ``m[2:8]`` and ``v[2:15]`` are overwritten.
-    """
-    rest, aligned, thigh, shank, most, _ = limb
-    down, aim, bend, knee, ankle = v[2], v[3], v[4], v[0], v[1]
+def _solve_leg(joint: F64, root: F64, sole: F64, leg: LegConstants, work: _LegWorkspace) -> None:
+    """Thigh, shank, knee and ankle of a leg that reaches for ``work.target`` with its ankle: inverse kinematics of two bones."""
+    down, aim, upper, lower, frame = work.down, work.aim, work.upper, work.lower, work.frame
+    thigh, shank = leg.thigh, leg.shank
     square = 0.0
     for i in range(3):
-        down[i] = target[i] - joint[i]
+        down[i] = work.target[i] - joint[i]
         square += down[i] * down[i]
     length = math.sqrt(square)
-    reach = min(max(length, _FOLDED * (thigh + shank)), most)
+    reach = min(max(length, _FOLDED * (thigh + shank)), leg.longest)
     for i in range(3):
         down[i] /= length
     # Knees point between where the hips and where the toes point.
     aim[0], aim[1], aim[2] = sole[0, 1], sole[1, 1], 0.0
     normalise(aim)
     for i in range(3):
-        aim[i] = 0.8 * aim[i] + root[i, 1] + sign * _OUT * root[i, 0]
-    frame_of(down, aim, m[2])
+        aim[i] = 0.8 * aim[i] + root[i, 1] + leg.sign * _OUT * root[i, 0]
+    orthonormal_frame(down, aim, frame)
     along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
     across = math.sqrt(max(thigh**2 - along**2, 0.0))
     for i in range(3):
-        bend[i] = m[2, i, 1]
-        v[5, i] = along * down[i] + across * bend[i]
-        v[6, i] = reach * down[i] - v[5, i]
-    cross(down, bend, v[7])
-    frame_of(v[5], v[7], m[2])
-    times_back(m[2], aligned[0], m[0])
-    frame_of(v[6], v[7], m[2])
-    times_back(m[2], aligned[1], m[1])
-    # The shank keeps its bend against the thigh when the hip holds that back.
-    back_times(m[0], m[1], m[3])
-    put(rest[0], v[8])
-    normalise(v[8])
-    _keep_hip(root, v[8], sign, limits, m[0], m[4:8], v[9:15])
-    times(m[0], m[3], m[1])
-    on(m[0], rest[0], knee)
-    on(m[1], rest[1], ankle)
-    add(joint, knee, knee)
-    add(knee, ankle, ankle)
+        aim[i] = frame[i, 1]
+        upper[i] = along * down[i] + across * aim[i]
+        lower[i] = reach * down[i] - upper[i]
+    cross(down, aim, work.hinge)
+    orthonormal_frame(upper, work.hinge, frame)
+    mat_mul_transposed(frame, leg.aligned[0], work.thigh)
+    orthonormal_frame(lower, work.hinge, frame)
+    mat_mul_transposed(frame, leg.aligned[1], work.shank)
+    # The shank keeps its bend against the thigh when the hip joint limits the thigh.
+    transposed_mat_mul(work.thigh, work.shank, work.bend)
+    copy_vec(leg.rest[0], work.rest)
+    normalise(work.rest)
+    _limit_hip(root, leg, work)
+    mat_mul(work.thigh, work.bend, work.shank)
+    mat_vec(work.thigh, leg.rest[0], work.knee)
+    mat_vec(work.shank, leg.rest[1], work.ankle)
+    add_vec(joint, work.knee, work.knee)
+    add_vec(work.knee, work.ankle, work.ankle)
 
 
 @compiled
-def solve_legs(
-    joint: F64,
-    root: F64,
-    ball: F64,
-    yaw: F64,
-    pitch: F64,
-    sign: float,
-    limb: tuple[Any, ...],
-    hip: F64,
-    foot: F64,
-    toe: F64,
-    rounds: int,
-    rotation: F64,
-    position: F64,
-) -> None:
+def solve_legs(joint: F64, root: F64, foot: FootPath, leg: LegConstants, rounds: int, rotation: F64, position: F64) -> None:
     """Bones of one leg of :func:`shuttle_marl.staging.legs.legs` in each of F frames.
 
     Args:
         joint: ``[F, 3]`` hip joint.
         root: ``[F, 3, 3]`` rotation of the hips.
-        ball: ``[F, 3]`` ball of the foot.
-        yaw: ``[F]`` heading of the foot.
-        pitch: ``[F]`` heel raised about the ball.
-        sign: 1 for the right leg, -1 for the left one.
-        limb: ``[3, 3]`` from hip to knee, to ankle, to toes; ``[2, 3, 3]`` frames of thigh and shank at rest; lengths of thigh,
-            of shank, and of the leg as far as it is used; height of the joint of the toes.
-        hip: ``[3, 2]`` limits of the hip.
-        foot: ``[3, 2]`` limits of the ankle.
-        toe: ``[2]`` limits of the toes.
-        rounds: how often a leg is solved at most.
+        foot: path of the foot.
+        leg: the leg.
+        rounds: maximum number of solutions per frame.
         rotation: ``[4, F, 3, 3]``, written: thigh, shank, foot, toes.
-        position: ``[4, F, 3]``, written: where they begin.
+        position: ``[4, F, 3]``, written: where each begins.
     """
-    rest, above = limb[0], limb[5]
-    m, v = np.empty((14, 3, 3)), np.empty((19, 3))
-    wanted, sole, now = m[8], m[9], m[10]
-    heel, target = v[15], v[16]
-    heel[0], heel[1], heel[2] = 0.0, -rest[2, 1], -rest[2, 2]
+    work = _leg_workspace()
+    sole, limited, heel, target = work.sole, work.limited, work.heel, work.target
+    heel[0], heel[1], heel[2] = 0.0, -leg.rest[2, 1], -leg.rest[2, 2]
     for f in range(len(joint)):
-        turned_bowed_leant_of(yaw[f], pitch[f], 0.0, wanted)
-        place(wanted, sole)
+        from_yaw_pitch_roll(foot.yaw[f], foot.pitch[f], 0.0, work.floor)
+        copy_mat(work.floor, sole)
         for step in range(rounds):
-            on(sole, heel, target)
-            add(ball[f], target, target)
-            target[2] += above
-            _limb(joint[f], target, root[f], wanted if step else sole, sign, limb, hip, m, v)
-            _keep_ankle(m[1], wanted, sign, foot, now, m[11:13], v[17:18])
+            mat_vec(sole, heel, target)
+            add_vec(foot.ball[f], target, target)
+            target[2] += leg.toe_height
+            _solve_leg(joint[f], root[f], work.floor if step else sole, leg, work)
+            _limit_ankle(leg, work)
             change = 0.0
             for i in range(3):
                 for j in range(3):
-                    change = max(change, abs(now[i, j] - sole[i, j]))
-            place(now, sole)
+                    change = max(change, abs(limited[i, j] - sole[i, j]))
+            copy_mat(limited, sole)
             # Where the ankle does not let the sole follow the floor, the leg is solved again.
             if change <= (1e-4 if step else 1e-6):
                 break
-        bend = min(max(-math.asin(min(max(sole[2, 1], -1.0), 1.0)), toe[0]), toe[1])
-        turned_bowed_leant_of(0.0, -bend, 0.0, now)
-        place(m[0], rotation[0, f])
-        place(m[1], rotation[1, f])
-        place(sole, rotation[2, f])
-        times(sole, now, rotation[3, f])
-        put(joint[f], position[0, f])
-        put(v[0], position[1, f])
-        put(v[1], position[2, f])
-        on(sole, rest[2], v[18])
-        add(v[1], v[18], position[3, f])
+        bend = min(max(-math.asin(min(max(sole[2, 1], -1.0), 1.0)), leg.toe_limits[0]), leg.toe_limits[1])
+        from_yaw_pitch_roll(0.0, -bend, 0.0, limited)
+        copy_mat(work.thigh, rotation[0, f])
+        copy_mat(work.shank, rotation[1, f])
+        copy_mat(sole, rotation[2, f])
+        mat_mul(sole, limited, rotation[3, f])
+        copy_vec(joint[f], position[0, f])
+        copy_vec(work.knee, position[1, f])
+        copy_vec(work.ankle, position[2, f])
+        mat_vec(sole, leg.rest[2], work.toes)
+        add_vec(work.ankle, work.toes, position[3, f])
 
 
 @compiled

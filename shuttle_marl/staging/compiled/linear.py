@@ -1,4 +1,4 @@
-"""Vectors and 3 by 3 matrices in plain loops, written into arrays that the caller keeps."""
+"""Operations on vectors and 3 by 3 matrices in plain loops; ``out`` is written and must not overlap the inputs."""
 
 import math
 
@@ -7,8 +7,8 @@ from shuttle_marl.kernel.compiling import compiled
 
 
 @compiled
-def turn(axis: F64, angle: float, out: F64) -> None:
-    """Rotation about a unit axis (Rodrigues)."""
+def rotation_about(axis: F64, angle: float, out: F64) -> None:
+    """``[3, 3]`` rotation about a unit axis by an angle [rad] (Rodrigues)."""
     x, y, z = axis[0], axis[1], axis[2]
     s, c = math.sin(angle), math.cos(angle)
     d = 1.0 - c
@@ -18,14 +18,14 @@ def turn(axis: F64, angle: float, out: F64) -> None:
 
 
 @compiled
-def put(a: F64, out: F64) -> None:
-    """Copy a vector; an assignment of arrays takes long to compile."""
+def copy_vec(a: F64, out: F64) -> None:
+    """Copy a vector; slice assignment takes long to compile."""
     for i in range(len(a)):
         out[i] = a[i]
 
 
 @compiled
-def place(a: F64, out: F64) -> None:
+def copy_mat(a: F64, out: F64) -> None:
     """Copy a matrix."""
     for i in range(3):
         for j in range(3):
@@ -33,46 +33,46 @@ def place(a: F64, out: F64) -> None:
 
 
 @compiled
-def add(a: F64, b: F64, out: F64) -> None:
+def add_vec(a: F64, b: F64, out: F64) -> None:
     """Sum of two vectors."""
     for i in range(3):
         out[i] = a[i] + b[i]
 
 
 @compiled
-def times(a: F64, b: F64, out: F64) -> None:
-    """``a`` times ``b``."""
+def mat_mul(a: F64, b: F64, out: F64) -> None:
+    """``a @ b``."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
 @compiled
-def on(a: F64, v: F64, out: F64) -> None:
-    """``a`` on ``v``."""
+def mat_vec(a: F64, v: F64, out: F64) -> None:
+    """``a @ v``."""
     for i in range(3):
         out[i] = a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2]
 
 
 @compiled
 def cross(a: F64, b: F64, out: F64) -> None:
-    """Vector product."""
+    """Cross product."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def back_times(a: F64, b: F64, out: F64) -> None:
-    """The transpose of ``a`` times ``b``."""
+def transposed_mat_mul(a: F64, b: F64, out: F64) -> None:
+    """``a.T @ b``."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
 
 
 @compiled
-def times_back(a: F64, b: F64, out: F64) -> None:
-    """``a`` times the transpose of ``b``."""
+def mat_mul_transposed(a: F64, b: F64, out: F64) -> None:
+    """``a @ b.T``."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
@@ -80,20 +80,20 @@ def times_back(a: F64, b: F64, out: F64) -> None:
 
 @compiled
 def dot(a: F64, b: F64) -> float:
-    """Scalar product."""
+    """Dot product."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @compiled
 def normalise(v: F64) -> None:
-    """Give a vector the length one; zero stays zero."""
+    """Scale a vector to unit length, in place; zero stays zero."""
     length = max(math.sqrt(dot(v, v)), 1e-12)
     for i in range(3):
         v[i] /= length
 
 
 @compiled
-def frame_of(first: F64, second: F64, out: F64) -> None:
+def orthonormal_frame(first: F64, second: F64, out: F64) -> None:
     """Right-handed frame whose columns are ``first``, ``second`` made orthogonal to it, and their product."""
     length = max(math.sqrt(dot(first, first)), 1e-12)
     for i in range(3):
@@ -112,8 +112,8 @@ def frame_of(first: F64, second: F64, out: F64) -> None:
 
 
 @compiled
-def turned_bowed_leant_of(yaw: float, pitch: float, roll: float, out: F64) -> None:
-    """Turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll``."""
+def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float, out: F64) -> None:
+    """``[3, 3]`` rotation: turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll`` [rad]."""
     cy, sy, cp, sp, cr, sr = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
     out[0, 0], out[0, 1], out[0, 2] = cy * cr + sy * sp * sr, -sy * cp, cy * sr - sy * sp * cr
     out[1, 0], out[1, 1], out[1, 2] = sy * cr - cy * sp * sr, cy * cp, sy * sr + cy * sp * cr

@@ -1,11 +1,92 @@
-"""Travel of the hips. What the numbers mean stands in :mod:`shuttle_marl.staging.travel`."""
+"""Curves between key poses, flights of shuttles, and travel of the hips.
+
+See :mod:`shuttle_marl.staging.curves`, :mod:`shuttle_marl.staging.flight` and :mod:`shuttle_marl.staging.travel`.
+"""
 
 import math
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.staging.travel import TravelOptions, TravelWishes
+
+
+@compiled
+def _at_end(near: float, far: float, chord: float, next_chord: float) -> float:
+    """Slope at an end of a curve, from the lengths and the chords of the two intervals next to it."""
+    slope = ((2 * near + far) * chord - near * next_chord) / (near + far)
+    if slope * chord <= 0:
+        return 0.0
+    if chord * next_chord <= 0 and abs(slope) > 3 * abs(chord):
+        return 3 * chord
+    return slope
+
+
+@compiled
+def monotone_slopes(frame: I64, pose: F64, out: F64) -> None:
+    """Slopes ``[K, C]`` of C curves through ``[K, C]`` values, at least two, such that cubics never overshoot."""
+    k, c = pose.shape
+    for j in range(c):
+        for i in range(k):
+            left = float(frame[i] - frame[i - 1]) if i else 0.0
+            right = float(frame[i + 1] - frame[i]) if i + 1 < k else 0.0
+            before = (pose[i, j] - pose[i - 1, j]) / left if i else 0.0
+            after = (pose[i + 1, j] - pose[i, j]) / right if i + 1 < k else 0.0
+            if k == 2:
+                out[i, j] = after if i == 0 else before
+            elif i == 0:
+                further = float(frame[2] - frame[1])
+                out[i, j] = _at_end(right, further, after, (pose[2, j] - pose[1, j]) / further)
+            elif i == k - 1:
+                further = float(frame[i - 1] - frame[i - 2])
+                out[i, j] = _at_end(left, further, before, (pose[i - 1, j] - pose[i - 2, j]) / further)
+            elif before * after <= 0:
+                out[i, j] = 0.0
+            else:
+                first, second = 2 * right + left, right + 2 * left
+                out[i, j] = (first + second) / (first / before + second / after)
+
+
+@compiled
+def run_between(frame: I64, pose: F64, slope: F64, out: F64) -> None:
+    """Cubics through ``[K, C]`` values with given slopes, in every frame ``[F, C]``; held before the first and after the last."""
+    last, c = len(frame) - 1, pose.shape[1]
+    k = 0
+    for f in range(len(out)):
+        if f <= frame[0] or f >= frame[last]:
+            row = 0 if f <= frame[0] else last
+            for j in range(c):
+                out[f, j] = pose[row, j]
+            continue
+        while frame[k + 1] <= f:
+            k += 1
+        h = float(frame[k + 1] - frame[k])
+        u = (f - frame[k]) / h
+        for j in range(c):
+            chord = pose[k + 1, j] - pose[k, j]
+            a, b = h * slope[k, j] - chord, chord - h * slope[k + 1, j]
+            out[f, j] = pose[k, j] + u * chord + u * (1 - u) * ((1 - u) * a + u * b)
+
+
+@compiled
+def integrate(vx: F64, vy: F64, nodes: F64, out: F64) -> None:
+    """Classical Runge-Kutta of flights in scaled units: ``[4, N, K + 1]`` places and velocities at instants ``[N, K + 1]``."""
+    k = np.empty((4, 4))
+    for n in range(len(vx)):
+        out[0, n, 0], out[1, n, 0], out[2, n, 0], out[3, n, 0] = 0.0, 0.0, vx[n], vy[n]
+        for i in range(nodes.shape[1] - 1):
+            h = nodes[n, i + 1] - nodes[n, i]
+            for stage in range(4):
+                share = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                u, w = out[2, n, i], out[3, n, i]
+                if stage:
+                    u += share * k[stage - 1, 2]
+                    w += share * k[stage - 1, 3]
+                drag = -math.sqrt(u * u + w * w)
+                k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = u, w, drag * u, drag * w - 1.0
+            for c in range(4):
+                out[c, n, i + 1] = out[c, n, i] + h / 6 * (k[0, c] + 2 * k[1, c] + 2 * k[2, c] + k[3, c])
 
 
 @compiled
@@ -100,37 +181,20 @@ def _differ(p: F64, speed: float, bend: float, v: F64, a: F64) -> None:
 
 
 @compiled
-def smooth_path(
-    weight: F64,
-    target: F64,
-    still: F64,
-    fps: int,
-    bending: float,
-    penalties: tuple[float, float],
-    limits: tuple[float, float],
-    rounds: tuple[int, int],
-    stiffer: tuple[int, int],
-    slack: tuple[float, float],
-    p: F64,
-) -> None:
-    """The alternating direction method of multipliers of :func:`shuttle_marl.staging.travel.travel`.
+def smooth_path(wishes: TravelWishes, fps: int, options: TravelOptions, p: F64) -> None:
+    """Alternating direction method of multipliers of :func:`shuttle_marl.staging.travel.travel`.
 
     Args:
-        weight: ``[F]`` of a place.
-        target: ``[F, 2]`` weight times place.
-        still: ``[F - 1]`` weight against speed.
-        fps: frames a second.
-        bending: weight against acceleration.
-        penalties: of speed and of acceleration beyond the limits.
-        limits: of speed and of acceleration.
-        rounds: after which more is allowed, and how many there are at most.
-        stiffer: rounds from which on the limits are pressed twelve times as hard.
-        slack: by how much the limits may be passed before and after the first of ``rounds``.
+        wishes: weights and places of F frames.
+        fps: frames per second.
+        options: limits, penalties and number of iterations.
         p: ``[F, 2]``, written: the path.
     """
+    weight, target, still = wishes.weight, wishes.target, wishes.still
+    bending, top_speed, top_acceleration = options.bending, options.top_speed, options.top_acceleration
+    rho_v, rho_a = options.speed_penalty, options.acceleration_penalty
     n = len(weight)
     speed, bend = float(fps), float(fps) * fps
-    rho_v, rho_a = penalties
     bands = np.empty((3, n))
     v, a = np.empty((n - 1, 2)), np.empty((n - 2, 2))
     zv, za = np.zeros((n - 1, 2)), np.zeros((n - 2, 2))
@@ -139,11 +203,11 @@ def smooth_path(
     _copy(target, 1.0, p)
     solve_bands(bands, p)
     _differ(p, speed, bend, v, a)
-    _project(v, limits[0], zv, uv, 1.0)
-    _project(a, limits[1], za, ua, 1.0)
-    for step in range(rounds[1]):
-        if step in stiffer:
-            # Where the start is given, the limits may be far from what is wished: they are pressed harder.
+    _project(v, top_speed, zv, uv, 1.0)
+    _project(a, top_acceleration, za, ua, 1.0)
+    for step in range(options.most_rounds):
+        if step in options.stiffer:
+            # Where the start is given, the wishes may violate the limits by much: the penalties grow.
             rho_v, rho_a = 12 * rho_v, 12 * rho_a
             _copy(uv, 1 / 12, uv)
             _copy(ua, 1 / 12, ua)
@@ -162,7 +226,7 @@ def smooth_path(
                 p[i + 2, c] += push
         solve_bands(bands, p)
         _differ(p, speed, bend, v, a)
-        fastest, hardest = _project(v, limits[0], zv, uv, 1.6), _project(a, limits[1], za, ua, 1.6)
-        allowed = slack[0] if step < rounds[0] else slack[1]
-        if step % 10 == 9 and fastest < allowed * limits[0] and hardest < allowed * limits[1]:
+        fastest, hardest = _project(v, top_speed, zv, uv, 1.6), _project(a, top_acceleration, za, ua, 1.6)
+        allowed = options.slack if step < options.rounds else options.late_slack
+        if step % 10 == 9 and fastest < allowed * top_speed and hardest < allowed * top_acceleration:
             break
