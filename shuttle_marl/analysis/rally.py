@@ -16,7 +16,7 @@ from shuttle_marl.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rules import IllegalStrokeError
-from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability
+from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -196,13 +196,11 @@ def match_win_after(
     odds = value.odds(0)
 
     def after(winner: int) -> float:
-        counted = count_rally(points[winner], points[1 - winner], games[winner], rules)
-        if counted.match_won:
-            return float(winner == 0)
-        pairs = ((counted.games, games[1 - winner]), (0, 0) if counted.game_won else (counted.points, points[1 - winner]))
-        own, score = (pair if winner == 0 else pair[::-1] for pair in pairs)
+        score = Score(points=points, games=games, rules=rules).after(winner)
+        if score.over:
+            return float(score.winner == 0)
         probability = match_win_probability(
-            odds.serving, odds.receiving, first_server=winner, games=own, points=score, rules=rules
+            odds.serving, odds.receiving, first_server=winner, games=score.games, points=score.points, rules=rules
         )
         return float(probability)
 

@@ -117,13 +117,7 @@ def write_scene(
     names: tuple[str, str] | None = None
     for i, number in enumerate(progress(numbers)):
         report = report_rally(log, int(number), game, players)
-        motion = stage(
-            log.rally(int(number)).row(0, log.catalogue).checked(),
-            seed=report.key,
-            athletes=athletes,
-            handedness=handedness,
-            fps=fps,
-        )
+        motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
             channels.write([joint_message(start, motion), entities_on(topics.COURT, start, models.court(start))])
