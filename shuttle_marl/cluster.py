@@ -1,7 +1,7 @@
-"""Tasks on the machines of a Ray cluster, with the results that they would have here.
+"""Tasks on the machines of a Ray cluster, with the same results as in this process.
 
-A task is one of the package's own functions, and what it returns follows from its arguments alone. So a task that is lost with
-its worker or its machine is started again elsewhere, and taken here when no worker is left.
+A task is a function of the package whose result depends only on its arguments. A task that is lost with its worker or machine is
+restarted elsewhere, and run in this process if no worker is left.
 """
 
 import contextlib
@@ -23,54 +23,54 @@ T = TypeVar("T")
 LOCAL: Final = "local"
 """Address that starts Ray on this machine alone."""
 _ATTEMPTS: Final = 4
-"""Times that a task is started before it counts as one that takes its workers down."""
+"""Attempts before a task counts as one that crashes its workers."""
 _PATIENCE: Final = 5.0
-"""Seconds after which a cluster from which nothing came is asked whether it has workers left."""
+"""Seconds without a result after which the workers of a cluster are counted."""
 _SHARED_VALUES: Final = 2
-"""Shared values that a worker keeps."""
+"""Capacity of the cache of shared values in a worker."""
 
 
 class ClusterError(ShuttleError):
-    """A cluster that cannot be used, or that loses a task again and again."""
+    """A cluster that cannot be used, or that loses a task repeatedly."""
 
 
 class LostError(Exception):
-    """The worker of a task died, or the machine that held its result."""
+    """The worker of a task, or the machine with its result, died."""
 
 
 class Backend(Protocol):
-    """Machinery that runs the tasks of a :class:`Cluster`."""
+    """Executor of the tasks of a :class:`Cluster`."""
 
     def slots(self) -> int:
-        """Tasks that run side by side; 0 where no worker is left."""
+        """Number of parallel tasks; 0 if no worker is left."""
 
     def put(self, value: Any) -> Any:
-        """Send a value to wherever it will be needed, once; returns a reference to it."""
+        """Store a value for many tasks; returns a reference to it."""
 
     def start(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-        """Start a task; arguments may be references. Returns a handle that can be hashed."""
+        """Start a task; arguments may be references. Returns a hashable handle."""
 
     def wait(self, started: Sequence[Any], seconds: float) -> Sequence[Any]:
-        """Those of some handles whose tasks are over or lost; waits for the first one, but no longer than this."""
+        """Handles whose tasks have ended or are lost; waits for the first one, or until the timeout [s]."""
 
     def get(self, started: Any) -> Any:
         """Result of a task, or its error.
 
         Raises:
-            LostError: there is no result, because a worker or a machine died.
+            LostError: the result was lost with a worker or a machine.
         """
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shared(Generic[T]):
-    """A value that many tasks take as an argument, sent once to every machine."""
+    """An argument of many tasks, sent once to every machine."""
 
     value: T
     reference: Any
 
 
 class Task(Generic[T]):
-    """A task that was given to a cluster."""
+    """A task of a cluster."""
 
     def __init__(self, cluster: "Cluster", function: Callable[..., T], arguments: Sequence[Any]) -> None:
         self._cluster, self.function, self.arguments = cluster, function, arguments
@@ -78,31 +78,31 @@ class Task(Generic[T]):
         self._outcome: Callable[[], T] | None = None
 
     def result(self) -> T:
-        """Result of the function; waits for it.
+        """Wait for the result of the function.
 
         Raises:
-            ClusterError: the task was lost again and again.
-            Exception: that of the function.
+            ClusterError: the task was lost repeatedly.
+            Exception: raised by the function.
         """
         while self._outcome is None:
             self._cluster.advance()
         return self._outcome()
 
     def end(self, outcome: Callable[[], T]) -> None:
-        """Keep the result, or the error, of the attempt that counts."""
+        """Store the result, or the error, of the last attempt."""
         self._outcome = outcome
 
-    def take_here(self) -> None:
+    def run_here(self) -> None:
         """Call the function in this process."""
         value = self.function(*(each.value if isinstance(each, Shared) else each for each in self.arguments))
         self.end(lambda: value)
 
 
 class Cluster:
-    """Runs tasks, and runs those again that are lost.
+    """Runs tasks, and restarts lost ones.
 
     Args:
-        backend: what runs them.
+        backend: executor of the tasks.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -111,7 +111,7 @@ class Cluster:
 
     @property
     def slots(self) -> int:
-        """Tasks that run side by side now; at least 1."""
+        """Current number of parallel tasks; at least 1."""
         return max(1, self._backend.slots())
 
     def share(self, value: T) -> Shared[T]:
@@ -122,7 +122,7 @@ class Cluster:
         """Start a task.
 
         Args:
-            function: one of a module of the package; what it returns follows from its arguments.
+            function: a function of the package whose result depends only on its arguments.
             arguments: of the function; a :class:`Shared` one stands for its value.
         """
         task = Task(self, function, arguments)
@@ -135,7 +135,7 @@ class Cluster:
         self._open[self._backend.start(task.function, arguments)] = task
 
     def advance(self) -> None:
-        """Wait for tasks that are over, and start those again that are lost; take one here where no worker is left."""
+        """Collect finished tasks and restart lost ones; run one in this process if no worker is left."""
         # Results are fetched as soon as they are there: a machine that dies later takes none of them with it.
         over = self._backend.wait(list(self._open), _PATIENCE)
         for started in over:
@@ -144,12 +144,12 @@ class Cluster:
                 value = self._backend.get(started)
             except LostError as error:
                 self._start_again(task, error)
-            except Exception as error:  # whatever the function raised is raised where its result is asked for
+            except Exception as error:  # raised again by `Task.result`
                 task.end(functools.partial(_raise, error))
             else:
                 task.end(functools.partial(_same, value))
         if not over and not self._backend.slots():
-            self._open.pop(next(iter(self._open))).take_here()
+            self._open.pop(next(iter(self._open))).run_here()
 
     def _start_again(self, task: Task[Any], error: LostError) -> None:
         if task.attempts < _ATTEMPTS:
@@ -172,23 +172,23 @@ def _raise(error: Exception) -> Any:
 
 @contextlib.contextmanager
 def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
-    """Connect to a Ray cluster, and leave it at the end.
+    """Connect to a Ray cluster, and disconnect at the end.
 
     Args:
         address: ``local`` starts Ray on this machine, ``auto`` finds the cluster that this machine belongs to; else HOST:PORT of
             its head, or ``ray://HOST:PORT``.
-        packages: distributions whose versions decide results; a worker with other ones refuses its tasks.
+        packages: distributions whose versions affect results; workers with other versions reject tasks.
 
     Raises:
         ClusterError: Ray is not installed, or there is no cluster.
     """
-    # Nothing is reported to Ray's makers unless the user wants it.
+    # Telemetry of Ray is off unless the user turns it on.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
-        import ray  # noqa: PLC0415  of an extra, and slow to import
+        import ray  # noqa: PLC0415  an extra
     except ModuleNotFoundError as error:
         raise ClusterError(f"--ray {address}: Ray is not installed; {install_hint('ray')}") from error
-    joined = not ray.is_initialized()  # else the calling program has joined one, and stays in it
+    joined = not ray.is_initialized()  # else the calling program is connected already
     if joined:
         own: dict[str, Any] = {"include_dashboard": False} if address == LOCAL else {}
         try:
@@ -211,7 +211,7 @@ class _Ray:
 
     def __init__(self, ray: Any, versions: Mapping[str, str]) -> None:
         self._ray, self._versions = ray, versions
-        # Tasks that are lost are started again by the cluster above.
+        # :class:`Cluster` restarts lost tasks.
         self._call = ray.remote(num_cpus=1, max_retries=0, scheduling_strategy="SPREAD")(_call)
 
     def slots(self) -> int:
@@ -238,14 +238,14 @@ class _Ray:
 
 @dataclasses.dataclass(frozen=True)
 class _Reference:
-    """A value in Ray's store, fetched by the worker that needs it and kept there for its next task."""
+    """A value in the object store of Ray, cached by each worker."""
 
     reference: Any
 
 
 @functools.lru_cache(maxsize=_SHARED_VALUES)
 def _fetched(shared: _Reference) -> Any:
-    import ray  # noqa: PLC0415  of an extra
+    import ray  # noqa: PLC0415  an extra
 
     return ray.get(shared.reference)
 
@@ -256,7 +256,7 @@ def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapp
     different = [f"{name} {version} there, {here[name]} here" for name, version in versions.items() if here[name] != version]
     if different:
         raise ClusterError(
-            f"machine {platform.node()} of the cluster has other versions than the one that asks ({'; '.join(different)}); "
+            f"machine {platform.node()} of the cluster has other versions than this one ({'; '.join(different)}); "
             "install the same ones on all"
         )
     return function(*(_fetched(each) if isinstance(each, _Reference) else each for each in arguments))
@@ -267,7 +267,7 @@ _OWN: Final = ("python", "shuttle_marl")
 
 @functools.cache
 def _versions(packages: tuple[str, ...]) -> dict[str, str]:
-    """Versions of Python, of this package and of some distributions; empty for one that is not installed."""
+    """Versions of Python, of this package and of distributions; empty if not installed."""
     found = {"python": platform.python_version(), "shuttle_marl": shuttle_marl.__version__}
     for name in packages:
         try:

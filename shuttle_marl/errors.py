@@ -1,15 +1,15 @@
-"""Base class of everything that users can fix, errors and checks that several packages share, and the words they are told in."""
+"""Base class of errors that users can fix, and errors, checks and text functions that several packages share."""
 
 import operator
 from typing import Any
 
 
 class ShuttleError(Exception):
-    """An error whose message says what is wrong and what to do; command lines print it without a traceback."""
+    """An error whose message states the problem and the remedy; command lines print it without a traceback."""
 
 
 class OptionError(ShuttleError):
-    """An option of an environment that it cannot take."""
+    """An invalid option of an environment."""
 
 
 class ActionError(ShuttleError):
@@ -17,10 +17,10 @@ class ActionError(ShuttleError):
 
 
 def whole_number(name: str, value: Any, least: int | None = None) -> int:
-    """An option that is a whole number.
+    """Check an integer option.
 
     Raises:
-        OptionError: it is not, or it is below ``least``; a fraction is never cut off.
+        OptionError: it is not an integer (fractions are not truncated), or is below ``least``.
     """
     try:
         number = operator.index(value)
@@ -33,7 +33,7 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
 
 
 def described(error: BaseException) -> str:
-    """The type and the message of an error that code of others raised; never fails itself."""
+    """Type and message of an error from foreign code; never raises."""
     try:
         message = str(error)
     except Exception:
@@ -42,14 +42,14 @@ def described(error: BaseException) -> str:
 
 
 def printable(text: str, *, keep: str = "") -> str:
-    r"""Replace every character that a terminal does not print by its escape, such as ``\x1b`` or ``\u202e``.
+    r"""Replace every unprintable character by its escape, such as ``\x1b`` or ``\u202e``.
 
-    Names in files come from others: control characters in them move the cursor, change colours and titles, or reverse the
-    order of the line; halves of a surrogate pair (undecodable bytes of a path) cannot be written at all.
+    Names in files are untrusted: control characters move the cursor, change colours and titles, or reverse the order of a line;
+    lone surrogates (undecodable bytes of a path) cannot be written at all.
 
     Args:
         text: any text.
-        keep: characters that stay although they are not printable, such as a newline.
+        keep: unprintable characters that are not replaced, such as a newline.
     """
     if text.isprintable():
         return text

@@ -1,4 +1,4 @@
-"""Advice on installing what an extra brings: in a clone of the repository, or for an installed package."""
+"""Installation hints for extras, in a clone of the repository or for an installed package."""
 
 import importlib.metadata
 import shlex
@@ -11,7 +11,7 @@ _APART: Final = ("ray",)
 
 
 def install_hint(extra: str) -> str:
-    """Say how to install an extra: by the clone that the package runs from, else by the names of its libraries.
+    """How to install an extra: from the clone that the package runs from, else by the names of its libraries.
 
     Args:
         extra: such as ``train``.
@@ -20,7 +20,7 @@ def install_hint(extra: str) -> str:
     if (clone / "pyproject.toml").is_file():
         command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
         return f"{command} installs it" if extra in _APART else f"`make install` in {clone} installs it, or {command}"
-    # No index has the package, so that "pip install 'shuttle-marl[…]'" would fail: its libraries are named instead.
+    # The package is on no index, so "pip install 'shuttle-marl[…]'" would fail.
     libraries = _libraries(extra)
     if not libraries:
         return f"install the package again with its extra {extra}"
@@ -28,7 +28,7 @@ def install_hint(extra: str) -> str:
 
 
 def _libraries(extra: str) -> list[str]:
-    """Requirements of an extra of the installed package; none if it has no metadata."""
+    """Requirements of an extra of the installed package; empty without metadata."""
     try:
         required = importlib.metadata.requires(_PACKAGE) or []
     except importlib.metadata.PackageNotFoundError:

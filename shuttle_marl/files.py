@@ -1,4 +1,4 @@
-"""Files that are complete or not there: written to a temporary file, then moved into place; and files that are safe to open."""
+"""Atomic writes through temporary files, checksums of JSON files, and safe opening of regular files."""
 
 import contextlib
 import errno
@@ -14,21 +14,21 @@ from typing import Any, BinaryIO, Final
 from shuttle_marl.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
-"""Errors of the system that say that something does not fit."""
+"""Error codes of the system for lack of space."""
 _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 _SEAL: Final = "checksum"
 """Entry of a sealed JSON object."""
 
 
 class FileWriteError(ShuttleError):
-    """A file could not be written; whatever stood there before still does."""
+    """A file could not be written; an existing file is unchanged."""
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write ``content`` to ``path`` atomically, creating its folder. The umask decides who may read it.
+    """Write ``content`` to ``path`` atomically, with permissions by the umask; creates the folder.
 
     Raises:
-        FileWriteError: no space, no permission, an impossible name, or the like; an older file at ``path`` is left as it was.
+        FileWriteError: the file cannot be written; an existing file at ``path`` is unchanged.
     """
     with replacing(path) as file:
         file.write(content)
@@ -36,12 +36,12 @@ def replace_file(path: Path, content: bytes) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write and read that becomes ``path`` at the end, or is deleted after an error; creates the folder.
+    """Open a temporary file that becomes ``path`` at the end, or is deleted after an error; creates the folder.
 
     Raises:
         FileWriteError: as :func:`replace_file`. Other errors than an OSError of the block pass through.
     """
-    # Not the whole name: with it, the longest names that a file system takes would become too long.
+    # A part of the name, because the temporary name must not exceed the limit of the file system.
     temporary = path.parent / f".{path.name[:32]}.{secrets.token_hex(6)}.part"
     with _unwritable(path, OSError, ValueError):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
-    """Say which file cannot be written. A ValueError is raised for names that no file can have."""
+    """Turn errors into :class:`FileWriteError`; a ValueError stands for an invalid name."""
     try:
         yield
     except errors as error:
@@ -69,10 +69,10 @@ def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file to read its bytes; never waits for a writer at the other end of a FIFO.
+    """Open a regular file for reading; never blocks on a FIFO.
 
     Raises:
-        OSError: it cannot be opened, or is a folder, a FIFO, a socket or a device.
+        OSError: it cannot be opened, or is not a regular file.
     """
     handle = os.open(path, os.O_RDONLY | _BINARY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -82,24 +82,24 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def problem(error: BaseException) -> str:
-    """Reason why a file cannot be used, without its name: the words of the operating system, where it has some."""
+    """Reason of an error without the file name: the message of the operating system, if there is one."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 class FileReadError(ShuttleError):
-    """A file cannot be read, or is not what was written."""
+    """A file cannot be read, or was changed."""
 
 
 def seal(fields: dict[str, Any]) -> bytes:
-    """A JSON object that carries the SHA-256 of the rest of itself, so that :func:`read_sealed` notices any change."""
+    """A JSON object with the SHA-256 of its other entries, which :func:`read_sealed` verifies."""
     return (json.dumps({**fields, _SEAL: _digest(fields)}, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
 
 
 def read_sealed(path: Path) -> dict[str, Any]:
-    """Read the content of a file that :func:`seal` made.
+    """Read a file with the content of :func:`seal`.
 
     Raises:
-        FileReadError: it is missing, no JSON object, or was changed after it was written; the message is the reason alone.
+        FileReadError: it is missing, not a JSON object, or was changed; the message is only the reason.
     """
     try:
         with open_file(path) as file:

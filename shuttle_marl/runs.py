@@ -1,4 +1,4 @@
-"""Run folders: made, found again, held by one process, and described so that anyone can make the same run again."""
+"""Run folders: created, resumed, locked by one process, and described so that runs can be reproduced."""
 
 import contextlib
 import importlib.metadata
@@ -19,9 +19,9 @@ from shuttle_marl.files import replace_file
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
 LOCK: Final = ".lock"
-"""A file that is locked while a process runs in the folder. It is never replaced or removed, so all lock the same one."""
-_BROKEN_OFF: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
-"""Name of what a start leaves that was killed before the configuration was in its place."""
+"""Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
+_LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
+"""File that remains if a process is killed before it wrote the configuration."""
 
 
 class RunError(ShuttleError):
@@ -32,21 +32,19 @@ class RunError(ShuttleError):
 def open_run(
     out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
 ) -> Iterator[Path]:
-    """Hold the folder to run in: made for a new run, found for a resumed one.
-
-    No other process can open the folder from before anything in it is changed until the context ends.
+    """Create or resume a run folder, and lock it until the context ends.
 
     Args:
-        out: the folder that was asked for; None: ``runs/NAME``, for a new run with a number behind it if that exists.
+        out: the requested folder; None: ``runs/NAME``, for a new run with a number appended if that exists.
         name: of the run.
-        fixed: what decides the results, written to ``config.json``; a resumed run must agree.
+        fixed: options that affect the results, written to ``config.json``; those of a resumed run must be equal.
         resume: continue the unfinished run in ``out``, or else the latest one of that name.
         overwrite: replace the run in ``out``.
-        called: the run in words, for errors; default ``named NAME``.
+        called: description of the run in errors; default: ``named NAME``.
 
     Raises:
-        RunError: a run is in the folder and was not to be resumed or replaced; or the run to resume is not there or was
-            started with other flags; or another process runs there; or the folder cannot be made or written.
+        RunError: the folder holds a run that was to be neither resumed nor replaced; or the run to resume does not exist or was
+            started with other flags; or another process uses the folder; or the folder cannot be created or written.
     """
     _check_name(out)
     default = Path("runs") / name
@@ -62,7 +60,7 @@ def open_run(
 
 
 def _check_name(out: Path | None) -> None:
-    """Refuse a folder that the system cannot name, or that cannot be written about in a file."""
+    """Check that the name of a folder is valid, and that files can mention it."""
     try:
         if out is not None:
             str(out).encode()
@@ -78,12 +76,12 @@ def _check_name(out: Path | None) -> None:
 
 @contextlib.contextmanager
 def _new(default: Path) -> Iterator[Path]:
-    """Make and hold the first folder of a name that is not there."""
+    """Create and lock the first folder of a name that does not exist."""
     folder, number = default, 1
     with contextlib.ExitStack() as stack:
         while True:
             if _make(folder, exist_ok=False):
-                # Another process may have been told to run in the folder as soon as it was there.
+                # Another process may use the folder as soon as it exists.
                 with contextlib.suppress(RunError):
                     stack.enter_context(locked(folder))
                     if not _entries(folder):
@@ -95,12 +93,12 @@ def _new(default: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _empty(out: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Hold a folder that was named, without anything in it."""
+    """Lock and empty a folder that the user named."""
     _check_free(out, overwrite=overwrite)  # before anything is written
     _make(out, exist_ok=True)
     with locked(out):
-        _check_free(out, overwrite=overwrite)  # by a process that was faster
-        # The configuration goes last: without it the rest could not be replaced after a kill.
+        _check_free(out, overwrite=overwrite)  # another process may have been faster
+        # The configuration is removed last: without it, --overwrite would refuse the rest after a kill.
         for path in sorted(_entries(out), key=lambda path: path.name == CONFIG):
             try:
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
@@ -112,7 +110,7 @@ def _empty(out: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 def _make(folder: Path, *, exist_ok: bool) -> bool:
-    """Make a folder; returns False if it is there already and must not be."""
+    """Create a folder; returns False if it must not exist but does."""
     try:
         folder.mkdir(parents=True, exist_ok=exist_ok)
     except OSError as error:
@@ -123,7 +121,7 @@ def _make(folder: Path, *, exist_ok: bool) -> bool:
 
 
 def _check_free(out: Path, *, overwrite: bool) -> None:
-    if not out.exists() or (out.is_dir() and all(_BROKEN_OFF.fullmatch(path.name) for path in _entries(out))):
+    if not out.exists() or (out.is_dir() and all(_LEFTOVER.fullmatch(path.name) for path in _entries(out))):
         return
     if not (out / CONFIG).is_file():
         raise RunError(f"{out}: holds something that is no run; name another folder with --out")
@@ -141,7 +139,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _to_resume(out: Path | None, default: Path, called: str) -> Path:
-    """The folder that was named, or the latest unfinished run of a name."""
+    """The folder that the user named, or the latest unfinished run of a name."""
     if out is not None:
         folders = [out]
     else:
@@ -163,7 +161,7 @@ def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a run came to its end."""
+    """Whether a run is finished."""
     with contextlib.suppress(RunError):
         return read_json(folder / MANIFEST).get("status") == "finished"
     return False
@@ -171,10 +169,10 @@ def is_finished(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder, so that no second process runs in it; the lock ends with the process, however that ends.
+    """Lock a folder against other processes; the lock ends with the process.
 
     Raises:
-        RunError: another process holds it, or it cannot be written.
+        RunError: another process has locked it, or it cannot be written.
     """
     from filelock import FileLock, Timeout  # noqa: PLC0415  asyncio; not for a help page
 
@@ -210,13 +208,13 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, fields: dict[str, Any]) -> None:
-    """Write a JSON object, whole or not at all."""
-    # A command's arguments may hold bytes that are no text; escaped, they are JSON still.
+    """Write a JSON object atomically."""
+    # Arguments of a command may hold undecodable bytes, which are escaped.
     replace_file(path, (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:
-    """Origin of a run: command, version, commit, machine, and the versions of the packages that decide its results."""
+    """Origin of a run: command, version, commit, machine, and the versions of packages that affect its results."""
     return {
         "command": ["python", *sys.orig_argv[1:]],
         "shuttle_marl": shuttle_marl.__version__,
@@ -228,10 +226,10 @@ def describe(packages: Sequence[str]) -> dict[str, Any]:
 
 
 def _git() -> dict[str, Any] | None:
-    """Commit of the checkout that this package is part of, and whether files of it were changed; None outside of one."""
+    """Commit of the checkout of this package, and whether files of it were changed; None outside of a checkout."""
     here = Path(shuttle_marl.__file__).parent
     try:
-        # An installed package may lie inside another project's checkout without being a part of it.
+        # An installed package may be inside the checkout of another project.
         _run_git(here, "ls-files", "--error-unmatch", "__init__.py")
         commit = _run_git(here, "rev-parse", "HEAD")
         return {"commit": commit, "changed": bool(_run_git(here, "status", "--porcelain", "--untracked-files=no", "."))}

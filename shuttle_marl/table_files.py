@@ -1,8 +1,7 @@
-"""Tables as Parquet files that notice when a bit of them was changed, and as CSV that spreadsheets do not execute.
+"""Tables as Parquet files with a checksum, and as CSV files that spreadsheets do not execute.
 
-The pages of a Parquet file carry checksums if one asks for them; its footer and the heads of the pages never do. So a *seal*
-stands between the last page and the footer, where readers of Parquet do not look: a mark and the SHA-256 of everything else
-in the file. Any reader reads a sealed file; :func:`open_parquet` verifies it as well.
+Parquet supports checksums of page data, but not of page headers and the footer. A *seal*, a mark and the SHA-256 of the rest of
+the file, is stored between the last page and the footer, which readers of Parquet ignore. :func:`open_parquet` verifies it.
 """
 
 import hashlib
@@ -18,7 +17,7 @@ import pyarrow.parquet as pq
 from shuttle_marl.files import open_file, replace_file
 
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
-"""Options of every Parquet file that is written here."""
+"""Options of all Parquet files."""
 _MARK: Final = b"shuttle_marl.sha256="
 _SEAL: Final = len(_MARK) + 32
 _END: Final = 8
@@ -28,11 +27,11 @@ _FORMULA: Final = r"\A([=+\-@\t\r])"
 
 
 def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
-    """A table as a sealed Parquet file. The same arguments give the same bytes.
+    """A table as a sealed Parquet file; the same arguments give the same bytes.
 
     Args:
         table: the table.
-        **options: of ``pyarrow.parquet.write_table``, besides :data:`PARQUET`.
+        **options: of ``pyarrow.parquet.write_table``, in addition to :data:`PARQUET`.
     """
     buffer = pa.BufferOutputStream()
     pq.write_table(table, buffer, **{**PARQUET, **options})
@@ -42,7 +41,7 @@ def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
 
 
 def write_parquet(path: Path, table: pa.Table, **options: Any) -> None:
-    """Write a table as a sealed Parquet file, whole or not at all.
+    """Write a table as a sealed Parquet file, atomically.
 
     Raises:
         FileWriteError: the file cannot be written.
@@ -51,10 +50,10 @@ def write_parquet(path: Path, table: pa.Table, **options: Any) -> None:
 
 
 def seal_parquet(file: BinaryIO) -> None:
-    """Seal a finished Parquet file.
+    """Add the seal to a complete Parquet file.
 
     Args:
-        file: open for reading and writing, with no seal yet.
+        file: open for reading and writing, without a seal.
     """
     start, size = _footer(file)
     file.seek(start)
@@ -65,11 +64,11 @@ def seal_parquet(file: BinaryIO) -> None:
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
-    """Open a Parquet file whose bytes are what was written: its seal, if it has one, fits. Reading verifies its pages.
+    """Open a Parquet file and verify its seal, if it has one; reading verifies the pages.
 
     Raises:
-        OSError: the file cannot be opened, is no regular file, or (when it is read) a page is damaged.
-        pa.ArrowException: it is no Parquet file, or a damaged one.
+        OSError: the file cannot be opened, is not a regular file, or (on reading) a page is damaged.
+        pa.ArrowException: it is not a Parquet file, or is damaged.
     """
     with open_file(path) as file:
         start, size = _footer(file)
@@ -81,18 +80,18 @@ def open_parquet(path: Path) -> pq.ParquetFile:
 
 
 def read_parquet(path: Path) -> pa.Table:
-    """The table of a Parquet file, verified as :func:`open_parquet` does.
+    """Read the table of a Parquet file, verified as by :func:`open_parquet`.
 
     Raises:
-        OSError: the file cannot be opened, is no regular file, or a page is damaged.
-        pa.ArrowException: it is no Parquet file, or a damaged one.
+        OSError: the file cannot be opened, is not a regular file, or a page is damaged.
+        pa.ArrowException: it is not a Parquet file, or is damaged.
     """
     with open_parquet(path) as file:
         return file.read()
 
 
 def csv_bytes(table: pa.Table) -> bytes:
-    """A table as CSV, see :func:`without_formulas`."""
+    """A table as CSV without formulas, see :func:`without_formulas`."""
     buffer = pa.BufferOutputStream()
     pyarrow.csv.write_csv(without_formulas(table), buffer)
     content: bytes = buffer.getvalue().to_pybytes()
@@ -100,9 +99,9 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
-    """The table, with dictionaries as text and an apostrophe before texts that a spreadsheet would take for a formula.
+    """The table with dictionaries decoded, and an apostrophe before text that a spreadsheet would interpret as a formula.
 
-    These begin with ``=``, ``+``, ``-``, ``@``, a tabulator or a carriage return.
+    Formulas start with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
     """
     for at, field in enumerate(table.schema):
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
@@ -113,10 +112,10 @@ def without_formulas(table: pa.Table) -> pa.Table:
 
 
 def _footer(file: BinaryIO) -> tuple[int, int]:
-    """Start of the footer of a Parquet file, and the size of the file [bytes].
+    """Offset of the footer of a Parquet file, and the size of the file [bytes].
 
     Raises:
-        pa.ArrowInvalid: it is no Parquet file.
+        pa.ArrowInvalid: it is not a Parquet file.
     """
     size = file.seek(0, io.SEEK_END)
     if size >= _END + 4:
@@ -129,7 +128,7 @@ def _footer(file: BinaryIO) -> tuple[int, int]:
 
 
 def _digest(file: BinaryIO, *ranges: tuple[int, int]) -> bytes:
-    """SHA-256 of some ranges of bytes of a file."""
+    """SHA-256 of byte ranges of a file."""
     digest = hashlib.sha256()
     for begin, end in ranges:
         file.seek(begin)

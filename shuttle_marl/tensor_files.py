@@ -1,4 +1,4 @@
-"""Arrays in safetensors files: read whole from regular files alone, and verified where it is known what was written."""
+"""Arrays in safetensors files, read from regular files and verified against a known hash."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ class Tensors(NamedTuple):
     """Content of a safetensors file."""
 
     metadata: dict[str, str]
-    """Texts by name."""
+    """Text by name."""
     arrays: dict[str, npt.NDArray[Any]]
     """Arrays by name."""
 
@@ -27,11 +27,11 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
 
     Args:
         path: the file.
-        sha256: hash of its bytes, hexadecimal; None: it is not known.
+        sha256: hexadecimal hash of its bytes; None: unknown.
 
     Raises:
-        OSError: the file cannot be opened, or is no regular file.
-        ValueError: it is no safetensors file, its arrays have a type that numpy does not know, or it does not fit the hash.
+        OSError: the file cannot be opened, or is not a regular file.
+        ValueError: it is not a safetensors file, has arrays of a type unknown to numpy, or does not match the hash.
     """
     with open_file(path) as file:
         content = file.read()
@@ -41,16 +41,16 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
         arrays = load(content)
     except (SafetensorError, KeyError) as error:
         raise ValueError(f"no safetensors file: {error}") from error
-    # `load` leaves the metadata out. It has checked the header, whose length stands in the first eight bytes.
+    # `load` omits the metadata. It has validated the header, whose length is in the first eight bytes.
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
     return Tensors(header.get("__metadata__", {}), arrays)
 
 
 def parsed(text: str) -> Any:
-    """A value from JSON text, such as the metadata of a file holds it.
+    """Parse JSON text, such as metadata of a file.
 
     Raises:
-        ValueError: the text is no JSON, or is nested too deeply.
+        ValueError: the text is not JSON, or is nested too deeply.
     """
     try:
         return json.loads(text)
@@ -59,10 +59,10 @@ def parsed(text: str) -> Any:
 
 
 def checked(array: npt.NDArray[Any], dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """The array, if it has a dtype and a shape and only finite numbers.
+    """Check the dtype and shape of an array, and that its numbers are finite; returns the array.
 
     Raises:
-        ValueError: it has not.
+        ValueError: a check failed.
     """
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{array.dtype} numbers of shape {array.shape}, expected {np.dtype(dtype)} and {shape}")

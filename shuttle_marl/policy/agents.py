@@ -1,8 +1,8 @@
-"""Trained agents as folders: the network and a card. Played from the network's table on every state, without PyTorch.
+"""Trained agents as folders with a network and a card, played from a table of the network without PyTorch.
 
-``network.safetensors`` holds the weights, and ``card.json`` says on which game the agent was trained, how, how good it is, and
-the hash of the weights. A table is tens of megabytes, so it is made from the network where an agent is first played, and kept in
-the user's cache folder; :mod:`shuttle_marl.policy.network` makes it the same on every machine.
+``network.safetensors`` holds the weights; ``card.json`` holds the game, the training configuration, the evaluation, and the hash
+of the weights. A table takes tens of megabytes, so it is computed when an agent is first played, and cached in the user's cache
+folder; :mod:`shuttle_marl.policy.network` computes the same table on every machine.
 """
 
 import contextlib
@@ -21,19 +21,19 @@ from shuttle_marl.tensor_files import read_tensors
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
-"""First parts of the names of shipped agents."""
+"""Algorithms of shipped agents, the first part of their names."""
 AGENTS: Final = "agents"
-"""Folder of the agents in the folder of a model."""
+"""Subfolder of a model with its agents."""
 _EVALUATION: Final = "1"
-"""Version of the way from a network to its table; tables of other versions in the cache are not read."""
+"""Version of the tabulation of networks; cached tables of other versions are not used."""
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
-    """Write an agent's folder; the card last, so that a folder with one is whole.
+    """Write the folder of an agent; the card last, so that a folder with a card is complete.
 
     Args:
-        folder: made if it is not there.
-        game: that the agent was trained on.
+        folder: created if it does not exist.
+        game: of the training.
         network: content of ``network.safetensors``.
         card: its fields; the hashes are added.
     """
@@ -44,7 +44,7 @@ def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -
 
 
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
-    """An agent's policy on every state: from the cache, or made from its network and kept there.
+    """The table of an agent, from the cache or computed from its network.
 
     Raises:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
@@ -56,7 +56,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
             f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {game.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
-    hashes, path = card.get("sha256"), folder / NETWORK  # never a name that the card gives
+    hashes, path = card.get("sha256"), folder / NETWORK  # never a file name from the card
     digest = hashes.get(NETWORK) if isinstance(hashes, dict) else None
     if not isinstance(digest, str):
         raise PolicyError(f"{path}: {CARD} does not hold its hash; the agent is damaged")
@@ -74,7 +74,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
 
 
 def read_card(folder: Path) -> dict[str, Any]:
-    """The card of an agent.
+    """Read the card of an agent.
 
     Raises:
         PolicyError: it is missing or damaged.
@@ -92,10 +92,10 @@ def shipped_folder(name: str, model: Path) -> Path:
 
 
 def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
-    """The agent of a name such as ``ppo`` or ``ppo:attacking`` that came with the model of a game.
+    """The shipped agent of a name such as ``ppo`` or ``ppo:attacking`` for a game.
 
     Raises:
-        PolicyError: there is none, or it is damaged.
+        PolicyError: there is no such agent, or it is damaged.
     """
     name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)
@@ -117,13 +117,13 @@ def load_folder(argument: str | None, game: Game) -> Policy:
 
 
 def installed(key: str, game: Game) -> list[str]:
-    """Names of the agents of an algorithm that came with the model of a game and were trained on this game itself."""
+    """Names of the shipped agents of an algorithm that were trained on a game."""
     model = folder_of(game)
     return [] if model is None else [name for name in _in_folder(key, model) if _trained_on(shipped_folder(name, model), game)]
 
 
 def about(name: str) -> str:
-    """Meaning of the name of a shipped agent, in one line."""
+    """Description of a shipped agent, in one line."""
     key, _, style = name.partition(":")
     return f"agent trained with {key.upper()}" + (f", {style.replace('-', ' ')}" if style else "")
 

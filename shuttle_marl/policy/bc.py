@@ -1,8 +1,7 @@
-"""Behaviour-cloned players: the average player, and single players as a tilt of it. Runs without torch.
+"""Behaviour-cloned players: the average player, and individual players as shifts of its logits. Runs without torch.
 
-The model says for every state how likely the average player chooses each shot type and technique, and aims at each area;
-a player's own model adds shifts to these logits, shrunk towards none (:mod:`shuttle_marl.dynamics.players`). As a policy
-it is restricted to the legal strokes.
+The model predicts the shot type, technique and target area of the average player in every state; the model of a player adds
+shrunken shifts to these logits (:mod:`shuttle_marl.dynamics.players`). As policies, both are restricted to the legal strokes.
 """
 
 import dataclasses
@@ -27,8 +26,8 @@ class BehaviourClones:
     """The behaviour-cloned players of one game.
 
     Attributes:
-        log_choice: ``[base pairs]`` log-probability of each base pair for the average player, before dividing by the legal total.
-        profiles: the same for the average player of a discipline, by its name (:data:`~shuttle_marl.game.shipped.PROFILES`).
+        log_choice: ``[base pairs]`` unnormalised log-probability of each base pair for the average player.
+        profiles: the same for the average player of each discipline, by name (:data:`~shuttle_marl.game.shipped.PROFILES`).
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
@@ -41,13 +40,12 @@ class BehaviourClones:
     area: F64
 
     def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> F64:
-        """``[base pairs]`` probability of each base pair in its state; players do not look at the efforts.
+        """``[base pairs]`` probability of each base pair in its state, which does not depend on the efforts.
 
         Args:
             game: the game.
             player: identifier; None: the average player.
-            profile: the discipline whose average player it is, or whom the player is a tilt of; those without an average
-                player of their own, and None, mean the average of both.
+            profile: discipline of the average player; None, or a discipline without one: the average of both.
         """
         logit = self.profiles.get(profile or "", self.log_choice).astype(np.float64)
         if player is not None:
@@ -73,7 +71,7 @@ def clones(folder: Path) -> BehaviourClones:
         header, arrays = read_model(folder, BC)
         players = parsed(header["players"])
         if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
-            raise ValueError("the players are no list of names")
+            raise ValueError("the players are not a list of names")
         m = len(players)
         pairs = arrays["log_choice"].shape[:1]
         of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
@@ -91,22 +89,22 @@ def clones(folder: Path) -> BehaviourClones:
 
 
 def known_for(game: Game) -> bool:
-    """Whether a game comes from a model with behaviour-cloned players."""
+    """Whether the model of a game has behaviour-cloned players."""
     folder = folder_of(game)
     return folder is not None and (folder / BC).is_file()
 
 
 def players(game: Game) -> list[str]:
-    """Identifiers of the players of a game's model that have a model of their own, most strokes first; none for other games."""
+    """Identifiers of the individual players of the model of a game, most strokes first; empty for other games."""
     folder = folder_of(game)
     return [] if folder is None else list(clones(folder).players)
 
 
 def probabilities(player: str | None, game: Game) -> F64:
-    """``[base pairs]`` probability of each legal pair, never 0, for the average player (None) or one by identifier.
+    """``[base pairs]`` positive probability of each legal pair, for the average player (None) or an individual.
 
     Raises:
-        PolicyError: no such player, or the game is of no known model.
+        PolicyError: there is no such player, or the game was not loaded from a model.
     """
     origin = origin_of(game)
     if origin is None:
@@ -121,7 +119,7 @@ def probabilities(player: str | None, game: Game) -> F64:
 
 @functools.lru_cache(maxsize=8)
 def load(player: str | None, game: Game) -> TabulatedPolicy:
-    """The average player (None), or one by identifier, as a table.
+    """The average player (None) or an individual as a table.
 
     Raises:
         PolicyError: as :func:`probabilities`.

@@ -1,9 +1,9 @@
-"""Policies of users: loaded from their modules as ``module:attribute``, which runs their code, and called under a time limit.
+"""User policies: loaded as ``module:attribute``, which runs their code, and called under a time limit.
 
-Within :func:`time_limit`, a policy without a table is called in a thread of its own and given up when the time is over. That
-thread cannot be ended safely: it is asked to stop, which ends loops of Python code, and otherwise left behind, and the
-program does not wait for it when it ends. Not covered is what holds or kills the whole interpreter: compiled code that never
-releases the interpreter's lock, ``os._exit``, a crash. Loading a policy (its import and its constructor) has no limit.
+Within :func:`time_limit`, a policy without a table is called in a daemon thread and abandoned after a timeout. A thread cannot be
+killed safely: an exception is raised in it, which stops Python loops but not compiled code. The limit does not cover code that
+holds or ends the whole interpreter (compiled code that never releases the lock, ``os._exit``, a crash), nor loading the policy
+(its import and its constructor).
 """
 
 import contextlib
@@ -38,17 +38,17 @@ class ModuleMissingError(PolicyError):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FunctionPolicy:
-    """A plain function from states to probabilities as a policy; its attribute ``reads_score`` counts."""
+    """A function from states to probabilities as a policy; an attribute ``reads_score`` of the function is used."""
 
     function: Callable[[States], Floats]
 
     @property
     def reads_score(self) -> bool:
-        """Whether the function says that it reads the score."""
+        """Whether the function reads the score."""
         return bool(getattr(self.function, "reads_score", False))
 
     def probabilities(self, states: States) -> Floats:
-        """Probabilities that the function returns, ``[B, n]``."""
+        """``[B, n]`` probabilities of the function."""
         return self.function(states)
 
 
@@ -56,12 +56,12 @@ def from_module(name: str, game: Game) -> Policy:
     """Import a policy.
 
     Args:
-        name: ``module:attribute``; the attribute is a policy, a class of policies that takes nothing or the game, or a function
-            from :class:`States` to ``[B, n]`` probabilities. The module may lie in the current folder.
-        game: the tables that the policy will play on.
+        name: ``module:attribute``; the attribute is a policy, a class whose constructor takes nothing or the game, or a
+            function from :class:`States` to ``[B, n]`` probabilities. The module may be in the current folder.
+        game: the tables.
 
     Raises:
-        PolicyError: the module or the attribute is not there, or raises, or is no policy.
+        PolicyError: the module or the attribute does not exist, raises, or is not a policy.
     """
     module_name, _, attribute = name.partition(":")
     module = _import(name, module_name)
@@ -90,8 +90,7 @@ def from_module(name: str, game: Game) -> Policy:
 def _import(name: str, module_name: str) -> ModuleType:
     here = str(Path.cwd())
     if here not in sys.path:
-        # Behind everything else, so that a file of the user's hides no installed module; it stays, because the policy
-        # may import its neighbours later.
+        # Last, so that files of the user hide no installed module; permanent, because the policy may import more later.
         sys.path.append(here)
     try:
         return importlib.import_module(module_name)
@@ -119,7 +118,7 @@ def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
 
 
 POLICY_TIMEOUT: Final = 10.0
-"""Default of the command lines [seconds]."""
+"""Default time limit of the command lines [s]."""
 
 _seconds: Final = contextvars.ContextVar("seconds", default=0.0)
 _T = TypeVar("_T")
@@ -129,10 +128,10 @@ _Answer = tuple[Any, BaseException | None]
 
 @contextlib.contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Give every policy that is resolved within this context so much time for each call; also after the context ended.
+    """Limit the time of each call of policies that are resolved within this context, even after it ended.
 
     Args:
-        seconds: 0 for no limit.
+        seconds: time limit [s]; 0 for no limit.
 
     Raises:
         PolicyError: ``seconds`` is negative or not finite.
@@ -147,8 +146,8 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def limited(policy: Policy) -> Policy:
-    """The policy under the time limit of the context that this is called in; itself without one, or if it is a table or has a
-    limit of its own."""
+    """The policy under the time limit of the current context; unchanged without a limit, for tables, and for policies that limit
+    themselves."""
     seconds = _seconds.get()
     if not seconds or isinstance(policy, TabulatedPolicy) or getattr(policy, "limits_itself", False):
         return policy
@@ -156,16 +155,16 @@ def limited(policy: Policy) -> Policy:
 
 
 def current_limit() -> float:
-    """Seconds of the time limit of the context; 0 without one."""
+    """Time limit of the current context [s]; 0 without one."""
     return _seconds.get()
 
 
 class TimedPolicy:
-    """A policy that is called in a thread of its own, and never again once it did not answer in time.
+    """A policy that is called in a thread, and never again after a timeout.
 
     Args:
-        policy: any.
-        seconds: for each call, above 0.
+        policy: any policy.
+        seconds: time limit of a call, above 0.
     """
 
     def __init__(self, policy: Policy, seconds: float) -> None:
@@ -181,15 +180,15 @@ class TimedPolicy:
         """Whether the policy reads the score.
 
         Raises:
-            TimeoutError: it did not answer in time, now or before.
+            TimeoutError: the policy timed out, now or before.
         """
         return self._call(functools.partial(reads_score, self._policy))
 
     def probabilities(self, states: States) -> Floats:
-        """Probabilities of the policy, ``[B, n]``.
+        """``[B, n]`` probabilities of the policy.
 
         Raises:
-            TimeoutError: it did not answer in time, now or before.
+            TimeoutError: the policy timed out, now or before.
         """
         return self._call(functools.partial(self._policy.probabilities, states))
 
@@ -207,7 +206,7 @@ class TimedPolicy:
             _stop(self._thread)
             raise TimeoutError(f"no answer within {self._limit:g} s; --policy-timeout gives more time") from None
         if isinstance(error, KeyboardInterrupt):
-            # Users interrupt the main thread only; this one must not look like theirs.
+            # Users interrupt the main thread; an interrupt from a policy must not look like theirs.
             raise RuntimeError("KeyboardInterrupt") from error
         if error is not None:
             raise error
@@ -224,6 +223,6 @@ def _work(calls: "queue.SimpleQueue[_Call | None]", answers: "queue.SimpleQueue[
 
 
 def _stop(thread: threading.Thread) -> None:
-    """Raise SystemExit in a thread as soon as it runs Python code."""
+    """Raise SystemExit in a thread when it next runs Python code."""
     if thread.ident is not None:
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))

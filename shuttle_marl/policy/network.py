@@ -26,9 +26,9 @@ from shuttle_marl.tensor_files import checked
 
 _WEIGHT_BITS: Final = 22
 _EXACT_BITS: Final = 53
-"""Whole numbers of so many bits are exact in float64."""
+"""Number of bits of the integers that are exact in float64."""
 _LEAST_EXPONENT: Final = -900
-"""Of a factor's largest number: below, its unit would be no number of float64."""
+"""Least exponent of the largest number of a factor, so that its unit is a float64."""
 _HIGHEST: Final = float(np.finfo(np.float32).max)
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -36,25 +36,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 _LOG2E: Final = 1.4426950408889634
 _LN2_HIGH: Final = 0.693147180369123816490
 _LN2_LOW: Final = 1.90821492927058770002e-10
-"""ln 2 as a number of 33 bits, of which small multiples are exact, and the rest."""
+"""ln 2 as a number of 33 bits, whose small multiples are exact, and the remainder."""
 _TERMS: Final = 14
 _INVERSE: Final = tuple(1.0 / n for n in range(1, _TERMS + 1))
 _SMALLEST: Final = -700.0
-"""Logits so far below the highest one count as this: a probability of 10^-304."""
+"""Least difference of a logit to the highest one: a probability of 10^-304."""
 _BIAS: Final = 1023
 _FRACTION_BITS: Final = 52
-"""Of a float64: what its exponent is stored with, and the bits below it."""
+"""Bias of the exponent of a float64, and the number of bits below it."""
 
 
 def _compiled(function: F) -> F:
-    """Compile where no number is NaN and the sign of zero is of no account, so that maxima are taken side by side."""
+    """Compile code without NaN in which the sign of zero does not matter, so that maxima are vectorised."""
     return cached(function, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
 
 
 def attribute_rows(catalogue: Catalogue) -> I64:
     """``[n + 1, 5]`` rows of an embedding that describe each stroke: its four attributes and itself; at the end "none yet".
 
-    "None yet" is a row of its own, five times; its number plus one is the length of the embedding.
+    "None yet" is a row of the embedding, repeated five times; its index plus one is the length of the embedding.
     """
     parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
     offsets = np.cumsum([0, *(int(part.max()) + 1 for part in parts)])
@@ -71,7 +71,7 @@ class PolicyNetwork:
     Attributes:
         own, incoming: ``[n + 1, W]`` vector of the own last stroke and of the incoming one.
         contact, duel, effort, opponent_effort: ``[numbers, W]`` vectors of the other parts of an observation.
-        layers: weights ``[W', W]`` and biases ``[W']`` of the layers behind, each after a ReLU; the last one gives n logits.
+        layers: weights ``[W', W]`` and biases ``[W']`` of the next layers, each after a ReLU; the last one returns n logits.
     """
 
     own: F64
@@ -84,10 +84,10 @@ class PolicyNetwork:
 
     @classmethod
     def of_tensors(cls, tensors: Mapping[str, npt.NDArray[Any]], game: Game) -> "PolicyNetwork":
-        """The network of the tensors by name that :mod:`shuttle_marl.training` saves.
+        """The network from the tensors that :mod:`shuttle_marl.training` saves, by name.
 
         Raises:
-            PolicyError: they are no such network for the game, or a number of theirs is not finite.
+            PolicyError: the tensors do not fit the game, or hold a number that is not finite.
         """
         known = dict(tensors)
         try:
@@ -100,7 +100,7 @@ class PolicyNetwork:
             strokes = []
             for name in ("own", "incoming"):
                 embedding = take(f"0.{name}.weight", int(rows.max()) + 1, width)
-                # Added one after the other: `sum` chooses the order of the terms by itself.
+                # A loop, because the order of the terms of `sum` is not specified.
                 total = embedding[rows[:, 0]]
                 for column in rows.T[1:]:
                     total = total + embedding[column]
@@ -117,10 +117,10 @@ class PolicyNetwork:
         return cls(own=strokes[0], incoming=strokes[1], layers=tuple(layers), **parts)
 
     def table(self, game: Game) -> TabulatedPolicy:
-        """The policy on every state: the softmax of the logits of the legal strokes.
+        """Tabulate the policy: the softmax of the logits of the legal strokes in every state.
 
         Raises:
-            PolicyError: a number in the network is beyond those of float32.
+            PolicyError: a number in the network exceeds the range of float32.
         """
         base = np.flatnonzero(game.playable[: game.n_base_states])
         own, incoming, contact, duel = game.observation(base).T[:4]
@@ -129,7 +129,7 @@ class PolicyNetwork:
         kind = 2 * incoming + contact
         cumulative = np.empty((game.n_blocks, game.n_base_pairs), np.uint16)
         blocks = np.arange(game.n_blocks)[:, None] * game.n_base_pairs
-        # States of one incoming stroke and contact have the same legal strokes: one product of matrices, of those logits alone.
+        # States with the same incoming stroke and contact have the same legal strokes: one matrix product for their logits.
         for group in np.split(order := np.argsort(kind, kind="stable"), np.flatnonzero(np.diff(kind[order])) + 1):
             first = int(base[group[0]])
             legal = game.legal_strokes(first)
@@ -142,7 +142,7 @@ class PolicyNetwork:
                 far, highest = _rectify(x, unit, bias)
                 farthest = max(farthest, far)
             x, unit = _product(x, _rounded(last[legal]), highest)
-            # While it learned, the network was one of float32 numbers.
+            # The network was trained in float32.
             if not max(farthest, _shift(x, unit, last_bias[legal])) <= _HIGHEST:
                 raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
             limits(x, (blocks + game.base_pair_start[base[group]]).ravel(), cumulative.ravel())
@@ -154,21 +154,21 @@ def _number(layer: str) -> int:
 
 
 def _rounded(weight: F64) -> tuple[F64, float]:
-    """Whole numbers of so few bits that sums of their products are exact, and the power of two that they count."""
+    """Integers of so few bits that sums of their products are exact, and their unit, a power of two."""
     unit = _unit(float(np.abs(weight).max(initial=0.0)), _WEIGHT_BITS)
     return np.rint(weight * (1 / unit)), unit
 
 
 def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, float]:
-    """``x @ weight.T``, of factors that are rounded so that the order of the sums changes nothing.
+    """``x @ weight.T`` with rounded factors, so that the result does not depend on the order of the sums.
 
     Args:
         x: ``[N, W]`` numbers from 0 to ``highest``; overwritten.
-        weight: ``[W', W]``, rounded.
-        highest: of x.
+        weight: ``[W', W]`` rounded weights and their unit.
+        highest: largest number of x.
 
     Returns:
-        ``[N, W']`` whole numbers, and what they count.
+        ``[N, W']`` integers, and their unit.
     """
     factor, unit = weight
     terms = max(1, factor.shape[1] - 1).bit_length()
@@ -178,13 +178,13 @@ def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, fl
 
 
 def _unit(highest: float, bits: int) -> float:
-    """The power of two of which numbers up to the highest are whole ones of at most some bits."""
+    """Power of two in units of which numbers up to the highest have at most so many bits."""
     return float(2.0 ** (max(math.frexp(highest)[1], _LEAST_EXPONENT) - bits))
 
 
 @_compiled
 def _spread(base: F64, efforts: F64, out: F64) -> float:
-    """``[B, W]`` added to each row of ``[G, W]``, negative numbers set to 0: ``[B G, W]``; returns the largest number."""
+    """Write ReLU of ``[B, W]`` plus each row of ``[G, W]`` to ``[B G, W]``; returns the largest number."""
     highest = 0.0
     for block in range(len(efforts)):
         effort = efforts[block]
@@ -198,10 +198,10 @@ def _spread(base: F64, efforts: F64, out: F64) -> float:
 
 @_compiled
 def _rectify(x: F64, unit: float, bias: F64) -> tuple[float, float]:
-    """Multiply ``[N, W]`` by a unit, add ``[W]`` and set negative numbers to 0, in place.
+    """Multiply ``[N, W]`` by a unit, add ``[W]`` and apply ReLU, in place.
 
     Returns:
-        the largest absolute value before and the largest number after negative ones were set to 0.
+        The largest absolute value before ReLU and the largest number after it.
     """
     farthest = highest = 0.0
     for row in range(len(x)):
@@ -228,7 +228,7 @@ def _shift(x: F64, unit: float, bias: F64) -> float:
 
 @_compiled
 def _round_to(x: F64, per_unit: float) -> None:
-    """Make numbers whole ones of a unit, in place."""
+    """Round numbers to multiples of a unit, in place."""
     for row in range(len(x)):
         values = x[row]
         for i in range(values.size):
@@ -237,7 +237,7 @@ def _round_to(x: F64, per_unit: float) -> None:
 
 @_compiled
 def limits(logits: F64, start: I64, cumulative: U16) -> None:
-    """``[N, K]`` logits to the cumulative probabilities of their softmax, in units of 1/65535, each row from its start on."""
+    """Write cumulative probabilities of the softmax of ``[N, K]`` logits, in units of 1/65535, each row from its start on."""
     length = logits.shape[1]
     total = np.empty(length)
     power = np.empty(length, np.int64)
@@ -251,7 +251,7 @@ def limits(logits: F64, start: I64, cumulative: U16) -> None:
             whole = np.rint(x * _LOG2E)
             rest = x - whole * _LN2_HIGH - whole * _LN2_LOW
             power[i] = (np.int64(whole) + _BIAS) << _FRACTION_BITS
-            # The series of the exponential, from its last term on.
+            # Horner scheme of the exponential series.
             y = 1.0
             for n in range(_TERMS - 1, -1, -1):
                 y = y * rest * _INVERSE[n] + 1.0

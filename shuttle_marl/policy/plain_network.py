@@ -1,9 +1,8 @@
-"""Networks of one's own as policies: any function from observations to logits, and files of plain weights.
+"""User networks as policies: any function from observations to logits, and files of weights.
 
-Files hold numbers and nothing that runs: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the
-weights in an archive of Stable-Baselines3, whose pickled parts are never opened. So a file can only be a chain of linear layers
-with known functions between them; anything else is played through :func:`from_network` or ``module:attribute``, which is the
-user's own code.
+Files hold numbers and no code: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the weights in an
+archive of Stable-Baselines3, whose pickled parts are never opened. They are limited to chains of linear layers with known
+activations; other networks are played through :func:`from_network` or ``module:attribute``, which is code of the user.
 """
 
 import dataclasses
@@ -41,26 +40,26 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
     "elu": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0.0))),
     "silu": lambda x: x * 0.5 * (1 + np.tanh(0.5 * x)),
 }
-"""Functions between the layers of a file."""
+"""Activations between the layers of a file."""
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
 _PASSED: Final = ("Dropout", "Identity", "Flatten")
-"""Modules that change nothing in play."""
+"""Modules without effect in evaluation mode."""
 _LARGEST: Final = 1 << 28
-"""Of the weights in an archive [bytes]."""
+"""Largest size of the weights in an archive [bytes]."""
 _ROWS: Final = 4096
-"""Rows that a network is asked for at once."""
+"""Batch size of the network."""
 _rows: Final = functools.lru_cache(maxsize=4)(features)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NetworkPolicy:
-    """Softmax, or the highest, of the logits that a function gives to the legal strokes.
+    """Softmax, or argmax, of the logits of the legal strokes.
 
     Attributes:
         function: from ``[B, 59]`` float32 observations, or ``[B, 6]`` int32 tokens, to ``[B, n]`` logits.
         inputs: which of the two.
-        greedy: always the legal stroke with the highest number, as for action values.
-        masked: whether the function reads the mask of the legal strokes before the observation.
+        greedy: always play the legal stroke with the highest output, as for action values.
+        masked: whether the mask of the legal strokes precedes the observation in the input.
     """
 
     function: Callable[[npt.NDArray[Any]], Any]
@@ -72,7 +71,7 @@ class NetworkPolicy:
         """``[B, n]`` probabilities of the legal strokes.
 
         Raises:
-            PolicyError: the function gives no finite numbers, or not one for each stroke.
+            PolicyError: outputs are not finite, or not one for each stroke.
         """
         found = [self._logits(states.game, states.state[i : i + _ROWS]) for i in range(0, len(states), _ROWS)]
         logits = np.concatenate(found) if found else np.empty((0, states.game.n_strokes))
@@ -99,12 +98,12 @@ class NetworkPolicy:
 
 
 def from_network(module: Any, *, inputs: Inputs = "observation", greedy: bool = False) -> Policy:
-    """A network as a policy: it may enter the league, be evaluated exactly, and be an opponent.
+    """A network as a policy, which can enter the league, be evaluated exactly, and be an opponent.
 
     Args:
-        module: a PyTorch module, or any function on arrays, from a batch of observations to a number for each stroke.
+        module: a PyTorch module, or any function on arrays, from a batch of observations to an output for each stroke.
         inputs: ``observation``: ``[B, 59]`` float32, the vector of ``rally_v0``; ``tokens``: ``[B, 6]`` int32.
-        greedy: play the legal stroke with the highest number, as for action values; else the softmax over the legal ones.
+        greedy: play the legal stroke with the highest output, as for action values; else the softmax over the legal strokes.
 
     Raises:
         PolicyError: ``inputs`` is neither.
@@ -115,7 +114,7 @@ def from_network(module: Any, *, inputs: Inputs = "observation", greedy: bool = 
 
 
 def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
-    """A module of PyTorch as a function on arrays; any other function as it is."""
+    """A PyTorch module as a function on arrays; any other function unchanged."""
     torch: Any = sys.modules.get("torch")
     if torch is None or not isinstance(module, torch.nn.Module):
         return module
@@ -140,7 +139,7 @@ class Layers:
 
     Attributes:
         linear: weights ``[out, in]`` and biases ``[out]``.
-        function: name of what stands between two layers, of :data:`FUNCTIONS`.
+        function: name of the activation, see :data:`FUNCTIONS`.
     """
 
     linear: tuple[tuple[F64, F64], ...]
@@ -155,7 +154,7 @@ class Layers:
 
 
 def save_network(module: Any, path: Path) -> None:
-    """Write a network to a file that is played as ``torch:FILE`` (safetensors).
+    """Write a network to a safetensors file, which is played as ``torch:FILE``.
 
     Args:
         module: ``torch.nn.Sequential`` of ``Linear`` with one kind of function between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU
@@ -163,7 +162,7 @@ def save_network(module: Any, path: Path) -> None:
         path: the file.
 
     Raises:
-        PolicyError: it is built of anything else.
+        PolicyError: the network has other modules.
         FileWriteError: the file cannot be written.
     """
     parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _PASSED]
@@ -188,7 +187,7 @@ def load_torch(argument: str | None, _: Game) -> Policy:
     """The policy of a name such as ``torch:FILE``.
 
     Raises:
-        PolicyError: no such file, or not one of a chain of linear layers.
+        PolicyError: there is no such file, or it holds no chain of linear layers.
     """
     if not argument:
         raise PolicyError("policy torch: expected a file behind the colon, as in torch:mine.safetensors")
@@ -211,14 +210,14 @@ def load_torch(argument: str | None, _: Game) -> Policy:
 def from_sb3(path: Path | str) -> Policy:
     """The policy in an archive that Stable-Baselines3 or sb3-contrib saved: PPO, MaskablePPO, A2C or DQN on ``Rally-v0``.
 
-    Only the weights and the settings that stand there as text are read. The function between the layers is the one that the
-    archive names, or the library's default. DQN plays its highest value.
+    Only the weights and the settings stored as text are read. The activation is the one that the archive names, or the default of
+    the library. DQN plays the stroke with the highest value.
 
     Args:
         path: the archive, as ``model.save(path)`` writes it.
 
     Raises:
-        PolicyError: no such file, or a policy of another architecture than the library's own for vectors.
+        PolicyError: there is no such file, or the policy is not the default architecture for vectors.
     """
     path = Path(path)
     try:
@@ -254,14 +253,14 @@ def _content(path: Path) -> bytes:
 
 
 def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Weights by name, read without running what the file holds."""
+    """Weights by name, read without running code from the file."""
     try:
-        torch: Any = importlib.import_module("torch")  # what plays does not need it, but for such files
+        torch: Any = importlib.import_module("torch")  # only such files need it
     except ImportError as error:
         raise ValueError(f"reading it needs PyTorch; {install_hint('train')}") from error
     try:
         found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-    except Exception as error:  # of many types, by what a damaged or hostile file holds
+    except Exception as error:  # of many types, for damaged or hostile files
         raise ValueError(f"not weights alone: {str(error).partition(chr(10))[0]}") from error
     if not isinstance(found, Mapping) or not all(isinstance(value, torch.Tensor) for value in found.values()):
         raise ValueError("no state dictionary")
@@ -269,10 +268,10 @@ def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
 
 
 def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
-    """Linear layers from weights by name, in the order of the names as they stand.
+    """Linear layers from weights by name, in the order of the names.
 
     Raises:
-        ValueError: they are no chain, a function is not known, or a number is not finite.
+        ValueError: the weights form no chain, the activation is unknown, or a number is not finite.
     """
     if function not in FUNCTIONS:
         raise ValueError(f"a function that is not known; expected one of {', '.join(FUNCTIONS)}")

@@ -38,23 +38,23 @@ from shuttle_marl.policy.foreign import current_limit
 
 PROTOCOL: Final = 1
 _AHEAD: Final = 64
-"""So many decisions are sent before their answers are read: few enough that all answers fit into a pipe."""
+"""Number of decisions that are sent before their answers are read, so few that all answers fit into a pipe."""
 _LONGEST: Final = 1 << 16
 """Length of the longest answer [bytes]."""
-_SAID: Final = 300
-"""So much of what a program said on its standard error is told, from the end."""
+_STDERR_SHOWN: Final = 300
+"""Length of the end of the standard error of a program that messages quote [bytes]."""
 
 
 class ProgramPolicy:
-    """A program that is asked for every stroke.
+    """A program that chooses every stroke.
 
     Args:
-        command: program and arguments, as in a shell, which it does not go through.
-        game: the tables that it plays on.
-        seconds: time for each stroke; 0 for no limit.
+        command: program and arguments in shell syntax; no shell is started.
+        game: the tables.
+        seconds: time limit for each stroke; 0 for no limit.
 
     Raises:
-        PolicyError: the command is empty or has a quote that is not closed.
+        PolicyError: the command is empty or has an unclosed quote.
     """
 
     reads_score: Final = True
@@ -71,14 +71,14 @@ class ProgramPolicy:
         self._index = {name: i for i, name in enumerate(game.catalogue.names)}
         self._process: subprocess.Popen[bytes] | None = None
         self._failure = ""
-        self._asked = 0
+        self._sent = 0
         self._unread = b""
 
     def probabilities(self, states: States) -> F64:
-        """Probabilities of the program's answers, ``[B, n]``; 1 for a stroke that it names.
+        """``[B, n]`` probabilities of the answers; 1 for a stroke that the program names.
 
         Raises:
-            PolicyError: the program cannot be started, exited, did not answer in time, or answered something else.
+            PolicyError: the program cannot be started, exited, timed out, or gave an invalid answer.
         """
         if self._failure:
             raise PolicyError(f"{self._failure}; it is not asked again")
@@ -90,7 +90,7 @@ class ProgramPolicy:
                 rows = range(first, min(first + _AHEAD, len(states)))
                 self._send([self._decision(states, row) for row in rows])
                 for row in rows:
-                    self._read(found[row], self._asked - len(rows) + (row - first))
+                    self._read(found[row], self._sent - len(rows) + (row - first))
             return found
         except PolicyError as error:
             self._failure = str(error)
@@ -98,7 +98,7 @@ class ProgramPolicy:
             raise
 
     def close(self) -> None:
-        """End the program."""
+        """Kill the program."""
         if self._process is not None:
             _end(self._process)
 
@@ -120,10 +120,10 @@ class ProgramPolicy:
         names, n = self._game.catalogue.names, self._game.n_strokes
         state = int(states.state[row])
         own, incoming = int(states.own[row]), int(states.incoming[row])
-        self._asked += 1
+        self._sent += 1
         return {
             "type": "stroke",
-            "id": self._asked - 1,
+            "id": self._sent - 1,
             "own": None if own == n else names[own],
             "incoming": None if incoming == n else names[incoming],
             "contact": HEIGHTS[int(states.contact[row])],
@@ -154,7 +154,7 @@ class ProgramPolicy:
         return time.monotonic() + self._seconds if self._seconds else None
 
     def _read(self, probability: F64, number: int) -> None:
-        """Write the answer to a decision into a row of probabilities."""
+        """Read the answer to a decision into a row of probabilities."""
         line = self._line()
         try:
             answer = json.loads(line)
@@ -184,13 +184,13 @@ class ProgramPolicy:
         return line
 
     def _exited(self) -> str:
-        """Words about a program that closed its pipes."""
+        """Message about a program that closed its pipes."""
         assert self._process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(1)
         status = self._process.poll()
         how = "it closed its output" if status is None else f"it exited with status {status}"
-        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _SAID))
+        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _STDERR_SHOWN))
         said = self._errors.read().decode(errors="backslashreplace").strip()
         return f"{how}: …{said}" if said else how
 
@@ -209,7 +209,7 @@ def _left(end: float | None) -> float | None:
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End a program and all that it started."""
+    """Kill a program and its children."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     for pipe in (process.stdin, process.stdout):

@@ -1,17 +1,17 @@
-"""Every policy by name: one registry for shipped policies, families of policies, and a user's own.
+"""Registry of policies by name: shipped policies, families of policies, and user policies.
 
-A name is ``KEY`` or ``KEY:ARGUMENT`` where KEY was registered (``random``, ``bc:viktor-axelsen``), else
-``module:attribute``. ``@greedy`` or ``@TEMPERATURE`` behind it makes the policy sharper or flatter (``bc@0.5``). A new
-family is one call of :func:`register`, or an entry point of an installed package:
+A name is ``KEY`` or ``KEY:ARGUMENT`` with a registered KEY (``random``, ``bc:viktor-axelsen``), else ``module:attribute``. A
+suffix ``@greedy`` or ``@TEMPERATURE`` makes the policy sharper or flatter (``bc@0.5``). A family is added by :func:`register`, or by an
+entry point of an installed package:
 
     [project.entry-points."shuttle_marl.policies"]
     KEY = "package.module:FAMILY"
 
-where ``FAMILY`` is a :class:`Family`. Entry points are read when a name is asked for that is not registered, or all names, so
-they slow nothing else; a package's module should import what is heavy inside its functions.
+where ``FAMILY`` is a :class:`Family`. Entry points are read when an unregistered name is resolved, or all names are listed;
+modules of families should import heavy dependencies inside functions.
 
-A name that a user typed may run code of theirs (:func:`resolve`). A name that was read from a file, such as the header of a
-rally log, may not (:func:`resolve_recorded`): only families that allow it, and neither modules nor files.
+A name that a user typed may run user code (:func:`resolve`). A name from a file, such as the header of a rally log, may not
+(:func:`resolve_recorded`): it resolves only families that allow it, and neither modules nor files.
 """
 
 import dataclasses
@@ -36,24 +36,24 @@ Opponents = str | Policy | Sequence[str | Policy]
 """Name of a policy, a policy, or several of either."""
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
-"""Group of the entry points by which installed packages add families."""
-_DEEPEST: Final = 8
-"""So many names may be inside each other, as in ``best-response:best-response:bc``; each costs a solved game."""
+"""Group of the entry points of installed packages with families."""
+_MOST_NESTED: Final = 8
+"""Largest nesting depth of names, as in ``best-response:best-response:bc``; each level solves a game."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Family:
-    """Policies that share the part of their name before the colon.
+    """Policies with the same key, the part of the name before the colon.
 
     Attributes:
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
-            argument it does not know.
-        names: full names that can be listed for a game.
-        about: what a full name means, in one line.
-        form: the name with its argument in capitals, such as ``table:FILE``, where not every name can be listed.
-        of_policies: whether the part after the colon is the name of another policy, and so keeps its own ``@…``.
-        from_data: whether a name that was read from a file may be resolved; then no argument may make ``load`` run code or
-            open a file of its choice. With ``of_policies`` the name after the colon is checked too, before ``load``.
+            unknown argument.
+        names: names to list for a game.
+        about: description of a name, in one line.
+        form: the name with its argument in capitals, such as ``table:FILE``, if not all names can be listed.
+        of_policies: whether the argument is the name of another policy, which keeps its own ``@`` suffix.
+        from_data: whether names from files may be resolved; then no argument may make ``load`` run code or open a file of its
+            choice. With ``of_policies``, the inner name is checked before ``load``.
     """
 
     load: Load
@@ -81,16 +81,15 @@ def register(
 
     Args:
         key: the part before the colon, or the whole name.
-        load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
-            argument it does not know. Import what is heavy inside.
-        names: full names that can be listed for a game; default just ``key``.
-        about: what the names mean, in one line; or a function from a full name to that.
-        form: the name with its argument in capitals, such as ``table:FILE``, where not every name can be listed.
-        of_policies: whether the part after the colon is the name of another policy.
-        from_data: whether a name that was read from a file may be resolved, see :class:`Family`.
+        load: see :class:`Family`.
+        names: see :class:`Family`; default: only ``key``.
+        about: description of all names in one line, or a function from a name to its description.
+        form: see :class:`Family`.
+        of_policies: see :class:`Family`.
+        from_data: see :class:`Family`.
 
     Raises:
-        PolicyError: the key is taken, or is no plain word.
+        PolicyError: the key is registered already, or is not a plain word.
     """
     if not key or any(c in key for c in ":@ "):
         raise PolicyError(f"policy key {key!r}: expected a word without ':', '@' and spaces")
@@ -107,17 +106,17 @@ def register(
 
 
 def names(game: Game) -> tuple[str, ...]:
-    """Names of all policies that can be listed for a game: those of installed packages and those registered since."""
+    """Names of all policies that can be listed for a game."""
     return tuple(name for family in _families() for name in family.names(game))
 
 
 def described_names(game: Game) -> dict[str, str]:
-    """Meaning of each of :func:`names`, in one line."""
+    """Description of each of :func:`names`, in one line."""
     return {name: family.about(name) for family in _families() for name in family.names(game)}
 
 
 def forms() -> dict[str, str]:
-    """Names that take something of the user's, such as ``table:FILE``, and what they mean."""
+    """Names with an argument of the user, such as ``table:FILE``, and their descriptions."""
     return {family.form: family.about(family.form) for family in _families() if family.form}
 
 
@@ -127,7 +126,7 @@ def _families() -> Iterator[Family]:
         try:
             family = None if key in _FAMILIES else _plugged_in(key)
         except PolicyError:
-            continue  # a package that cannot be imported says so when its policies are asked for, and hides no other
+            continue  # the import error of a package is raised when its policies are resolved
         if family is not None:
             yield family
 
@@ -138,7 +137,7 @@ def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def _family(key: str) -> Family | None:
-    """The family of a key, registered or from an entry point; a registered one hides an entry point of the same name."""
+    """The family of a key; a registered family takes precedence over an entry point."""
     return _FAMILIES.get(key) or _plugged_in(key)
 
 
@@ -159,17 +158,17 @@ def _plugged_in(key: str) -> Family | None:
 
 
 def resolve(name: str, game: Game) -> Policy:
-    """Find a policy by a name that the user gave. A name from a file goes to :func:`resolve_recorded`.
+    """Resolve the name of a policy that the user gave; for names from files use :func:`resolve_recorded`.
 
     Args:
-        name: see the module's first lines; for ``module:attribute`` see :func:`shuttle_marl.policy.foreign.from_module`.
-        game: the tables that the policy will play on.
+        name: see the description of this module; for ``module:attribute`` see :func:`shuttle_marl.policy.foreign.from_module`.
+        game: the tables.
 
     Returns:
-        The policy; within :func:`shuttle_marl.policy.foreign.time_limit` under that limit.
+        The policy, under the time limit of :func:`shuttle_marl.policy.foreign.time_limit` within that context.
 
     Raises:
-        PolicyError: there is no such policy (with the closest names), or it cannot be made.
+        PolicyError: there is no such policy (the message suggests names), or it cannot be loaded.
     """
     _check_depth(name)
     base, temperature = _split(name)
@@ -178,17 +177,17 @@ def resolve(name: str, game: Game) -> Policy:
 
 
 def resolve_recorded(name: str, game: Game) -> Policy:
-    """Find a policy by a name that was read from a file: never imports a module and opens no file that the name chooses.
+    """Resolve the name of a policy from a file, without importing modules or opening files of its choice.
 
-    Of the families of installed packages those are resolved that allow it (``from_data``). Finding that out imports the package,
-    which is code that the user installed; the file can only choose among such packages.
+    Families of installed packages are resolved if they allow it (``from_data``). To find out, the package is imported, which is
+    code that the user installed; a file can only choose among such packages.
 
     Args:
-        name: as :func:`resolve` takes it.
-        game: the tables that the policy will play on.
+        name: as in :func:`resolve`.
+        game: the tables.
 
     Raises:
-        PolicyError: the name is a module's, a file's or of a family that does not allow it; or as :func:`resolve` raises it.
+        PolicyError: the name is of a module, a file, or a family that does not allow it; or as for :func:`resolve`.
     """
     _check_depth(name)
     _check_from_data(name)
@@ -196,7 +195,7 @@ def resolve_recorded(name: str, game: Game) -> Policy:
 
 
 def named(opponent: str | Policy, game: Game) -> tuple[Policy, str]:
-    """A policy and what to call it.
+    """A policy and its name.
 
     Raises:
         PolicyError: there is no policy of that name.
@@ -205,10 +204,10 @@ def named(opponent: str | Policy, game: Game) -> tuple[Policy, str]:
 
 
 def tabulated(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
-    """One opponent or several as tables.
+    """The tables of one or several opponents.
 
     Raises:
-        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
+        PolicyError: an opponent does not exist, returns no distribution over the legal strokes, or reads the score.
     """
     several = opponents if isinstance(opponents, Sequence) and not isinstance(opponents, str) else [opponents]
     return [tabulate(policy, game, name) for policy, name in (named(opponent, game) for opponent in several)]
@@ -216,12 +215,12 @@ def tabulated(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
 
 def _check_depth(name: str) -> None:
     inner = name
-    for _ in range(_DEEPEST):
+    for _ in range(_MOST_NESTED):
         key, colon, inner = inner.partition(":")
         family = _family(key) if colon else None
         if family is None or not family.of_policies:
             return
-    raise PolicyError(f"policy {name[:60]!r}…: more than {_DEEPEST - 1} names around a policy")
+    raise PolicyError(f"policy {name[:60]!r}…: more than {_MOST_NESTED - 1} names around a policy")
 
 
 def _check_from_data(name: str) -> None:
@@ -240,7 +239,7 @@ def _check_from_data(name: str) -> None:
 
 
 def _split(name: str) -> tuple[str, float | None]:
-    """The name without its own temperature, and that; None without one."""
+    """The name without the suffix of its temperature, and the temperature; None without a suffix."""
     base, at, suffix = name.rpartition("@")
     key, colon, _ = name.partition(":")
     family = _family(key) if at and colon else None

@@ -34,48 +34,48 @@ from shuttle_marl.rally.record import Rallies
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""
 HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
-"""Figures of a scorecard that are computed away from home too."""
+"""Figures of a scorecard that are also computed away from home."""
 FEW_STROKES: Final = 5
-"""A stroke with fewer real ones behind it is not known from the data."""
+"""A stroke with fewer examples in the data counts as thin."""
 _AWAY: Final = 1e-6
-"""Error bound of values away from home, far below what refits differ by."""
+"""Error bound of values away from home, far below the differences between refits."""
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[Rallies], None]
 """Receives the rallies of a batch of matches; policy 0 is the sampled policy, policy 1 its opponent."""
 
 _Z: Final = NormalDist().inv_cdf(0.975)
 _BATCH: Final = 1 << 12
-"""So many matches are played side by side."""
+"""Number of matches that are played in lockstep."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scorecard:
-    """One policy's figures. Those that need a table are None where the policy reads the score and was sampled instead.
+    """Scores of one policy. Those that need a table are None for a sampled policy, which reads the score.
 
     Attributes:
         policy: name.
-        sampled: whether the figures are from matches played out; else they are exact.
+        sampled: whether the figures are estimated from matches; else they are exact.
         rally_win_vs_bc: probability to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
             whole matches).
         rally_win_serving: the same in rallies that the policy serves.
         rally_win_receiving: the same in rallies that ``bc`` serves.
         match_win_vs_bc: probability to win a match against ``bc``, the first serve drawn at random.
-        exploitability: what the best response to the policy gains, as a value from 0 to 1; it wins
+        exploitability: gain of the best response to the policy, as a value from 0 to 1; it wins
             ``(1 + exploitability) / 2`` of the rallies.
-        gap_at_serve: V* - V^pi at the serve, pi meeting its best response.
+        gap_at_serve: V* - V^pi at the serve, with pi against its best response.
         normalised_score: 0 for ``bc``, 1 for the best response to it:
             ``(J(pi) - J(bc)) / (J(best response to bc) - J(bc))`` with J = ``rally_win_vs_bc``.
         regret_per_rally: V* - V^pi against perfect play, both serving equally often.
         rally_length_vs_bc: expected strokes of a rally against ``bc``.
-        endings_vs_bc: share of those rallies by how they end.
-        shot_mix_vs_bc: share of the shot types among the policy's strokes there.
-        thin_vs_bc: share of the policy's strokes there with fewer than :data:`FEW_STROKES` real ones behind them
-            (:func:`shuttle_marl.game.shipped.real_strokes`); None where the model does not say.
-        away: the figures :data:`HEADLINES` in the refits of the game, the policy and ``bc`` as they are tabulated at home, the
-            best response knowing the refit; None where there are no refits. Their values are within 1e-6.
-        error_bound: every exact figure but the probability of a match is within this of the true one.
-        match_error_bound: the probability of a match is within this.
-        matches: matches played out; None for exact figures.
+        endings_vs_bc: fraction of those rallies by ending.
+        shot_mix_vs_bc: fraction of each shot type in the policy's strokes there.
+        thin_vs_bc: fraction of the policy's strokes there with fewer than :data:`FEW_STROKES` examples in the data
+            (:func:`shuttle_marl.game.shipped.real_strokes`); None if the model has no counts.
+        away: the figures :data:`HEADLINES` in the refits of the game, with the policy and ``bc`` tabulated at home and best
+            responses in the refit, within 1e-6; None without refits.
+        error_bound: absolute error bound of all exact figures but ``match_win_vs_bc``.
+        match_error_bound: absolute error bound of ``match_win_vs_bc``.
+        matches: number of sampled matches; None for exact figures.
         rally_interval: 95 % interval of ``rally_win_vs_bc``; None for exact figures.
         match_interval: 95 % interval of ``match_win_vs_bc``; None for exact figures.
     """
@@ -113,12 +113,12 @@ class Scorecard:
 
 
 class Scorer:
-    """Scores policies on one game; solves the game and the best response to ``bc`` once, when they are first needed.
+    """Scores policies on one game; solves the game and the best response to ``bc`` once, when first needed.
 
     Args:
         game: the tables.
-        refits: other fits of the game, two or more, for the figures away from home; none: there are no such figures.
-        tolerance: largest error bound of a value that is good enough.
+        refits: two or more other fits of the game, for figures away from home; empty: no such figures.
+        tolerance: largest acceptable error bound of a value.
 
     Raises:
         PolicyError: the game has no behaviour-cloned players.
@@ -135,7 +135,7 @@ class Scorer:
 
     @functools.cached_property
     def _thin(self) -> Bools | None:
-        """``[base pairs]`` whether fewer than :data:`FEW_STROKES` real strokes stand behind it; None if that is not known."""
+        """``[base pairs]`` whether the data hold fewer than :data:`FEW_STROKES` examples; None if unknown."""
         behind = real_strokes(self.game)
         return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
 
@@ -156,12 +156,12 @@ class Scorer:
         Args:
             policy: any; one that reads the score is sampled.
             name: for the card and for errors.
-            matches: how many matches to play out if it is sampled.
-            seed: of their draws.
-            watch: is shown them, see :data:`Watch`.
+            matches: number of matches if it is sampled.
+            seed: random seed of these matches.
+            watch: called with them, see :data:`Watch`.
 
         Raises:
-            PolicyError: the policy raised, or is no distribution over the legal strokes somewhere.
+            PolicyError: the policy raised, or returned no distribution over the legal strokes.
             ExactError: play may never end.
         """
         if reads_score(policy):
@@ -235,15 +235,15 @@ class Scorer:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SampledOdds:
-    """Shares of a number of matches and rallies that were won, with 95 % intervals.
+    """Fractions of sampled matches and rallies won, with 95 % intervals.
 
     Attributes:
         matches: number of matches.
         rallies: number of rallies.
         strokes: number of strokes.
-        rally: share of the rallies won.
-        rally_interval: its interval, matches taken as independent and the rallies of one not.
-        match: share of the matches won.
+        rally: fraction of rallies won.
+        rally_interval: its interval; matches are independent, the rallies of a match are not.
+        match: fraction of matches won.
         match_interval: its interval (Wilson, J. Am. Stat. Assoc. 1927).
     """
 
@@ -274,10 +274,10 @@ def sample(
         policy: may read the score.
         opponent: a table.
         matches: how many.
-        seed: names every draw, with ``key``.
+        seed: random seed.
         key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
         name: of the policy, for errors.
-        watch: is shown the matches played, see :data:`Watch`.
+        watch: called with the matches, see :data:`Watch`.
 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.

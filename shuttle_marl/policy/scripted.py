@@ -1,8 +1,7 @@
-"""Three styles of play written down as a coach would: preferences in points, played through a softmax.
+"""Three scripted styles of play: preferences in points, played through a softmax.
 
-Every rule gives or takes points; a stroke with one point more is played e (2.7) times as often. The rules speak of shot
-types, target areas, the contact offered, the incoming shot, and where the opponent stands: they struck their last stroke
-where one's own last stroke landed.
+Every rule adds or subtracts points; a stroke with one more point is played e (2.7) times as often. Rules depend on shot types,
+target areas, the contact, the incoming shot, and the position of the opponent, who struck where one's own last stroke landed.
 """
 
 import dataclasses
@@ -18,7 +17,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.thresholds import ONE
 
 Rules = Callable[[States], F64]
-"""A batch of states -> ``[B, n]`` points of every stroke; illegal ones are left out afterwards."""
+"""Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
 
 SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
 """Take the serve short: a long one invites the smash."""
@@ -72,7 +71,7 @@ POWER: Final = ("smash", "half-smash", "net-kill")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScriptedPolicy:
-    """Softmax over the points that a set of rules gives to each stroke.
+    """Softmax over the points of each stroke.
 
     Attributes:
         points: the rules.

@@ -1,4 +1,4 @@
-"""Policies that the exact solvers compute by name: perfect, robust and human play. Numba is imported when one is asked for."""
+"""Policies that the exact solvers compute: perfect, robust and human-like play. Numba is imported when one is resolved."""
 
 import functools
 import hashlib
@@ -13,61 +13,61 @@ from shuttle_marl.policy import bc
 from shuttle_marl.policy.table_cache import cached_table
 
 TYPICAL_TAU: Final = 0.05
-"""Of the listed KL-regularised equilibrium: away from home it wins about as often as perfect play."""
+"""Cost of the listed KL-regularised equilibrium, which wins about as often as perfect play away from home."""
 
 
 @functools.lru_cache(maxsize=4)
 def minimax_policy(game: Game) -> TabulatedPolicy:
-    """The minimax policy of a game, solved once."""
-    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba, only when it is asked for
+    """The minimax policy of a game."""
+    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba
 
     return cached_table(game, f"minimax {solvers_hash()}", lambda: solve(game).policy[0])
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
     """The best response to a policy."""
-    from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba
 
     return cached_table(policy.game, f"best-response {policy.hash} {solvers_hash()}", lambda: best_response(policy).policy)
 
 
 @functools.lru_cache(maxsize=4)
 def robust_policy(game: Game) -> TabulatedPolicy:
-    """The policy with the best worst case over a game and its refits, solved once.
+    """The policy with the best worst case over a game and its refits.
 
     Raises:
         PolicyError: the game has no refits.
     """
-    from shuttle_marl.exact.optimal import solve_robust  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.optimal import solve_robust  # noqa: PLC0415  numba
 
     others = refits_of(game)
     if not others:
         raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
-    decided_by = " ".join(["robust", *(other.hash for other in others), solvers_hash()])
-    return cached_table(game, decided_by, lambda: solve_robust([game, *others]).policy)
+    key = " ".join(["robust", *(other.hash for other in others), solvers_hash()])
+    return cached_table(game, key, lambda: solve_robust([game, *others]).policy)
 
 
 @functools.lru_cache(maxsize=4)
 def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
-    """The KL-regularised equilibrium, solved once: see :mod:`shuttle_marl.exact.soft`.
+    """The KL-regularised equilibrium, see :mod:`shuttle_marl.exact.soft`.
 
     Args:
-        tau: cost of a nat away from how people play.
-        player: whose clone is the prior, the opponent's being the average player; None: both average.
+        tau: cost of a nat of divergence from human play.
+        player: whose clone is the prior, with the average player as the prior of the opponent; None: the average for both.
         game: the tables.
 
     Raises:
-        PolicyError: no such player, or the game is of no known model.
+        PolicyError: there is no such player, or the game was not loaded from a model.
     """
-    from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba, only when it is asked for
+    from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba
     from shuttle_marl.exact.soft import solve_soft  # noqa: PLC0415
 
     average = PairPolicy(game=game, probability=bc.probabilities(None, game))
     own = average if player is None else PairPolicy(game=game, probability=bc.probabilities(player, game))
-    who = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
+    priors = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
     return cached_table(
         game,
-        f"human {tau!r} {who} {solvers_hash()}",
+        f"human {tau!r} {priors} {solvers_hash()}",
         lambda: from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability),
     )
 
@@ -76,7 +76,7 @@ def load_minimax(kind: str | None, game: Game) -> Policy:
     """``minimax`` (None) or ``minimax:robust``.
 
     Raises:
-        PolicyError: of another kind, or robust play of a game without refits.
+        PolicyError: ``kind`` is unknown, or the game has no refits for robust play.
     """
     if kind not in (None, "robust"):
         raise PolicyError(f"policy minimax:{kind}: expected minimax or minimax:robust")
@@ -84,22 +84,22 @@ def load_minimax(kind: str | None, game: Game) -> Policy:
 
 
 def minimax_names(game: Game) -> tuple[str, ...]:
-    """Names that can be listed: ``minimax:robust`` where the game has refits."""
+    """Listed names; ``minimax:robust`` if the game has refits."""
     origin = origin_of(game)
     refitted = origin is not None and origin.variant is None and set(variants(str(origin.folder))) > set(PROFILES)
     return ("minimax", "minimax:robust") if refitted else ("minimax",)
 
 
 def about_minimax(name: str) -> str:
-    """Meaning of a name, in one line."""
+    """Description of a name, in one line."""
     return "perfect play" if name == "minimax" else "best worst case over the game and its refits"
 
 
 def load_human(argument: str | None, game: Game) -> Policy:
-    """``human:TAU`` or ``human:TAU:PLAYER``, from what stands behind the first colon.
+    """``human:TAU`` or ``human:TAU:PLAYER``, from the part after the first colon.
 
     Raises:
-        PolicyError: TAU is no number above 0, or as :func:`human_policy`.
+        PolicyError: TAU is not a number above 0, or as :func:`human_policy`.
     """
     tau, _, player = (argument or "").partition(":")
     try:
@@ -114,5 +114,5 @@ def load_human(argument: str | None, game: Game) -> Policy:
 
 
 def human_names(game: Game) -> tuple[str, ...]:
-    """The one name that is listed; TAU can be any number."""
+    """The listed name; TAU can be any number."""
     return (f"human:{TYPICAL_TAU}",) if bc.known_for(game) else ()

@@ -1,7 +1,7 @@
-"""Tables of policies that take seconds to make, in the user's cache folder: of trained agents and of solved policies.
+"""Cache of tables that take seconds to compute, of trained agents and of solved policies, in the user's cache folder.
 
-A file is named by all that decides its content. A damaged one is made again; a folder that cannot be written costs time and
-nothing else.
+The name of a file is a hash of everything that its content depends on. Damaged files are replaced; a cache that cannot be written
+only costs time.
 """
 
 import contextlib
@@ -20,27 +20,27 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
-_KEPT: Final = 48
-"""Tables in the cache; those that were not played for the longest time make room for others."""
+_MOST_TABLES: Final = 48
+"""Capacity of the cache; the least recently used tables are evicted."""
 _LOG: Final = logging.getLogger(__name__)
 
 
-def cached_table(game: Game, decided_by: str, make: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
-    """A table from the cache, or made and kept there.
+def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
+    """A table from the cache, or computed and stored there.
 
     Args:
-        game: that the policy plays.
-        decided_by: all that decides the table beside the game.
-        make: makes it.
+        game: the tables of the game.
+        key: everything that the result depends on besides the game.
+        compute: computes the table.
     """
-    path = _folder() / f"{hashlib.sha256(f'{game.hash} {decided_by}'.encode()).hexdigest()[:32]}.safetensors"
-    with contextlib.suppress(PolicyError):  # not there, or damaged: made again
+    path = _folder() / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.safetensors"
+    with contextlib.suppress(PolicyError):  # missing or damaged
         table = TabulatedPolicy.load(path, game)
         with contextlib.suppress(OSError):
             os.utime(path)
         return table
-    table = make()
-    _keep(table, path)
+    table = compute()
+    _store(table, path)
     return table
 
 
@@ -48,19 +48,19 @@ def _folder() -> Path:
     return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "policies"
 
 
-def _keep(table: TabulatedPolicy, path: Path) -> None:
-    """Keep a table in the cache, if it can be written."""
+def _store(table: TabulatedPolicy, path: Path) -> None:
+    """Store a table in the cache, if it can be written."""
     try:
         table.save(path)
     except FileWriteError as error:
-        _say_once(f"{error}. Tables of trained and solved policies are made again in every process, which takes seconds")
+        _warn_once(f"{error}. Tables of trained and solved policies are computed again in every process, which takes seconds")
         return
     with contextlib.suppress(OSError):
         tables = sorted(path.parent.glob("*.safetensors"), key=lambda found: found.stat().st_mtime, reverse=True)
-        for old in tables[_KEPT:]:
+        for old in tables[_MOST_TABLES:]:
             old.unlink()
 
 
 @functools.cache
-def _say_once(message: str) -> None:
+def _warn_once(message: str) -> None:
     _LOG.warning(message)

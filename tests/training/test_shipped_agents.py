@@ -59,9 +59,9 @@ def test_self_play_is_hard_to_exploit() -> None:
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty cache folder."""
     monkeypatch.setattr(table_cache, "_folder", lambda: tmp_path / "cache")
-    table_cache._say_once.cache_clear()
+    table_cache._warn_once.cache_clear()
     yield tmp_path / "cache"
-    table_cache._say_once.cache_clear()
+    table_cache._warn_once.cache_clear()
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted
 
 
 def test_the_cache_keeps_what_was_played_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table_cache, "_KEPT", 2)
+    monkeypatch.setattr(table_cache, "_MOST_TABLES", 2)
     names = ("ppo", "a2c", "sac", "ppo")
     for number, name in enumerate(names):
         load_agent(shipped_folder(name, model_folder()), GAME)
@@ -190,7 +190,7 @@ def test_without_a_cache_agents_play_and_it_is_said_once(
             load_agent(shipped_folder("ppo", model_folder()), GAME)
     assert len(counted) == 2
     assert len(caplog.records) == 1
-    assert "made again in every process" in caplog.text
+    assert "computed again in every process" in caplog.text
 
 
 def test_playing_needs_no_torch() -> None:
