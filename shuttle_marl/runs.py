@@ -174,7 +174,7 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         RunError: another process has locked it, or it cannot be written.
     """
-    from filelock import FileLock, Timeout  # noqa: PLC0415  asyncio; not for a help page
+    from filelock import FileLock, Timeout  # noqa: PLC0415  slow to import
 
     lock = FileLock(folder / LOCK, timeout=0)
     try:

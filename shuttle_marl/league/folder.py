@@ -20,8 +20,8 @@ RALLIES: Final = "rallies.mcap"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
 _CHECKSUM: Final = "crc32"
-PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard")
-"""Packages whose versions can change a file of the run."""
+PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
+"""Packages whose versions can affect the files of a run."""
 
 
 def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:

@@ -1,8 +1,8 @@
 """Registry of policies by name: shipped policies, families of policies, and user policies.
 
 A name is ``KEY`` or ``KEY:ARGUMENT`` with a registered KEY (``random``, ``bc:viktor-axelsen``), else ``module:attribute``. A
-suffix ``@greedy`` or ``@TEMPERATURE`` makes the policy sharper or flatter (``bc@0.5``). A family is added by :func:`register`, or by an
-entry point of an installed package:
+suffix ``@greedy`` or ``@TEMPERATURE`` makes the policy sharper or flatter (``bc@0.5``). A family is added by
+:func:`register`, or by an entry point of an installed package:
 
     [project.entry-points."shuttle_marl.policies"]
     KEY = "package.module:FAMILY"

@@ -296,7 +296,7 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     lines = text.splitlines(keepends=True)
     for content in (lines[1], lines[0] + lines[0], lines[0] + lines[2], text + lines[2]):
         path.write_bytes(content)
-        with pytest.raises(LeagueError, match="missing, out of order or not of this run"):
+        with pytest.raises(LeagueError, match="missing, out of order, or of another run"):
             read_results(tmp_path / "run", scheduled)
     for content in (text[:-1], text[:-30], lines[0], b""):
         path.write_bytes(content)

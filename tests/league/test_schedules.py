@@ -181,7 +181,7 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
         ({"pool": POOL[2:], "matches": 2, "format": "gauntlet"}, "other flags (format"),
         ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "holds no run"),
         ({"pool": ()}, "give both"),
-        ({"pool": POOL, "format": "swiss"}, "cannot be had"),
+        ({"pool": POOL, "format": "swiss"}, "not available with"),
     ):
         with pytest.raises(LeagueError, match=re.escape(says)):
             run_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
