@@ -22,6 +22,8 @@ RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
+PAGE := shuttle_marl/watch/page
+
 .PHONY: help demo test test-slow test-all install lint format lock clean
 .NOTPARALLEL:
 
@@ -55,10 +57,13 @@ lint: $(TEST_STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo --no-cache
+	$(BIN)/python -m docs.tools.wire_types --check
+	cd $(PAGE) && npm ci --silent --no-audit --no-fund && node_modules/.bin/biome check . && node_modules/.bin/tsc -p .
 
 format: $(TEST_STAMP)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	cd $(PAGE) && npm ci --silent --no-audit --no-fund && node_modules/.bin/biome check --write .
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -17,7 +17,7 @@ A Python file takes part in a step if one of its functions runs, or if a functio
 when it is executed for the second time, so preparation does not count. A stroke runs uncompiled. Training is too slow for that:
 the kernel files of a training step are those of a stroke of ``RallyEnv``. Recording begins where training hands over the rallies
 of an iteration, so its files are those of training, rally and recording, without the kernel that plays. A TypeScript file takes
-part in a frame if the module ``frame.ts`` imports it, directly or not; imports of types do not count.
+part in a frame if the module ``frame.ts`` imports it, directly or not; imports of types count too.
 """
 
 import ast
@@ -110,7 +110,7 @@ play()
 play()
 print("\\n" + json.dumps({{file: sorted(names) for file, names in files.items()}}))
 """
-_IMPORT: Final = re.compile(r'^(?:import|export)\s+(?!type\b)(?:([^"\';]*?)\s+from\s+)?["\'](\.[^"\']*)["\']', re.MULTILINE)
+_IMPORT: Final = re.compile(r'^(?:import|export)\b[^"\';]*["\'](\.[^"\']*)["\']', re.MULTILINE)
 _STROKES: Final = frozenset({"stroke", "strokes", "pair", "played"})
 _ENDS: Final = frozenset({"server", "ending", "ended", "reason"})
 _RECORDING: Final = ("training", "rally", "recording")
@@ -224,7 +224,7 @@ def files_of(root: Path, found: dict[Path, Module], setup: str, *, compiled: boo
 
 
 def imported_scripts(entry: Path) -> set[Path]:
-    """A TypeScript module and all modules that it imports, directly or not; imports of types are left out.
+    """A TypeScript module and all modules that it imports, directly or not.
 
     Raises:
         SizeError: there is no such module.
@@ -237,10 +237,9 @@ def imported_scripts(entry: Path) -> set[Path]:
         if path in reached:
             continue
         reached.add(path)
-        for names, source in _IMPORT.findall(path.read_text(encoding="utf-8")):
-            inside = names.strip().removeprefix("{").removesuffix("}").split(",")
-            target = (path.parent / source).with_suffix(".ts") if not source.endswith(".ts") else path.parent / source
-            if target.is_file() and not all(name.strip().startswith("type ") for name in inside if name.strip() or not names):
+        for source in _IMPORT.findall(path.read_text(encoding="utf-8")):
+            target = path.parent / (source if source.endswith(".ts") else f"{source}.ts")
+            if target.is_file():
                 waiting.append(target.resolve())
     return reached
 

@@ -1,6 +1,7 @@
-"""``python -m shuttle_marl.watch``: a page on this machine that shows matches in 3D."""
+"""``python -m shuttle_marl.watch``: the live 3D court, a page served by this machine."""
 
 import contextlib
+import dataclasses
 import socket
 import sys
 import threading
@@ -14,92 +15,158 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import printable
 from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
+    from shuttle_marl.watch.recorded import Recorded
     from shuttle_marl.watch.server import Server
 
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MatchOptions:
+    """The match that a page shows first.
+
+    Attributes:
+        a: policy of the near player.
+        b: policy of the far player.
+        temperature: temperatures of both policies; 1: unchanged, 0: greedy.
+        seed: random seed.
+    """
+
+    a: str = "ppo"
+    b: str = "bc"
+    temperature: tuple[float, float] = (1.0, 1.0)
+    seed: int = 0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RallyOptions:
+    """Recorded rallies instead of a match.
+
+    Attributes:
+        replay: rally log to show.
+        real: annotated matches to show: a stroke table, or a folder with the raw files.
+        rally: number of the rally to show first, from 0.
+    """
+
+    replay: Path | None = None
+    real: Path | None = None
+    rally: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Appearance:
+    """Appearance of the players.
+
+    Attributes:
+        athletes: athletes at seats A and B.
+        hands: racket hands at seats A and B.
+    """
+
+    athletes: tuple[Athlete, Athlete] = ("male", "male")
+    hands: tuple[Hand, Hand] = ("right", "right")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ServerOptions:
+    """The server of the page.
+
+    Attributes:
+        host: address to listen on; the default accepts connections from this machine only.
+        port: port; if it is in use, a free one.
+        browser: open the page in the browser.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8090
+    browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+
+
 def watch(
     *,
-    a: str = "ppo",
-    b: str = "bc",
-    temperature: tuple[float, float] = (1.0, 1.0),
-    seed: int = 0,
-    athletes: tuple[Athlete, Athlete] = ("male", "male"),
-    hands: tuple[Hand, Hand] = ("right", "right"),
-    replay: Path | None = None,
-    real: Path | None = None,
-    rally: int | None = None,
+    match: tyro.conf.OmitArgPrefixes[MatchOptions] = MatchOptions(),
+    rallies: tyro.conf.OmitArgPrefixes[RallyOptions] = RallyOptions(),
+    appearance: tyro.conf.OmitArgPrefixes[Appearance] = Appearance(),
     record: Path = Path("runs/watch"),
     video: Path | None = None,
     game: str = "default",
     profile: Profile | None = None,
-    host: str = "127.0.0.1",
-    port: int = 8090,
-    browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True,
+    server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
-    """Watch matches in 3D, analyse them, and play yourself: opens a page in the browser, served by this machine.
+    """Watch matches in 3D, analyse them, or play: opens a page in the browser, served by this machine.
 
     Args:
-        a: policy of the near player.
-        b: policy of the far player.
-        temperature: of both policies; 1: as they are, 0: always their likeliest stroke.
-        seed: names all draws of the first match.
-        athletes: who is seen at seats A and B.
-        hands: with which they play.
-        replay: show the rallies of this log instead of a match.
-        real: show the rallies of annotated matches instead: a stroke table, or a folder with the raw files.
-        rally: number of the rally that is shown first, from 0.
-        record: folder for the log of rallies that you play.
-        video: film the rally into this file, .mp4 or .webm, without a screen, and serve nothing.
-        game: model on whose game they play: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        host: address to serve on; the default is for this machine alone.
-        port: to serve on; if it is taken, a free one.
-        browser: open the page in the browser.
+        match: match that a page shows first.
+        rallies: recorded rallies instead of a match.
+        appearance: appearance of the players.
+        record: folder for the logs of rallies that you play.
+        video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
+        game: model of the game: a shipped one or a folder.
+        profile: men or women: the game of that discipline; default: the average of both.
+        server: server of the page.
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
-    from shuttle_marl.watch.diary import Diary  # noqa: PLC0415
-    from shuttle_marl.watch.plan import Side  # noqa: PLC0415
-    from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
+    from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
+    from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
+    from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
     from shuttle_marl.watch.server import Server, application, bind, hosts_of  # noqa: PLC0415
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
-    from shuttle_marl.watch.tables import Tables  # noqa: PLC0415
     from shuttle_marl.watch.video import check_video  # noqa: PLC0415
 
     console = cli.console(stderr=True)
-    if replay is not None and real is not None:
-        raise WatchError("say what to show: either --replay LOG or --real MATCH")
     if video is not None:
         check_video(video)
-    sides = Side(policy=a, temperature=temperature[0]), Side(policy=b, temperature=temperature[1])
+    sides = [{"policy": name, "temperature": t} for name, t in zip((match.a, match.b), match.temperature, strict=True)]
+    plan = Plan.parse({"seed": match.seed, "sides": sides})
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    found = resolve_game(game, profile)
-    tables = Tables(found, (a, b))
-    recorded = LogRallies(replay, found) if replay is not None else RealRallies(real, found) if real is not None else None
-    if recorded is not None and not 0 <= (rally or 0) < recorded.count:
-        raise WatchError(f"--rally {rally}: there are rallies 0 to {recorded.count - 1}")
-    with contextlib.closing(bind(host, port)) as listener, contextlib.closing(Diary(record, found, tables)) as diary:
-        answers = Answers(tables, sides, seed, Stager(found, athletes, hands), recorded=recorded, first=rally or 0, diary=diary)
-        address = f"http://{f'[{host}]' if ':' in host else host}:{listener.getsockname()[1]}/"
-        server = Server(application(answers, page, hosts=hosts_of(host)))
+    policies = PolicyTables(resolve_game(game, profile), (match.a, match.b))
+    recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
+    with (
+        contextlib.closing(bind(server.host, server.port)) as listener,
+        contextlib.closing(MatchLog(record, policies.game, policies)) as log,
+    ):
+        stager = Stager(appearance.athletes, appearance.hands)
+        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log)
+        host = f"[{server.host}]" if ":" in server.host else server.host
+        address = f"http://{host}:{listener.getsockname()[1]}/"
+        running = Server(application(answers, page, hosts=hosts_of(server.host)))
         if video is not None:
-            _film(server, listener, f"{address}?quality=full#rally={(rally or 0) + 1}", video)
+            _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
             return
         console.print(f"{address} shows the match; Ctrl-C ends it", soft_wrap=True)
         threading.Thread(target=answers.warm, daemon=True).start()
-        if browser:
+        if server.browser:
             webbrowser.open(address)
         with contextlib.suppress(KeyboardInterrupt):
-            server.run(sockets=[listener])
+            running.run(sockets=[listener])
+
+
+def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
+    """The recorded rallies to show; None: a match.
+
+    Raises:
+        WatchError: two sources, or no such rally.
+    """
+    from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
+
+    if options.replay is not None and options.real is not None:
+        raise WatchError("--replay and --real: give one of them")
+    recorded: Recorded | None = None
+    if options.replay is not None:
+        recorded = LogRallies(options.replay, game)
+    elif options.real is not None:
+        recorded = RealRallies(options.real, game)
+    if recorded is not None and not 0 <= (options.rally or 0) < recorded.count:
+        raise WatchError(f"--rally {options.rally}: expected 0 to {recorded.count - 1}")
+    return recorded
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:

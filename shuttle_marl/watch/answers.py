@@ -1,183 +1,171 @@
-"""Answers to the requests of pages: each names what it wants in full, so pages can come, leave and share links as they like."""
+"""Replies to the requests of pages. A request names all it needs, so pages can reconnect and share links."""
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Final
+
+from msgspec.structs import replace
 
 from shuttle_marl import __version__
+from shuttle_marl.analysis.rally import Players
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.policy import registry
 from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.diary import Diary
-from shuttle_marl.watch.match import Match, Person, Rally, play_rally
-from shuttle_marl.watch.plan import MOST_CHOSEN, MOST_NUMBERS, MOST_RALLIES, Plan, Side, parse_chosen, whole
+from shuttle_marl.watch.facts import hall_facts, rally_facts
+from shuttle_marl.watch.match import CourtRally, Match, play_rally
+from shuttle_marl.watch.match_log import MatchLog
+from shuttle_marl.watch.messages import (
+    AnalysisRequest,
+    Hello,
+    HelloRequest,
+    OptionsReply,
+    OptionsRequest,
+    Query,
+    RallyReply,
+    RallyRequest,
+    RecordedFacts,
+    Reply,
+    Request,
+    Styles,
+    encode_reply,
+)
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.tables import Kept, Tables
-from shuttle_marl.watch.telling import hall_facts, message, rally_facts
-from shuttle_marl.watch.worth import ELITE, Players, Worth
+from shuttle_marl.watch.stroke_values import ELITE, StrokeValues
 
-_MOST_MATCHES: Final = 64
-_MOST_PACKED: Final = 8
-
-Facts = dict[str, Any]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Wanted:
-    """The rally that a request is about.
-
-    Attributes:
-        number: of the rally.
-        plan: of its match; None: it was recorded.
-        person: who plays for a policy.
-        tried: strokes of a recorded rally that are replaced, by their number.
-    """
-
-    number: int
-    plan: Plan | None
-    person: Person | None
-    tried: tuple[tuple[int, int], ...] = ()
+_MAX_MATCHES: Final = 64
+_MAX_PACKED: Final = 8
 
 
 class Answers:
-    """Knowledge and actions of a server.
+    """Answers the requests of pages.
 
     Args:
-        tables: of the game and its policies.
-        sides: who plays when a page is opened.
-        seed: of the first match.
+        policies: policies of the game.
+        plan: the match of a page that names none.
         stager: stages the rallies.
-        recorded: rallies to show instead of matches.
+        recorded: recorded rallies to show instead of matches.
         first: number of the rally that is shown first.
-        diary: where rallies go that a person played; None: they are not kept.
+        log: log of the rallies that a person plays; None: not recorded.
     """
 
     def __init__(
         self,
-        tables: Tables,
-        sides: tuple[Side, Side],
-        seed: int,
+        policies: PolicyTables,
+        plan: Plan,
         stager: Stager,
         *,
         recorded: Recorded | None = None,
         first: int = 0,
-        diary: Diary | None = None,
+        log: MatchLog | None = None,
     ) -> None:
-        self._game, self._tables = tables.game, tables
-        self._sides, self._seed, self._recorded, self._first_shown = sides, seed, recorded, first
-        self._worth, self._stager, self._diary = Worth(tables), stager, diary
-        self._matches, self._packed = Kept(_MOST_MATCHES), Kept(_MOST_PACKED)
-        self._known: dict[str, Callable[[Mapping[str, Any]], tuple[Facts, list[bytes]]]] = {
-            "hello": self._hello,
-            "rally": self._rally,
-            "analysis": self._analysis,
-            "options": self._options,
-            "styles": self._styles,
-        }
+        self._game, self._policies, self._plan = policies.game, policies, plan
+        self._recorded, self._first_shown = recorded, first
+        self._values, self._stager, self._log = StrokeValues(policies), stager, log
+        self._matches, self._packed = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED)
 
-    def __call__(self, request: Mapping[str, Any]) -> bytes:
-        """The reply to a request.
+    def __call__(self, request: Request) -> bytes:
+        """The encoded reply to a request.
 
         Raises:
-            ShuttleError: it is not understood, or cannot be answered.
+            ShuttleError: it cannot be answered.
         """
-        operation = self._known.get(request["op"])
-        if operation is None:
-            raise WatchError("a request for something unknown; load the page again")
-        facts, parts = operation(request)
-        return message({"id": request["id"], **facts}, parts)
+        reply, body = self._reply(request)
+        return encode_reply(request.id, reply, [body])
+
+    def _reply(self, request: Request) -> tuple[Reply, bytes]:
+        if isinstance(request, HelloRequest):
+            return self._hello(), b""
+        if isinstance(request, RallyRequest):
+            return self._rally(request)
+        if isinstance(request, AnalysisRequest):
+            return self._values.analysis(self._played(request), self._players(request)), b""
+        if isinstance(request, OptionsRequest):
+            return self._options(request), b""
+        return self._styles(request), b""
 
     def warm(self) -> None:
-        """Do once what takes longest the first time, so that no page waits for it."""
-        for operation in (self._rally, self._analysis):
-            plan = None if self._recorded else {"seed": self._seed, "sides": [dataclasses.asdict(side) for side in self._sides]}
-            with contextlib.suppress(ShuttleError):  # a page that asks for it is told
-                operation({"plan": plan, "rally": self._first_shown})
+        """Compute the first rally and its analysis, so that no page waits for them."""
+        plan = None if self._recorded else self._plan
+        for kind in (RallyRequest, AnalysisRequest):
+            with contextlib.suppress(ShuttleError):  # the page that asks receives the error
+                self._reply(kind(id=0, plan=plan, rally=self._first_shown))
 
-    def _hello(self, _: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        shown = dict.fromkeys([*(side.policy for side in self._sides), *registry.names(self._game)])
+    def _hello(self) -> Hello:
         recorded = self._recorded
-        return {
-            "version": __version__,
-            "game": self._game.hash[:12],
-            "hall": hall_facts(),
-            "policies": list(shown),
-            "plan": {"seed": self._seed, "sides": [dataclasses.asdict(side) for side in self._sides]},
-            "recorded": None
-            if recorded is None
-            else {"title": recorded.title, "count": recorded.count, "first": self._first_shown},
-        }, []
+        return Hello(
+            version=__version__,
+            game=self._game.hash[:12],
+            hall=hall_facts(),
+            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game)])),
+            plan=self._plan,
+            recorded=None if recorded is None else RecordedFacts(recorded.title, recorded.count, self._first_shown),
+        )
 
-    def _rally(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        wanted = _wanted(request)
-        rally = self._played(wanted)
-        motion = self._motion(wanted, rally)
-        if self._diary is not None and wanted.plan is not None and wanted.person is not None:
-            self._diary.keep(wanted.plan, rally)
-        # A page that has the motion up to the branch needs only what follows.
-        first = self._first(wanted, rally, motion) if request.get("have") is True else 0
+    def _rally(self, request: RallyRequest) -> tuple[RallyReply, bytes]:
+        rally = self._played(request)
+        motion = self._motion(request, rally)
+        if self._log is not None and request.plan is not None and request.person is not None:
+            self._log.add(request.plan, rally)
+        # A page that has the motion up to the branch needs only the frames after it.
+        first = self._first_frame(request, rally, motion) if request.have else 0
         packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
-        return {"rally": rally_facts(self._game, rally, motion)}, [packed]
+        return RallyReply(rally_facts(self._game, rally, motion)), packed
 
-    def _analysis(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        wanted = _wanted(request)
-        return self._worth.analysis(self._played(wanted), self._players(wanted)), []
-
-    def _options(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        """The worth of every stroke that a person can choose now."""
-        wanted = _wanted(request)
-        rally = self._played(wanted)
+    def _options(self, query: Query) -> OptionsReply:
+        rally = self._played(query)
         if rally.turn is None:
             raise WatchError("the rally is over; there is nothing to choose")
-        seat = rally.striker(len(rally.stroke))
-        decision = self._worth.decision(rally.turn, seat, self._players(wanted))
-        return {"options": self._worth.options(decision, seat, most=len(decision.strokes))}, []
+        choice = self._values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
+        return OptionsReply(self._values.options(choice, limit=len(choice.stroke)))
 
-    def _styles(self, request: Mapping[str, Any]) -> tuple[Facts, list[bytes]]:
-        wanted = _wanted(request)
-        if wanted.plan is None:
-            raise WatchError("styles are those of policies; ask for them in a match")
-        return self._worth.styles(wanted.plan.sides_in(wanted.number)), []
+    def _styles(self, query: Query) -> Styles:
+        if query.plan is None:
+            raise WatchError("styles exist for policies only; request them for a match")
+        return self._values.styles(query.plan.sides_in(query.rally))
 
-    def _played(self, wanted: _Wanted) -> Rally:
-        if wanted.plan is not None:
-            return self._match(wanted.plan).rally(wanted.number, wanted.person)
+    def _played(self, query: Query) -> CourtRally:
+        if (plan := query.plan) is not None:
+            match = self._matches.get(plan.key, lambda: Match(plan, self._game, self._policies))
+            return match.rally(query.rally, query.person)
         if self._recorded is None:
             raise WatchError("this server shows no recorded rallies; load the page again")
-        rally = self._recorded.rally(wanted.number)
-        if not wanted.tried:
+        rally = self._recorded.rally(query.rally)
+        if not query.tried:
             return rally
-        k = min(number for number, _ in wanted.tried)
-        players = self._players(dataclasses.replace(wanted, tried=()))
-        chosen = {**dict(enumerate(rally.stroke[:k])), **dict(wanted.tried)}
-        key = stream(rally.key, k)
-        again = play_rally(self._game, players.tables, key, rally.number, rally.names, rally.score, chosen)
-        return dataclasses.replace(again, key=rally.key, chosen=tuple(number for number, _ in wanted.tried))
+        k = min(query.tried)
+        first, second = self._players(query).tables
+        if first is None or second is None:
+            raise WatchError("the policies of this rally are unknown; no stroke can be tried")
+        chosen = {**dict(enumerate(rally.stroke[:k].tolist())), **query.tried}
+        about = rally.number, rally.names, rally.score
+        branch = play_rally(self._game, (first, second), stream(rally.key, k), about, chosen)
+        return dataclasses.replace(branch, key=rally.key, chosen=tuple(sorted(query.tried)))
 
-    def _players(self, wanted: _Wanted) -> Players:
-        if wanted.plan is not None:
-            return self._worth.players(wanted.plan.sides_in(wanted.number))
-        found = None if self._recorded is None else self._recorded.players(wanted.number)
-        # Of players who are not known, values are those of imitated elite players.
-        return found or self._worth.players((ELITE, ELITE))
+    def _players(self, query: Query) -> Players:
+        if query.plan is not None:
+            return self._values.players(query.plan.sides_in(query.rally))
+        found = None if self._recorded is None else self._recorded.players(query.rally)
+        # Rallies of unknown players have the values of imitated elite players.
+        return found or self._values.players((ELITE, ELITE))
 
-    def _motion(self, wanted: _Wanted, rally: Rally) -> Motion:
-        def make() -> Motion:
-            branch = _branch(wanted, rally)
+    def _motion(self, query: Query, rally: CourtRally) -> Motion:
+        def compute() -> Motion:
+            branch = _branch(query, rally)
             if branch is None:
                 return self._stager.stage(rally)
             before, stroke = branch
             return self._stager.stage(rally, self._motion(before, self._played(before)), stroke)
 
-        return self._stager.kept(rally, wanted.person, make)
+        return self._stager.cached(rally, query.person, compute)
 
-    def _first(self, wanted: _Wanted, rally: Rally, motion: Motion) -> int:
-        """The first frame that is not that of the motion which this one continues."""
-        branch = _branch(wanted, rally)
+    def _first_frame(self, query: Query, rally: CourtRally, motion: Motion) -> int:
+        """First frame that differs from the motion that this one continues."""
+        branch = _branch(query, rally)
         if branch is None:
             return 0
         before, stroke = branch
@@ -185,45 +173,17 @@ class Answers:
             return int(motion.contact_frame[stroke - 1]) + 1
         return len(self._motion(before, self._played(before)).time)
 
-    def _match(self, plan: Plan) -> Match:
-        return self._matches.get(plan, lambda: Match(plan, self._game, self._tables))
 
-
-def _branch(wanted: _Wanted, rally: Rally) -> tuple[_Wanted, int] | None:
-    """The rally whose motion a rally continues, and the first stroke that is another one; None: it continues none."""
-    plan, person = wanted.plan, wanted.person
+def _branch(query: Query, rally: CourtRally) -> tuple[Query, int] | None:
+    """The rally whose motion a rally continues, and the first stroke that differs; None: it continues none."""
+    plan, person = query.plan, query.person
     if plan is None:
-        if not wanted.tried:
+        if not query.tried:
             return None
-        *others, (stroke, _) = sorted(wanted.tried)
-        return dataclasses.replace(wanted, tried=tuple(others)), stroke
+        last = max(query.tried)
+        return replace(query, tried={k: stroke for k, stroke in query.tried.items() if k != last}), last
     if rally.chosen:
-        return dataclasses.replace(wanted, plan=plan.without(wanted.number, rally.chosen[-1])), rally.chosen[-1]
-    if person is not None and (person.rally, rally.turn is None) == (wanted.number, False) and person.stroke:
-        return dataclasses.replace(wanted, person=None), len(rally.stroke)
+        return replace(query, plan=plan.without(query.rally, rally.chosen[-1])), rally.chosen[-1]
+    if person is not None and person.rally == query.rally and rally.turn is not None and person.stroke:
+        return replace(query, person=None), len(rally)
     return None
-
-
-def _wanted(request: Mapping[str, Any]) -> _Wanted:
-    number = whole(request.get("rally"), "the number of a rally", MOST_NUMBERS)
-    if request.get("plan") is None:
-        return _Wanted(number=number, plan=None, person=None, tried=parse_chosen(request.get("tried", {})))
-    whole(number, "the number of a rally", MOST_RALLIES)
-    return _Wanted(number=number, plan=Plan.parse(request["plan"]), person=_person(request.get("person")))
-
-
-def _person(raw: Any) -> Person | None:
-    """A person who plays, from ``{"seat": S, "rally": R, "stroke": K}``; None: no person does.
-
-    Raises:
-        WatchError: it is something else.
-    """
-    if raw is None:
-        return None
-    if not isinstance(raw, dict) or raw.keys() != {"seat", "rally", "stroke"}:
-        raise WatchError("a person plays at a seat, from a rally and a stroke on")
-    return Person(
-        seat=whole(raw["seat"], "a seat", 2),
-        rally=whole(raw["rally"], "the number of a rally", MOST_RALLIES),
-        stroke=whole(raw["stroke"], "the number of a stroke", MOST_CHOSEN),
-    )

@@ -1,4 +1,4 @@
-"""Rallies that were played before: those of a rally log, and of annotated matches."""
+"""Recorded rallies: of a rally log, and of annotated matches."""
 
 import dataclasses
 import threading
@@ -7,24 +7,22 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from shuttle_marl.analysis import LogPlayers
+from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
 from shuttle_marl.arrays import I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.rules import FAULT, WINNER
+from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.replay import states
 from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.match import Rally, Score
-from shuttle_marl.watch.tables import Kept
-from shuttle_marl.watch.worth import Players
+from shuttle_marl.watch.match import CourtRally, Score
+from shuttle_marl.watch.policies import OnceCache
 
-_MOST_MATCHES: Final = 16
+_MAX_MATCHES: Final = 16
 _FAR: Final = 1000
 """Distance of a stroke of another shot type; larger than any of area and technique."""
 
@@ -42,8 +40,8 @@ class Recorded(Protocol):
         """Description in words."""
         ...
 
-    def rally(self, number: int) -> Rally:
-        """One of them.
+    def rally(self, number: int) -> CourtRally:
+        """A rally.
 
         Raises:
             ShuttleError: there is no such rally, or it cannot be shown.
@@ -51,27 +49,27 @@ class Recorded(Protocol):
         ...
 
     def players(self, number: int) -> Players | None:
-        """Its players; None: not known."""
+        """Players of a rally; None: unknown."""
         ...
 
 
 class LogRallies:
     """The rallies of a log.
 
-    Policies that the log names are resolved without running code, and only if their table is the one that played.
+    Policies named by the log are resolved without running code, and used only if their table is the one that played.
 
     Args:
         path: a rally log, or a folder of them.
-        game: the game it was played on.
+        game: the game that was played.
 
     Raises:
-        RecordingError: it cannot be read, or was played on another game.
+        RecordingError: the log cannot be read, or was played on another game.
     """
 
     def __init__(self, path: Path, game: Game) -> None:
         self._log, self._game = RallyLog(path), game
-        self._lock = threading.RLock()  # a log is one open file, and answers come from several threads
-        self._players, self._games = LogPlayers(self._log, game), Kept(_MOST_MATCHES)
+        self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
+        self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
         self.title = printable(path.name)
 
     @property
@@ -79,44 +77,39 @@ class LogRallies:
         """Number of rallies."""
         return self._log.n_rallies
 
-    def rally(self, number: int) -> Rally:
-        """One of them; see :class:`Recorded`."""
+    def rally(self, number: int) -> CourtRally:
+        """A rally; see :class:`Recorded`."""
         with self._lock:
             return self._rally(number)
 
-    def _rally(self, number: int) -> Rally:
+    def _rally(self, number: int) -> CourtRally:
         found = self._log.rally(number)
         header = self._log.files[self._log.file_of(number)].header
-        state, _ = states(self._game, found)
-        if (state < 0).any():
-            raise WatchError(f"rally {number + 1}: stroke {int((state < 0).argmax()) + 1} is not legal in this game")
+        rally = found.row(0, self._log.catalogue).checked()
+        try:
+            legal_states(rally, self._game)
+        except IllegalStrokeError as error:
+            raise WatchError(f"rally {number + 1}: {error}") from error
         first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
-        points, games = found.score[0, :2].tolist(), found.score[0, 2:].tolist()
         finished = self._finished(int(found.pairing[0]), int(found.match[0])).get(number, ())
-        return Rally(
+        return CourtRally(
+            catalogue=self._game.catalogue,
+            server=rally.server,
+            stroke=rally.stroke,
+            ending=rally.ending,
+            points=rally.points,
+            games=rally.games,
             number=number,
             names=(printable(first.name), printable(second.name)),
-            score=Score(
-                points=(points[0], points[1]),
-                games=(games[0], games[1]),
-                finished=finished,
-                server=int(found.server[0]),
-                rules=header.rules,
-            ),
-            stroke=tuple(found.stroke.astype(int).tolist()),
-            state=tuple(state.tolist()),
-            ending=int(found.reason[0]),
+            score=Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
             key=staging_key(header, found),
         )
 
     def players(self, number: int) -> Players | None:
-        """Its players; see :class:`Recorded`."""
+        """Players of a rally; see :class:`Recorded`."""
         with self._lock:
             found = self._players.of_rally(number)
-        first, second = found.tables
-        if first is None or second is None or found.value is None:
-            return None
-        return Players(tables=(first, second), value=found.value)
+        return None if found.value is None else found
 
     def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
         """Points of the games before each rally of a match, by the number of the rally."""
@@ -150,8 +143,8 @@ class _Annotated:
 class RealRallies:
     """The rallies of annotated matches, as strokes of the game.
 
-    An annotated stroke is shown as the legal one nearest to it: same contact, then shot type, technique and area. How long the
-    shuttle flew and where exactly it came down is drawn as for every rally.
+    An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Flight times and
+    landing points are staged as for every rally.
 
     Args:
         path: a stroke table, or a folder with the raw files.
@@ -196,29 +189,29 @@ class RealRallies:
     def players(self, number: int) -> None:
         """Not known: people played."""
 
-    def rally(self, number: int) -> Rally:
-        """One of them; see :class:`Recorded`."""
+    def rally(self, number: int) -> CourtRally:
+        """A rally; see :class:`Recorded`."""
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
         found, column = self._rallies[number], self._columns
         strokes: list[int] = []
-        played: list[int] = []
         state, game = ROOT, self._game
         for i, row in enumerate(found.rows.tolist()):
             stroke = self._nearest(state, row)
             strokes.append(stroke)
-            played.append(state)
             if i + 1 < len(found.rows):
                 arrivals = game.arrivals(game.pair(state, np.array([stroke])))[0]
                 state = int(arrivals[int(column["height"][found.rows[i + 1]])])
-        ending = FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER
-        return Rally(
+        return CourtRally(
+            catalogue=game.catalogue,
+            server=found.score.server,
+            stroke=np.array(strokes, dtype=np.int64),
+            ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
+            points=found.score.points,
+            games=found.score.games,
             number=number,
             names=(printable(found.players[0]), printable(found.players[1])),
             score=found.score,
-            stroke=tuple(strokes),
-            state=tuple(played),
-            ending=ending,
             key=int(stream(0, number)[0] >> np.uint64(1)),
         )
 

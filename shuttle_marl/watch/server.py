@@ -1,18 +1,17 @@
-"""The server of the page: fixed files over HTTP, requests and replies over one websocket.
+"""The server of the page: static files over HTTP, requests and replies over a WebSocket.
 
-Whoever connects is taken for a stranger: the Host of a request must be this machine (DNS rebinding: a foreign name that leads
-here), a page of another origin is refused, messages are small and few, and a client that does not read waits alone.
+Clients are untrusted. The Host header must name this machine (protection against DNS rebinding), pages of other origins are
+refused, the size and rate of messages are limited, and a client that does not read delays only itself.
 """
 
 import asyncio
 import dataclasses
 import ipaddress
-import json
 import logging
 import os
 import socket
 import urllib.parse
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,22 +28,23 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.telling import message
+from shuttle_marl.watch.messages import HelloRequest, RallyRequest, decode_request, encode_reply, request_id
+from shuttle_marl.watch.messages import Request as PageRequest
 
 HOST: Final = "127.0.0.1"
-LARGEST: Final = 1 << 18
-"""Bytes of a message from a page: a played match is named with all strokes of the person."""
-MOST_PAGES: Final = 200
-"""Connections at a time."""
+MAX_MESSAGE: Final = 1 << 18
+"""Maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person."""
+MAX_CONNECTIONS: Final = 200
+"""Maximum number of connections."""
 _RATE, _BURST = 40.0, 120.0
-"""Requests a second of a connection, on average and at once."""
-_TOGETHER: Final = 16
-"""Requests of a connection that are answered at the same time."""
+"""Requests per second of a connection: sustained rate, and burst."""
+_CONCURRENT: Final = 16
+"""Maximum number of concurrent requests of a connection."""
 _THREADS: Final = 4
-_SLOW: Final = frozenset(("analysis", "options", "styles"))
-"""Requests that may have to wait for the game to be solved: they have threads of their own, and hold up no rally."""
-_FAREWELL: Final = 1
-"""Time that connections have to close when the server stops [s]."""
+_FAST: Final = (HelloRequest, RallyRequest)
+"""Requests that never wait for the game to be solved; the others have separate threads."""
+_SHUTDOWN: Final = 1
+"""Time for connections to close when the server stops [s]."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -52,22 +52,22 @@ _POLICY: Final = (
 )
 _TYPES: Final = {"index.html": "text/html", "watch.js": "text/javascript", "watch.css": "text/css"}
 
-Answer = Callable[[Mapping[str, Any]], bytes]
-"""Answers a request with the message that is sent back; raises ShuttleError. Called in a thread."""
+Answer = Callable[[PageRequest], bytes]
+"""Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
 
 
 def application(answer: Answer, page: Path, *, hosts: tuple[str, ...] = _LOOPBACK) -> ASGIApp:
     """The ASGI application.
 
     Args:
-        answer: what requests of pages are answered with.
+        answer: request handler.
         page: folder of the built page.
-        hosts: names by which this machine may be called; one that is ``*`` stands for every address in numbers.
+        hosts: allowed values of the Host header; ``*`` allows every IP address.
     """
     routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
-    routes.append(WebSocketRoute("/ws", _Pages(answer).attend))
+    routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
     return _Guard(Starlette(routes=routes), hosts)
 
 
@@ -81,7 +81,7 @@ def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
 
 
 class _Guard:
-    """Refuses requests for other hosts and of foreign pages, before anything is done for them."""
+    """Refuses requests to other hosts and from other origins, and adds security headers to every response."""
 
     def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
         self._app, self._hosts = app, hosts
@@ -97,7 +97,7 @@ class _Guard:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": reason[:100]})
         else:
-            await PlainTextResponse(f"{reason}\n", status_code=403)(scope, receive, send)
+            await PlainTextResponse(f"{reason}\n", status_code=403)(scope, receive, _with_headers(send))
 
 
 def _with_headers(send: Send) -> Send:
@@ -111,27 +111,28 @@ def _with_headers(send: Send) -> Send:
 
 
 def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...]) -> str | None:
-    """Reason to refuse a request, None if there is none.
+    """Reason to refuse a request; None if it is allowed.
 
     Args:
         hosts: its Host headers.
-        origins: its Origin headers; a web page sends one, and it must be the host itself.
-        allowed: names of this machine; ``*`` stands for every address in numbers, which no foreign name can lead to.
+        origins: its Origin headers; browsers send one, which must be the host itself.
+        allowed: allowed host names; ``*`` allows every IP address, which DNS rebinding cannot forge.
     """
-    host = _name(f"//{hosts[0]}") if len(hosts) == 1 else None
+    host = _split(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
     if host is None or not (host in allowed or ("*" in allowed and _is_address(host))):
         name = printable(", ".join(hosts))[:100] or "of no name"
         return f"refused a request to the host {name}: open the address that was printed"
-    if len(origins) > 1 or (origins and urllib.parse.urlsplit(origins[0]).netloc != hosts[0]):
+    if len(origins) > 1 or (origins and _split(origins[0]).netloc != hosts[0]):
         return f"refused a page of {printable(', '.join(origins))[:100]}: only the page of this server may connect"
     return None
 
 
-def _name(url: str) -> str | None:
+def _split(url: str) -> urllib.parse.SplitResult:
+    """Parts of a URL; all empty if it is malformed."""
     try:
-        return urllib.parse.urlsplit(url).hostname
+        return urllib.parse.urlsplit(url)
     except ValueError:
-        return None
+        return urllib.parse.urlsplit("")
 
 
 def _is_address(name: str) -> bool:
@@ -142,18 +143,18 @@ def _is_address(name: str) -> bool:
     return True
 
 
-class _Pages:
-    """Everyone who is connected."""
+class _Connections:
+    """Open WebSocket connections."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer, self._count = answer, 0
         self._limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter] | None = None
 
-    async def attend(self, socket: WebSocket) -> None:
-        """Answer the requests of one page until it leaves."""
+    async def serve(self, socket: WebSocket) -> None:
+        """Answer the requests of one connection until it closes."""
         await socket.accept()
-        if self._count >= MOST_PAGES:
-            await socket.close(1013, f"{MOST_PAGES} pages are open already")
+        if self._count >= MAX_CONNECTIONS:
+            await socket.close(1013, f"{MAX_CONNECTIONS} pages are open already")
             return
         self._limiters = self._limiters or (anyio.CapacityLimiter(_THREADS), anyio.CapacityLimiter(_THREADS))
         self._count += 1
@@ -166,13 +167,13 @@ class _Pages:
                 wait = budget.take(asyncio.get_running_loop().time())
                 if wait > 0:
                     await asyncio.sleep(wait)
-                if len(running) >= _TOGETHER:
+                if len(running) >= _CONCURRENT:
                     await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
                 task = asyncio.create_task(self._reply(socket, text, self._limiters, sending))
                 running.add(task)
                 task.add_done_callback(running.discard)
         except (WebSocketDisconnect, RuntimeError, KeyError):
-            pass  # it has left, or sent bytes, which no page does
+            pass  # the connection is closed, or sent bytes, which pages never do
         finally:
             self._count -= 1
             for task in running:
@@ -181,21 +182,16 @@ class _Pages:
     async def _reply(
         self, socket: WebSocket, text: str, limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter], sending: asyncio.Lock
     ) -> None:
-        number: Any = None
+        number = request_id(text)
         try:
-            request = json.loads(text)
-            if not isinstance(request, dict) or type(request.get("id")) is not int or not isinstance(request.get("op"), str):
-                raise WatchError("a request is an object with a number `id` and a text `op`")
-            number = request["id"]
-            limiter = limiters[request["op"] in _SLOW]
+            request = decode_request(text)
+            limiter = limiters[not isinstance(request, _FAST)]
             content = await anyio.to_thread.run_sync(self._answer, request, limiter=limiter)
         except ShuttleError as error:
-            content = message({"id": number, "error": printable(str(error))})
-        except (ValueError, RecursionError):
-            content = message({"id": number, "error": "a request that is no JSON"})
-        except Exception as error:  # a page is told of every failure, and the server serves the others
+            content = encode_reply(number, printable(str(error)))
+        except Exception as error:  # pages receive every error, and the server continues
             logging.getLogger(__name__).exception("a request failed")
-            content = message({"id": number, "error": f"the server failed ({type(error).__name__}); its console says more"})
+            content = encode_reply(number, f"the server failed ({type(error).__name__}); see its console")
         try:
             async with sending:
                 await socket.send_bytes(content)
@@ -205,27 +201,27 @@ class _Pages:
 
 @dataclasses.dataclass
 class _Budget:
-    """Number of requests that a page may still send."""
+    """Rate limiter of one connection (token bucket)."""
 
     at: float
     left: float = _BURST
 
     def take(self, now: float) -> float:
-        """Take one; returns how long the page has to wait for it [s]."""
+        """Take a token; returns the time until it is available [s]."""
         self.left = min(_BURST, self.left + (now - self.at) * _RATE) - 1
         self.at = now
         return max(0.0, -self.left / _RATE)
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Take a port, or a free one if that is taken.
+    """Bind a socket to a port, or to a free port if that one is in use.
 
     Args:
         host: address to listen on.
-        port: 0 for any free one.
+        port: port; 0 selects a free one.
 
     Raises:
-        WatchError: the host is no address of this machine.
+        WatchError: the host is not an address of this machine.
     """
     if not 0 <= port < 1 << 16:
         raise WatchError(f"--port {port}: expected 0 (any free one) to 65535")
@@ -235,7 +231,7 @@ def bind(host: str, port: int) -> socket.socket:
         raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
     for wanted in (port, 0):
         listener = socket.socket(family)
-        if os.name == "posix":  # connections that were just closed do not keep the port
+        if os.name == "posix":  # recently closed connections do not block the port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((host, wanted))
@@ -246,11 +242,11 @@ def bind(host: str, port: int) -> socket.socket:
                 raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
         else:
             return listener
-    raise AssertionError("one of two ports is taken, or an error raised")
+    raise AssertionError("unreachable")
 
 
 class Server(uvicorn.Server):
-    """The server; :meth:`run` serves until an interrupt."""
+    """The HTTP and WebSocket server; :meth:`run` serves until it is interrupted."""
 
     def __init__(self, app: ASGIApp) -> None:
         super().__init__(
@@ -260,17 +256,17 @@ class Server(uvicorn.Server):
                 access_log=False,
                 lifespan="off",
                 ws="websockets-sansio",
-                ws_max_size=LARGEST,
+                ws_max_size=MAX_MESSAGE,
                 ws_max_queue=8,
                 ws_per_message_deflate=False,
-                timeout_graceful_shutdown=_FAREWELL,
+                timeout_graceful_shutdown=_SHUTDOWN,
                 server_header=False,
             )
         )
 
 
 def hosts_of(host: str) -> tuple[str, ...]:
-    """Names by which the server may be called, from the address that it listens on."""
+    """Allowed values of the Host header for an address to listen on."""
     if host in _LOOPBACK:
         return _LOOPBACK
     return (*_LOOPBACK, host, socket.gethostname(), *(("*",) if host in ("0.0.0.0", "::") else ()))

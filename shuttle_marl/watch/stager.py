@@ -1,68 +1,54 @@
-"""Rallies as motion, staged once for all who watch them."""
+"""Motion of rallies, staged once for all pages."""
 
 import threading
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-
-from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.tables import Game
-from shuttle_marl.rally import record
 from shuttle_marl.staging import Motion, stage
-from shuttle_marl.watch.match import Person, Rally
-from shuttle_marl.watch.tables import Kept
+from shuttle_marl.watch.match import CourtRally
+from shuttle_marl.watch.plan import Person
+from shuttle_marl.watch.policies import OnceCache
 
 FPS: Final = 50
-_MOST_MOTIONS: Final = 16
+_MAX_MOTIONS: Final = 16
 
 
 class Stager:
-    """Stages rallies of one game; keeps the last ones.
+    """Stages rallies and caches their motion.
 
     Args:
-        game: the tables.
-        athletes: of seats 0 and 1.
-        hands: with which seats 0 and 1 play.
+        athletes: athletes of seats 0 and 1.
+        hands: racket hands of seats 0 and 1.
     """
 
-    def __init__(self, game: Game, athletes: tuple[str, str], hands: tuple[str, str]) -> None:
-        self._game, self._athletes, self._hands = game, athletes, hands
-        self._motions = Kept(_MOST_MOTIONS)
-        # Staging takes one core; two at a time would only make both late.
+    def __init__(self, athletes: tuple[str, str], hands: tuple[str, str]) -> None:
+        self._athletes, self._hands = athletes, hands
+        self._motions = OnceCache(_MAX_MOTIONS)
+        # Staging uses one core; two at a time would delay both.
         self._one = threading.Lock()
 
-    def kept(self, rally: Rally, person: Person | None, make: Callable[[], Motion]) -> Motion:
-        """The motion of a rally, made by ``make`` if it is not there.
+    def cached(self, rally: CourtRally, person: Person | None, compute: Callable[[], Motion]) -> Motion:
+        """The motion of a rally, computed if it is not cached.
 
-        Where strokes were chosen by a person, it depends on when they did, because frames that were seen stay as they are.
+        Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
         """
         since = person.stroke if person is not None and person.rally == rally.number else 0
-        key = (rally.key, rally.server, rally.stroke, rally.ending, rally.turn, rally.chosen, person is not None, since)
-        return self._motions.get(key, make)
+        strokes = rally.stroke.tobytes()
+        key = (rally.key, rally.server, strokes, rally.ending, rally.turn, rally.chosen, person is not None, since)
+        return self._motions.get(key, compute)
 
-    def stage(self, rally: Rally, continuing: Motion | None = None, from_stroke: int | None = None) -> Motion:
+    def stage(self, rally: CourtRally, continuing: Motion | None = None, from_stroke: int | None = None) -> Motion:
         """Stage a rally; one that waits for a person up to where they are expected to strike.
 
         Args:
-            rally: as it was played.
-            continuing: a motion with the same strokes before ``from_stroke``, whose frames stay as they are.
-            from_stroke: number of the first stroke that is another one.
+            rally: the rally.
+            continuing: a motion with the same strokes before ``from_stroke``, whose frames do not change.
+            from_stroke: number of the first stroke that differs.
 
         Raises:
-            StagingError: it cannot be staged.
+            StagingError: the rally cannot be staged.
         """
-        ending = rally.ending
-        if ending is None:
-            assert rally.turn is not None
-            ending = RETURNED_BELOW + int(self._game.contact(rally.turn))
-        played = record.Rally(
-            catalogue=self._game.catalogue,
-            server=rally.server,
-            stroke=np.array(rally.stroke, dtype=np.int64),
-            ending=ending,
-        )
         with self._one:
             if continuing is not None:
-                return stage(played, seed=rally.key, continuing=continuing, from_stroke=from_stroke)
-            return stage(played, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)
+                return stage(rally, seed=rally.key, continuing=continuing, from_stroke=from_stroke)
+            return stage(rally, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)

@@ -150,7 +150,7 @@ def test_scripts_that_a_frame_imports(tmp_path: Path) -> None:
         "types": "",
     }.items():
         (tmp_path / f"{name}.ts").write_text(text, encoding="utf-8")
-    assert {path.name for path in size.imported_scripts(tmp_path / "frame.ts")} == {"frame.ts", "a.ts", "b.ts"}
+    assert {path.name for path in size.imported_scripts(tmp_path / "frame.ts")} == {"frame.ts", "a.ts", "b.ts", "types.ts"}
     with pytest.raises(size.SizeError, match=r"none\.ts"):
         size.imported_scripts(tmp_path / "none.ts")
 

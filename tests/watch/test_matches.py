@@ -12,33 +12,34 @@ from shuttle_marl.game.rules import RETURNED_BELOW, strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.match import Match, Person
-from shuttle_marl.watch.plan import Change, Plan, Side
+from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.plan import Change, Person, Plan, Side
+from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies
-from shuttle_marl.watch.tables import Tables
 
 BC = {"policy": "bc"}
 PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
 
 
 @pytest.fixture(scope="module")
-def tables() -> Tables:
-    return Tables(default_game())
+def tables() -> PolicyTables:
+    return PolicyTables(default_game())
 
 
-def match(tables: Tables, **fields: object) -> Match:
+def match(tables: PolicyTables, **fields: object) -> Match:
     return Match(Plan.parse({**PLAN, **fields}), tables.game, tables)
 
 
-def test_a_rally_follows_from_its_draws(tables: Tables) -> None:
+def test_a_rally_follows_from_its_draws(tables: PolicyTables) -> None:
     game = tables.game
     played = match(tables)
     for number in range(6):
         rally = played.rally(number)
         key, state = stream(3, 0, number), ROOT
-        for i, stroke in enumerate(rally.stroke):
-            assert rally.state[i] == state
-            table = tables.of(Plan.parse(PLAN).sides[rally.striker(i)])  # the same choices as a table's
+        states = rally.states(game)
+        for i, stroke in enumerate(rally.stroke.tolist()):
+            assert states[i] == state
+            table = tables.table(Plan.parse(PLAN).sides[rally.striker[i]])  # the same choices as a table's
             bits = draw(key, i)
             rank = game.rank(state, stroke)
             assert int(rank) == int(
@@ -50,7 +51,7 @@ def test_a_rally_follows_from_its_draws(tables: Tables) -> None:
         assert played.rally(number + 1).score == rally.score.after(rally.winner or 0)
 
 
-def test_a_match_ends_by_the_rules(tables: Tables) -> None:
+def test_a_match_ends_by_the_rules(tables: PolicyTables) -> None:
     played = match(tables)
     number = 0
     while True:
@@ -64,25 +65,25 @@ def test_a_match_ends_by_the_rules(tables: Tables) -> None:
         played.rally(number + 1)
 
 
-def test_a_change_leaves_what_was_played_before(tables: Tables) -> None:
+def test_a_change_leaves_what_was_played_before(tables: PolicyTables) -> None:
     before = match(tables)
     after = match(tables, changes=[{"rally": 3, "seat": 0, "side": {"policy": "random"}}])
-    assert [before.rally(k).stroke for k in range(3)] == [after.rally(k).stroke for k in range(3)]
+    assert [before.rally(k).stroke.tolist() for k in range(3)] == [after.rally(k).stroke.tolist() for k in range(3)]
     assert after.rally(3).names == ("random", "attacking@0.5")
-    assert [before.rally(k).stroke for k in range(3, 8)] != [after.rally(k).stroke for k in range(3, 8)]
+    assert [before.rally(k).stroke.tolist() for k in range(3, 8)] != [after.rally(k).stroke.tolist() for k in range(3, 8)]
 
 
-def test_a_person_is_waited_for_and_their_stroke_is_played(tables: Tables) -> None:
+def test_a_person_is_waited_for_and_their_stroke_is_played(tables: PolicyTables) -> None:
     game = tables.game
     seat = match(tables).rally(0).server
     person = Person(seat=seat, rally=0, stroke=0)
     asked = match(tables).rally(0, person)
-    assert (asked.stroke, asked.ending, asked.turn) == ((), None, ROOT)
+    assert (asked.stroke.tolist(), asked.open, asked.winner, asked.turn) == ([], True, None, ROOT)
     serve = int(game.legal_strokes(ROOT)[-1])
     then = match(tables, chosen={"0": {"0": serve}}).rally(0, person)
     assert then.stroke[0] == serve
     assert then.chosen == (0,)
-    if then.ending is None:
+    if then.open:
         assert len(then.stroke) % 2 == 0
         assert then.turn is not None
     with pytest.raises(WatchError, match="rally 1 is not finished"):
@@ -91,14 +92,14 @@ def test_a_person_is_waited_for_and_their_stroke_is_played(tables: Tables) -> No
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
 
 
-def test_a_stroke_that_is_tried_out_leaves_those_before(tables: Tables) -> None:
+def test_a_stroke_that_is_tried_out_leaves_those_before(tables: PolicyTables) -> None:
     game = tables.game
     played = match(tables)
     number = next(k for k in range(40) if len(played.rally(k).stroke) > 4)
     old = played.rally(number)
-    other = next(int(s) for s in game.legal_strokes(old.state[2]) if s != old.stroke[2])
+    other = next(int(s) for s in game.legal_strokes(old.states(game)[2]) if s != old.stroke[2])
     new = match(tables, chosen={str(number): {"2": other}}).rally(number)
-    assert new.stroke[:3] == (*old.stroke[:2], other)
+    assert new.stroke[:3].tolist() == [*old.stroke[:2].tolist(), other]
 
 
 @pytest.mark.parametrize(
@@ -139,7 +140,7 @@ def test_a_plan_is_read_as_it_was_meant() -> None:
     assert plan.chosen_in(3) == {}
 
 
-def test_a_page_may_not_name_code_or_files(tables: Tables) -> None:
+def test_a_page_may_not_name_code_or_files(tables: PolicyTables) -> None:
     for name in ("os:getcwd", "table:/etc/passwd", "agent:/tmp", "tests.watch:x"):
         plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})
         with pytest.raises(Exception, match="no modules and no files"):
@@ -147,7 +148,7 @@ def test_a_page_may_not_name_code_or_files(tables: Tables) -> None:
 
 
 @pytest.mark.slow
-def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: Tables, tmp_path: Path) -> None:
+def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: PolicyTables, tmp_path: Path) -> None:
     run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=2, out=tmp_path / "run"))
     report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "python -m shuttle_marl.watch --replay rallies.mcap --rally N" in report
@@ -159,4 +160,4 @@ def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: Tab
     for row in cells:
         rally = shown.rally(int(row[-1]))
         assert set(rally.names) <= set(row), "both players"
-        assert rally.score.points == (0, 0)
+        assert rally.points == (0, 0)

@@ -16,7 +16,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from shuttle_marl.watch.server import LARGEST, hosts_of, refusal
+from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
@@ -64,6 +64,7 @@ def got(served: Served, path: str, **headers: str) -> tuple[int, http.client.HTT
         ([], [], False),
         (["127.0.0.1", "127.0.0.1"], [], False),
         (["[::1"], [], False),
+        (["127.0.0.1:8090"], ["http://["], False),
     ],
 )
 def test_only_the_page_of_this_server_may_connect(hosts: list[str], origins: list[str], allowed: bool) -> None:
@@ -92,8 +93,11 @@ def test_files_are_served_and_nothing_else(served: Served) -> None:
         "/built/index.html",
     ):
         assert got(served, path)[0] == 404
-    assert got(served, "/", Host="evil.example")[0] == 403
-    assert got(served, "/", Origin="http://evil.example")[0] == 403
+    for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}, {"Origin": "http://["}):
+        status, answer = got(served, "/", **headers)
+        assert status == 403
+        assert "default-src 'none'" in (answer.getheader("content-security-policy") or "")
+        assert answer.getheader("x-content-type-options") == "nosniff"
     with pytest.raises(InvalidStatus):
         connected(served, origin="http://evil.example")
 
@@ -134,7 +138,7 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
 
 @pytest.mark.slow
 def test_large_messages_and_bytes_end_the_connection(served: Served) -> None:
-    for content in ("x" * (LARGEST + 1), b"\x00" * 10):
+    for content in ("x" * (MAX_MESSAGE + 1), b"\x00" * 10):
         with connected(served) as stranger, contextlib.suppress(ConnectionClosed):
             stranger.send(content)
             with pytest.raises(ConnectionClosed):

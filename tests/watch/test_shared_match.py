@@ -10,9 +10,10 @@ from shuttle_marl.game import default_game
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import FILES
-from shuttle_marl.watch.plan import Side
+from shuttle_marl.watch.messages import AnalysisRequest, HelloRequest, RallyRequest
+from shuttle_marl.watch.plan import Plan, Side
+from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.tables import Tables
 from tests.watch.conftest import run_script
 
 STAGED = 8
@@ -24,17 +25,13 @@ LONGEST = 3 * 59
 def replies(page_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with all that a page of a match is made of."""
     folder = tmp_path_factory.mktemp("match")
-    answers = Answers(
-        Tables(default_game(), ("bc",)),
-        (Side(policy="bc"), Side(policy="bc")),
-        2,
-        Stager(default_game(), ("male", "male"), ("right", "right")),
-    )
-    plan = {"seed": 2, "sides": [{"policy": "bc", "temperature": 1}] * 2}
-    (folder / "hello").write_bytes(answers({"id": 1, "op": "hello"}))
+    plan = Plan(seed=2, sides=(Side(policy="bc"), Side(policy="bc")))
+    stager = Stager(("male", "male"), ("right", "right"))
+    answers = Answers(PolicyTables(default_game(), ("bc",)), plan, stager)
+    (folder / "hello").write_bytes(answers(HelloRequest(id=1)))
     for number in range(STAGED):
-        for op in ("rally", "analysis"):
-            (folder / f"{op}-{number}").write_bytes(answers({"id": 1, "op": op, "plan": plan, "rally": number}))
+        for kind, name in ((RallyRequest, "rally"), (AnalysisRequest, "analysis")):
+            (folder / f"{name}-{number}").write_bytes(answers(kind(id=1, plan=plan, rally=number)))
     for path in (model_file("male"), *(page_folder / name for name in FILES)):
         shutil.copy(path, folder / path.name)
     return folder

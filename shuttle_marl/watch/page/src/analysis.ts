@@ -2,38 +2,7 @@
 
 import { h, percent, replaceChildren, s, signed, words } from "./dom";
 import { COLOURS } from "./stage";
-import type { HallFacts, RallyFacts, StrokeFacts } from "./wire";
-
-export interface Option extends StrokeFacts {
-  p_succ: number;
-  p_ret: number;
-  support: number | null;
-  probability: number;
-  win: number;
-  best: number;
-  regret: number;
-}
-
-export interface StrokeValue {
-  win: number;
-  chosen: number;
-  match: number;
-  probability: number;
-  regret: number;
-  mark: string;
-  options: Option[];
-  better: number;
-  sure: string;
-}
-
-export interface Analysis {
-  number: number;
-  strokes: StrokeValue[];
-  win_after: number | null;
-  match_after: number | null;
-  accuracy: [number | null, number | null];
-  landings: [number[] | null, number[] | null][];
-}
+import type { Analysis, HallFacts, RallyFacts, StrokeValue } from "./wire.gen";
 
 /** Probability that seat 0 wins the rally: what it is after each moment. */
 export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number; win: number }[] {
@@ -60,12 +29,21 @@ export function change(analysis: Analysis, i: number): number | null {
 export class Curve {
   readonly element = h("div", { class: "panel bottom" });
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
-  private readonly cursor = s("line", { y1: 0, y2: 96, stroke: "#ffffff", "stroke-width": 2, "vector-effect": "non-scaling-stroke" });
+  private readonly cursor = s("line", {
+    y1: 0,
+    y2: 96,
+    stroke: "#ffffff",
+    "stroke-width": 2,
+    "vector-effect": "non-scaling-stroke",
+  });
   private readonly names = h("div", { "aria-hidden": "true" });
   private duration = 1;
 
   constructor(seek: (time: number) => void) {
-    this.element.append(h("h2", {}, h("span", {}, "Win probability (A) · click to seek")), h("div", { class: "timeline" }, this.drawing, this.names));
+    this.element.append(
+      h("h2", {}, h("span", {}, "Win probability (A) · click to seek")),
+      h("div", { class: "timeline" }, this.drawing, this.names),
+    );
     this.drawing.addEventListener("click", (event) => {
       const box = this.drawing.getBoundingClientRect();
       seek((((event as MouseEvent).clientX - box.left) / box.width) * this.duration);
@@ -77,7 +55,15 @@ export class Curve {
     const x = (time: number) => (1000 * time) / duration;
     const y = (win: number) => 92 - 88 * win;
     const parts: SVGElement[] = [
-      s("line", { x1: 0, x2: 1000, y1: y(0.5), y2: y(0.5), stroke: "#2b3c5c", "stroke-dasharray": "6 6", "vector-effect": "non-scaling-stroke" }),
+      s("line", {
+        x1: 0,
+        x2: 1000,
+        y1: y(0.5),
+        y2: y(0.5),
+        stroke: "#2b3c5c",
+        "stroke-dasharray": "6 6",
+        "vector-effect": "non-scaling-stroke",
+      }),
     ];
     this.names.replaceChildren();
     let free = 0; // where the next name has room
@@ -90,7 +76,17 @@ export class Curve {
         this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));
       }
       const colour = COLOURS[stroke.seat]!;
-      parts.push(s("line", { x1: x(stroke.time), x2: x(stroke.time), y1: 2, y2: 94, stroke: colour, "stroke-opacity": 0.55, "vector-effect": "non-scaling-stroke" }));
+      parts.push(
+        s("line", {
+          x1: x(stroke.time),
+          x2: x(stroke.time),
+          y1: 2,
+          y2: 94,
+          stroke: colour,
+          "stroke-opacity": 0.55,
+          "vector-effect": "non-scaling-stroke",
+        }),
+      );
     }
     const steps = analysis ? winSteps(rally, analysis) : [];
     if (steps.length) {
@@ -100,11 +96,15 @@ export class Curve {
       }
       path += "H1000";
       parts.push(s("path", { d: `${path}V92H0Z`, fill: COLOURS[0], "fill-opacity": 0.2 }));
-      parts.push(s("path", { d: path, fill: "none", stroke: COLOURS[0], "stroke-width": 2, "vector-effect": "non-scaling-stroke" }));
+      parts.push(
+        s("path", { d: path, fill: "none", stroke: COLOURS[0], "stroke-width": 2, "vector-effect": "non-scaling-stroke" }),
+      );
     }
     this.drawing.setAttribute(
       "aria-label",
-      steps.length ? `Probability that A wins the rally, from ${percent(steps[0]!.win)} to ${percent(steps.at(-1)!.win)}` : "Strokes of the rally in time",
+      steps.length
+        ? `Probability that A wins the rally, from ${percent(steps[0]!.win)} to ${percent(steps.at(-1)!.win)}`
+        : "Strokes of the rally in time",
     );
     this.drawing.replaceChildren(...parts, this.cursor);
   }
@@ -147,7 +147,12 @@ export class MoveList {
         delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),
       );
     });
-    const heading = h("h2", {}, h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`), h("span", {}, "change (A)"));
+    const heading = h(
+      "h2",
+      {},
+      h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`),
+      h("span", {}, "change (A)"),
+    );
     const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
     replaceChildren(this.element, heading, h("ol", {}, ...this.rows.map((row) => h("li", {}, row))), ended);
   }
@@ -177,7 +182,12 @@ export class MoveList {
 
 function endLine(rally: RallyFacts): HTMLElement {
   const seat = rally.winner!;
-  return h("p", { class: "end" }, h("b", { class: seat ? "b" : "a" }, rally.names[seat]!), ` wins the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`);
+  return h(
+    "p",
+    { class: "end" },
+    h("b", { class: seat ? "b" : "a" }, rally.names[seat]!),
+    ` wins the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`,
+  );
 }
 
 export class OptionTable {
@@ -199,7 +209,7 @@ export class OptionTable {
       const button = h(
         "button",
         { onclick: () => this.tryOut(option.stroke), title: `What if: ${name}, ${words(option.technique)}` },
-        h("i", { style: `width:${(100 * (option.probability)) / most}%` }),
+        h("i", { style: `width:${(100 * option.probability) / most}%` }),
         h("span", {}, name, option.technique === "forehand" ? "" : option.technique === "backhand" ? " · bh" : " · ath"),
       );
       return h(
@@ -212,10 +222,19 @@ export class OptionTable {
         h("td", {}, option.p_ret.toFixed(2)),
       );
     });
-    const head = h("tr", {}, ...["stroke · click: what if", "policy", "wins", "succ.", "ret."].map((name) => h("th", { scope: "col" }, name)));
+    const head = h(
+      "tr",
+      {},
+      ...["stroke · click: what if", "policy", "wins", "succ.", "ret."].map((name) => h("th", { scope: "col" }, name)),
+    );
     replaceChildren(
       this.element,
-      h("h2", {}, h("span", {}, `${rally.names[stroke.seat]} at stroke ${index + 1}`), h("span", {}, value.regret > 5e-4 ? `regret ${value.regret.toFixed(3)}` : "best")),
+      h(
+        "h2",
+        {},
+        h("span", {}, `${rally.names[stroke.seat]} at stroke ${index + 1}`),
+        h("span", {}, value.regret > 5e-4 ? `regret ${value.regret.toFixed(3)}` : "best"),
+      ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
       h("p", { class: "quiet" }, value.sure),
     );
@@ -232,8 +251,18 @@ export class Chances {
       return;
     }
     const part = (name: string, p: number, colour: string) =>
-      h("div", {}, h("h3", {}, name), h("b", { style: `color:${colour}` }, p.toFixed(2)), h("div", { class: "meter" }, h("i", { style: `width:${100 * p}%;background:${colour}` })));
-    replaceChildren(this.element, part("P(success)", stroke.p_succ, "var(--green)"), part("P(returned)", stroke.p_ret, "var(--gold)"));
+      h(
+        "div",
+        {},
+        h("h3", {}, name),
+        h("b", { style: `color:${colour}` }, p.toFixed(2)),
+        h("div", { class: "meter" }, h("i", { style: `width:${100 * p}%;background:${colour}` })),
+      );
+    replaceChildren(
+      this.element,
+      part("P(success)", stroke.p_succ, "var(--green)"),
+      part("P(returned)", stroke.p_ret, "var(--gold)"),
+    );
   }
 }
 
@@ -257,22 +286,67 @@ export class LandingMap {
         const sign = stroke.seat ? -1 : 1;
         const share = landing[area]!;
         const [left, top] = [Math.min(sign * y0, sign * y1), Math.min(sign * x0, sign * x1)];
-        parts.push(s("rect", { x: left, y: top, width: y1 - y0, height: x1 - x0, fill: "#fbbf24", "fill-opacity": (0.85 * share) / most }));
+        parts.push(
+          s("rect", {
+            x: left,
+            y: top,
+            width: y1 - y0,
+            height: x1 - x0,
+            fill: "#fbbf24",
+            "fill-opacity": (0.85 * share) / most,
+          }),
+        );
         if (share >= 0.05) {
-          parts.push(s("text", { x: left + (y1 - y0) / 2, y: top + (x1 - x0) / 2 + 0.16, "font-size": 0.5, fill: "#06101f", "text-anchor": "middle", "font-weight": 700 }, String(Math.round(100 * share))));
+          parts.push(
+            s(
+              "text",
+              {
+                x: left + (y1 - y0) / 2,
+                y: top + (x1 - x0) / 2 + 0.16,
+                "font-size": 0.5,
+                fill: "#06101f",
+                "text-anchor": "middle",
+                "font-weight": 700,
+              },
+              String(Math.round(100 * share)),
+            ),
+          );
         }
       });
     }
-    const line = (x1: number, y1: number, x2: number, y2: number) => s("line", { x1, y1, x2, y2, stroke: "#f4f7f4", "stroke-width": 0.05 });
+    const line = (x1: number, y1: number, x2: number, y2: number) =>
+      s("line", { x1, y1, x2, y2, stroke: "#f4f7f4", "stroke-width": 0.05 });
     for (const side of [-1, 1]) {
       parts.push(line(-hl, side * fw, hl, side * fw), line(-hl, side * hw, hl, side * hw), line(side * hl, -fw, side * hl, fw));
-      parts.push(line(side * court.short_service, -fw, side * court.short_service, fw), line(side * court.short_service, 0, side * hl, 0));
+      parts.push(
+        line(side * court.short_service, -fw, side * court.short_service, fw),
+        line(side * court.short_service, 0, side * hl, 0),
+      );
     }
     parts.push(s("line", { x1: 0, y1: -fw, x2: 0, y2: fw, stroke: "#ffffff", "stroke-width": 0.09 }));
     if (stroke) {
       const [from, to] = [stroke.contact, stroke.end_point];
-      parts.push(s("line", { x1: from[1], y1: from[0], x2: to[1], y2: to[0], stroke: "#ffffff", "stroke-width": 0.06, "stroke-dasharray": "0.2 0.15" }));
-      parts.push(s("circle", { cx: from[1], cy: from[0], r: 0.19, fill: COLOURS[stroke.seat]!, stroke: "#06101f", "stroke-width": 0.05 }));
+      parts.push(
+        s("line", {
+          x1: from[1],
+          y1: from[0],
+          x2: to[1],
+          y2: to[0],
+          stroke: "#ffffff",
+          "stroke-width": 0.06,
+          "stroke-dasharray": "0.2 0.15",
+        }),
+      );
+      parts.push(
+        s("circle", {
+          cx: from[1],
+          cy: from[0],
+          r: 0.19,
+          fill: COLOURS[stroke.seat]!,
+          stroke: "#06101f",
+          "stroke-width": 0.05,
+        }),
+      );
       parts.push(s("circle", { cx: to[1], cy: to[0], r: 0.16, fill: "#ffffff", stroke: "#06101f", "stroke-width": 0.05 }));
     }
     this.drawing.setAttribute("aria-label", stroke ? `${words(stroke.shot)} to ${words(stroke.area)}` : "The court from above");

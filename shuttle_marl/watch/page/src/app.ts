@@ -1,25 +1,26 @@
 // The page: what is played, how time passes, and what the viewer does.
 
-import { Course } from "./course";
+import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
-import { EARLY, Player } from "./player";
+import { EARLY, type Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
-import { Screen, type Acts } from "./screen";
-import { Stage } from "./stage";
+import { type Acts, Screen } from "./screen";
+import type { Stage } from "./stage";
 import { state } from "./state";
+import { Worth } from "./strokeValues";
 import { summary } from "./summary";
-import { Worth } from "./worth";
-import type { Hello, RallyFacts, Side } from "./wire";
+import { Course } from "./timeline";
+import type { Hello, RallyFacts, Side } from "./wire.gen";
 
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
-const FRAMES = 240; // whose times are kept
 
 export class App {
-  readonly player = new Player();
   readonly stage: Stage | null;
+  private readonly frames: Frames;
+  private readonly player: Player;
   private readonly course: Course;
   private readonly screen: Screen;
   private readonly rallies: Rallies;
@@ -27,12 +28,14 @@ export class App {
   private readonly keys: Record<string, () => void>;
   private readonly worth: Worth;
   private shown: Shown | null = null;
-  private filming = false;
   private loopRally = false;
   private autoNext = true;
-  private last = 0;
   private chosenAt = 0;
-  private readonly frameTimes: number[] = [];
+  private readonly listener: FrameListener = {
+    advanced: (ended) => this.advanced(ended),
+    update: () => this.screen.update(),
+    drawn: (ended) => this.drawn(ended),
+  };
   private readonly turnTimes: number[] = [];
 
   constructor(
@@ -41,28 +44,28 @@ export class App {
   ) {
     const place = readLink(location.hash);
     this.course = new Course(hello.recorded ? null : (place.plan ?? hello.plan), place.tried);
-    this.stage = this.makeStage();
+    const quality = new URLSearchParams(location.search).get("quality");
+    const known = quality === "full" || quality === "lite" ? quality : "auto";
+    this.frames = new Frames(hello.hall, (name) => source.model(name), known, STILL.matches);
+    const { player, stage } = this.frames;
+    this.player = player;
+    this.stage = stage;
     const acts = this.acts();
-    this.screen = new Screen(hello, this.player, this.stage, acts, source.share !== null);
+    this.screen = new Screen(hello, this.frames, acts, source.share !== null);
     const { layout } = this.screen;
     this.keys = keyTable(acts, this.player, this.stage, layout);
-    this.rallies = new Rallies(source, async (rally) => this.stage?.prepare(rally), (error) => layout.say(error.message, true));
+    this.rallies = new Rallies(
+      source,
+      async (rally) => this.stage?.prepare(rally),
+      (error) => layout.say(error.message, true),
+    );
     this.worth = new Worth(source, this.course, this.rallies, this.screen);
     this.saving = new Saving(this.course, this.player, this.stage, source, layout);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
     void this.go(first, place.stroke, place.stroke === null);
-    requestAnimationFrame((now) => this.frame(now));
-  }
-
-  private makeStage(): Stage | null {
-    const asked = new URLSearchParams(location.search).get("quality");
-    try {
-      return new Stage(this.hello.hall, (name) => this.source.model(name), asked === "full" || asked === "lite" ? asked : "auto", STILL.matches);
-    } catch {
-      return null;
-    }
+    this.frames.start(this.listener);
   }
 
   private acts(): Acts {
@@ -70,7 +73,10 @@ export class App {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.newMatch(),
       copyLink: () => this.saving.copyLink(),
-      savePicture: () => (this.draw(), this.saving.picture()),
+      savePicture: () => {
+        this.draw();
+        this.saving.picture();
+      },
       savePage: (match) => void this.saving.page(match),
       saveFilm: () => this.saving.film(),
       rally: (step) => void this.go(this.course.number + step),
@@ -82,7 +88,11 @@ export class App {
       autoNext: (on) => (this.autoNext = on),
       seek: (time) => this.seek(time),
       textMode: (on) => this.screen.layout.showText(on),
-      camera: (camera) => this.stage && (this.stage.camera = camera),
+      camera: (camera) => {
+        if (this.stage) {
+          this.stage.camera = camera;
+        }
+      },
       seekStroke: (stroke) => this.seekStroke(stroke),
       whatIf: (stroke) => void this.whatIf(stroke),
       backToPlayed: () => this.backToPlayed(),
@@ -115,15 +125,15 @@ export class App {
   }
 
   private show(shown: Shown, time: number, playing: boolean): void {
-    const { course, player, hello } = this;
+    const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
     this.saving.endFilm();
     this.shown = shown;
-    player.show(rally, motion, time, STILL.matches);
+    frames.show(rally, motion, time);
     player.playing = playing;
     document.body.dataset["ready"] = "";
     const where = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
-    this.screen.show(rally, motion, where, course.sides, course.person?.seat ?? null, course.isTried);
+    this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.remember();
     void this.worth.ask(rally);
     if (rally.winner !== null && !rally.after?.over && this.screen.mode !== "learn") {
@@ -335,30 +345,20 @@ export class App {
 
   // Time.
 
-  private frame(now: number): void {
-    const { player } = this;
-    const began = performance.now();
-    const seconds = Math.min(0.1, (now - this.last) / 1000);
-    this.last = now;
-    const ended = player.advance(seconds);
-    if (ended || !player.playing) {
+  private advanced(ended: boolean): void {
+    if (ended || !this.player.playing) {
       this.saving.endFilm();
     }
-    if (!this.filming) {
-      this.draw();
-    }
+  }
+
+  private drawn(ended: boolean): void {
     if (ended) {
       this.atEnd();
     }
-    if (this.chosenAt && player.playing && !this.screen.board.turn) {
+    if (this.chosenAt && this.player.playing && !this.screen.board.turn) {
       this.turnTimes.push(performance.now() - this.chosenAt);
       this.chosenAt = 0;
     }
-    this.frameTimes.push(performance.now() - began);
-    if (this.frameTimes.length > FRAMES) {
-      this.frameTimes.shift();
-    }
-    requestAnimationFrame((next) => this.frame(next));
   }
 
   private atEnd(): void {
@@ -367,19 +367,25 @@ export class App {
     if (this.loopRally) {
       this.player.seek(0);
       this.player.playing = true;
-    } else if (this.autoNext && !this.rallies.pending && rally.winner !== null && !rally.after?.over && !(this.course.person && rally.after?.game_won)) {
+    } else if (
+      this.autoNext &&
+      !this.rallies.pending &&
+      rally.winner !== null &&
+      !rally.after?.over &&
+      !(this.course.person && rally.after?.game_won)
+    ) {
       void this.go(this.course.number + 1, null, true);
     }
   }
 
   draw(): void {
-    this.screen.draw();
+    this.frames.draw(this.listener);
   }
 
   /** Leaves nothing but the court, for a video. */
   film(): void {
     this.player.playing = false;
-    this.filming = true;
+    this.frames.onDemand = true;
     document.body.classList.add("film");
     this.stage?.drawWhole();
     this.screen.resize();
@@ -389,6 +395,9 @@ export class App {
   /** What is seen, for tests and scripts. */
   state(): Record<string, unknown> {
     const { course, player, screen, stage } = this;
-    return state(this.shown, course, player, screen, stage, { script_ms: [...this.frameTimes], turn_ms: [...this.turnTimes] });
+    return state(this.shown, course, player, screen, stage, {
+      script_ms: [...this.frames.durations],
+      turn_ms: [...this.turnTimes],
+    });
   }
 }

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { at, joined } from "./hall";
 import type { Motion } from "./motion";
-import type { AthleteFacts, HallFacts, Quat, Vec3 } from "./wire";
+import type { AthleteFacts, HallFacts, Quat, Vec3 } from "./wire.gen";
 
 type Coloured = THREE.MeshStandardMaterial | THREE.MeshLambertMaterial;
 
@@ -73,7 +73,9 @@ export class Athlete {
     motion.rotationsAt(time, seat, this.rotations);
     const old = new THREE.Quaternion();
     this.bones[0]!.position.lerp(at(...motion.hipsAt(time, seat, this.hips)), 1 - share);
-    this.bones.forEach((bone, i) => (i === this.racketBone ? this.racket : bone!).quaternion.slerp(turned(this.rotations, i * 4, old), 1 - share));
+    this.bones.forEach((bone, i) =>
+      (i === this.racketBone ? this.racket : bone!).quaternion.slerp(turned(this.rotations, i * 4, old), 1 - share),
+    );
   }
 }
 
@@ -100,7 +102,8 @@ function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): TH
     mesh.castShadow = shadow;
     inner.add(mesh);
   };
-  const standard = (color: number, roughness: number, metalness = 0) => new THREE.MeshStandardMaterial({ color, roughness, metalness });
+  const standard = (color: number, roughness: number, metalness = 0) =>
+    new THREE.MeshStandardMaterial({ color, roughness, metalness });
   add(new THREE.CylinderGeometry(0.0135, 0.0165, -2 * racket.butt, 10), standard(0xe9e9ee, 0.9));
   const neck = middle - half;
   const shaft = new THREE.CylinderGeometry(0.0075, 0.0085, neck + racket.butt, 8).translate(0, (neck - racket.butt) / 2, 0);
@@ -119,7 +122,9 @@ function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): TH
   const shaftWay = at(...me.shaft).normalize();
   const face = at(...me.strings).normalize();
   const aside = new THREE.Vector3().crossVectors(shaftWay, face).normalize();
-  inner.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(aside, shaftWay, new THREE.Vector3().crossVectors(aside, shaftWay)));
+  inner.quaternion.setFromRotationMatrix(
+    new THREE.Matrix4().makeBasis(aside, shaftWay, new THREE.Vector3().crossVectors(aside, shaftWay)),
+  );
   const group = new THREE.Group();
   group.add(inner);
   return group;

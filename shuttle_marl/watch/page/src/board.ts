@@ -1,9 +1,8 @@
 // The board of a person who plays: legal strokes, targets, techniques; others are dimmed.
 
-import type { Option } from "./analysis";
 import { h, percent, replaceChildren, words } from "./dom";
 import { COLOURS } from "./stage";
-import type { HallFacts, Turn, TurnStroke } from "./wire";
+import type { HallFacts, Option, Turn, TurnStroke } from "./wire.gen";
 
 const KEYS: Record<string, string> = {
   "short-serve": "s",
@@ -97,7 +96,12 @@ export class Board {
       const best = this.best(mine);
       return h(
         "button",
-        { disabled: !mine.length, "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
+        {
+          disabled: !mine.length,
+          "aria-pressed": String(shot === this.shot),
+          "data-key": `shot ${shot}`,
+          onclick: () => this.choose({ shot }),
+        },
         words(shot),
         h("small", {}, mine.length ? `${KEYS[shot]}  ${best ? `wins ${best}` : ""}` : "–"),
       );
@@ -127,11 +131,22 @@ export class Board {
     });
     const techniques = this.hall.techniques.map((technique) => {
       const there = ofShot.some((s) => s.area === this.area && s.technique === technique);
-      return h("button", { disabled: !there, "aria-pressed": String(technique === this.technique), "data-key": `technique ${technique}`, onclick: () => this.choose({ technique }) }, words(technique));
+      return h(
+        "button",
+        {
+          disabled: !there,
+          "aria-pressed": String(technique === this.technique),
+          "data-key": `technique ${technique}`,
+          onclick: () => this.choose({ technique }),
+        },
+        words(technique),
+      );
     });
     const now = this.selected;
     const option = now ? this.worth.get(now.stroke) : undefined;
-    const chances = now ? `good ${percent(now.p_succ)} · returned ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}` : "";
+    const chances = now
+      ? `good ${percent(now.p_succ)} · returned ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
+      : "";
     replaceChildren(
       this.element,
       h(
@@ -173,7 +188,9 @@ export class Board {
 
   /** Chooses the area that a place on the court lies in. */
   aimAt(x: number, y: number): void {
-    const found = this.turn?.strokes.find(({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1);
+    const found = this.turn?.strokes.find(
+      ({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1,
+    );
     if (found) {
       this.choose({ area: found.area });
     }
@@ -194,7 +211,9 @@ export class Board {
     }
     if (key === "q") {
       const { techniques } = this.hall;
-      const there = techniques.filter((t) => strokes.some((s) => s.shot === this.shot && s.area === this.area && s.technique === t));
+      const there = techniques.filter((t) =>
+        strokes.some((s) => s.shot === this.shot && s.area === this.area && s.technique === t),
+      );
       this.choose({ technique: there[(there.indexOf(this.technique) + 1) % there.length] ?? this.technique });
       return true;
     }

@@ -2,7 +2,7 @@
 // their bone; every number is foretold from its neighbours in time, coarse steps first, and only the rest is kept, in whole
 // steps. What is read back is off by half a step at most, less where a racket meets the shuttle.
 
-import { BONES, Motion, type Frames, type Head } from "./motion";
+import { BONES, type Frames, type Head, Motion } from "./motion";
 
 const MAGIC = "CMOT";
 // Metres that turn with a bone, in the order of the bones: the more there are, the finer its steps.
@@ -95,8 +95,18 @@ function all(steps: Steps, parts: Parts, head: Head, coarse: number): void {
   head.strokes.forEach(({ frame }) => near.fill(1, Math.max(0, frame - NEAR), frame + NEAR + 1));
   const turns = Array.from({ length: parts.turns.length }, (_, k) => (coarse * TURN_STEP) / REACH[Math.floor(k / 3) % BONES]!);
   run(steps, parts.turns, turns, near);
-  run(steps, parts.hips, parts.hips.map(() => PLACE_STEP), near);
-  run(steps, parts.loose, parts.loose.map(() => PLACE_STEP), new Uint8Array(0));
+  run(
+    steps,
+    parts.hips,
+    parts.hips.map(() => PLACE_STEP),
+    near,
+  );
+  run(
+    steps,
+    parts.loose,
+    parts.loose.map(() => PLACE_STEP),
+    new Uint8Array(0),
+  );
 }
 
 interface Parts {
@@ -108,7 +118,12 @@ interface Parts {
 type Turn = [number, number, number, number];
 
 function product([ax, ay, az, aw]: Turn, [bx, by, bz, bw]: Turn): Turn {
-  return [aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw, aw * bw - ax * bx - ay * by - az * bz];
+  return [
+    aw * bx + ax * bw + ay * bz - az * by,
+    aw * by - ax * bz + ay * bw + az * bx,
+    aw * bz + ax * by - ay * bx + az * bw,
+    aw * bw - ax * bx - ay * by - az * bz,
+  ];
 }
 
 const columns = (count: number, length: number) => Array.from({ length: count }, () => new Float64Array(length));
@@ -147,7 +162,12 @@ function split({ hips, local, loose }: Frames, frames: number, mean: Turn[], kep
 
 function joined(parts: Parts, feet: Uint8Array, mean: Turn[], kept: number[]): Frames {
   const frames = feet.length;
-  const out = { hips: new Float32Array(frames * 6), local: new Float32Array(frames * 2 * BONES * 4), feet, loose: new Float32Array(frames * 3) };
+  const out = {
+    hips: new Float32Array(frames * 6),
+    local: new Float32Array(frames * 2 * BONES * 4),
+    feet,
+    loose: new Float32Array(frames * 3),
+  };
   for (let frame = 0; frame < frames; frame++) {
     mean.forEach((turn, bone) => {
       const [x, y, z] = [0, 1, 2].map((k) => parts.turns[3 * bone + k]![frame]!) as [number, number, number];
@@ -163,7 +183,9 @@ function joined(parts: Parts, feet: Uint8Array, mean: Turn[], kept: number[]): F
 
 /** Frames in which the shuttle is in no flight. */
 function outside({ strokes }: Head, frames: number): number[] {
-  return Array.from({ length: frames }, (_, frame) => frame).filter((frame) => !strokes.some((s) => s.frame <= frame && frame <= s.end_frame));
+  return Array.from({ length: frames }, (_, frame) => frame).filter(
+    (frame) => !strokes.some((s) => s.frame <= frame && frame <= s.end_frame),
+  );
 }
 
 /** A motion in few bytes, to be compressed; steps are `coarse` times as wide. */
@@ -174,7 +196,9 @@ export function condense(motion: Motion, coarse: number): Uint8Array<ArrayBuffer
   const mean = means(kept.local, frames);
   const writer = new Writer();
   all(writer, split(kept, frames, mean, outside(head, frames)), head, coarse);
-  const about = new TextEncoder().encode(MAGIC + JSON.stringify({ fps, first: 0, frames, players, strokes, mean, coarse }) + "\n");
+  const about = new TextEncoder().encode(
+    `${MAGIC}${JSON.stringify({ fps, first: 0, frames, players, strokes, mean, coarse })}\n`,
+  );
   const out = new Uint8Array(about.length + frames + writer.bytes.length);
   out.set(about);
   out.set(kept.feet, about.length);
@@ -190,9 +214,15 @@ export function isCondensed(content: ArrayBuffer): boolean {
 export function expanded(content: ArrayBuffer): Motion {
   const bytes = new Uint8Array(content);
   const end = bytes.indexOf(10);
-  const { mean, coarse, ...head }: Head & { mean: Turn[]; coarse: number } = JSON.parse(new TextDecoder().decode(bytes.subarray(MAGIC.length, end)));
+  const { mean, coarse, ...head }: Head & { mean: Turn[]; coarse: number } = JSON.parse(
+    new TextDecoder().decode(bytes.subarray(MAGIC.length, end)),
+  );
   const kept = outside(head, head.frames);
-  const parts: Parts = { turns: columns(6 * BONES, head.frames), hips: columns(6, head.frames), loose: columns(3, kept.length) };
+  const parts: Parts = {
+    turns: columns(6 * BONES, head.frames),
+    hips: columns(6, head.frames),
+    loose: columns(3, kept.length),
+  };
   const feet = bytes.slice(end + 1, end + 1 + head.frames);
   all(new Reader(bytes.subarray(end + 1 + head.frames)), parts, head, coarse);
   return new Motion(head, joined(parts, feet, mean, kept));

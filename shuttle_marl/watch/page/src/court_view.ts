@@ -1,8 +1,8 @@
 // What lies over the court: score, shot, speed, cameras.
 
 import { h, percent, replaceChildren, words } from "./dom";
-import { CAMERAS, COLOURS, type Camera } from "./stage";
-import type { RallyFacts, Stroke } from "./wire";
+import { CAMERAS, type Camera, COLOURS } from "./stage";
+import type { RallyFacts, Stroke } from "./wire.gen";
 
 export class ScoreBug {
   readonly element = h("div", { class: "bug", role: "group", "aria-label": "Score" });

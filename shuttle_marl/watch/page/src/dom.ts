@@ -4,7 +4,11 @@ type Child = Node | string | null | undefined | false;
 type Props = Record<string, string | number | boolean | null | undefined | ((event: Event) => void)>;
 
 /** An element with attributes, listeners (`onclick`, …) and children. */
-export function h<K extends keyof HTMLElementTagNameMap>(tag: K, props: Props = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+export function h<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  props: Props = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[K] {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(props)) {
     if (typeof value === "function") {
@@ -15,7 +19,9 @@ export function h<K extends keyof HTMLElementTagNameMap>(tag: K, props: Props = 
       element.setAttribute(name, String(value));
     }
   }
-  element.append(...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false));
+  element.append(
+    ...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false),
+  );
   return element;
 }
 
@@ -50,9 +56,15 @@ export function signed(p: number): string {
 
 /** Names of the game as words: `cross-court-net-shot` → `cross-court net shot`. */
 export function words(name: string): string {
-  return name.replace("cross-court-", "cross-court·").replaceAll("-", " ").replace("·", " ").replace("cross court", "cross-court");
+  return name
+    .replace("cross-court-", "cross-court·")
+    .replaceAll("-", " ")
+    .replace("·", " ")
+    .replace("cross court", "cross-court");
 }
 
 export function replaceChildren(parent: Element, ...children: Child[]): void {
-  parent.replaceChildren(...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false));
+  parent.replaceChildren(
+    ...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false),
+  );
 }

@@ -1,8 +1,7 @@
 // The hall: floor, court, net, boards, stands and lights. All that does not move.
 
 import * as THREE from "three";
-import { BEHIND } from "./backdrop";
-import type { HallFacts } from "./wire";
+import type { HallFacts } from "./wire.gen";
 
 /** A point of the court in the axes of the drawing. */
 export function at(x: number, y: number, z: number): THREE.Vector3 {
@@ -53,7 +52,9 @@ export function simplify(parts: THREE.Object3D): void {
   parts.traverse((part) => {
     if (part instanceof THREE.Mesh && part.material instanceof THREE.MeshStandardMaterial) {
       const { name, color, map, transparent, opacity, side, depthWrite, emissive } = part.material;
-      const plain = made.get(part.material) ?? new THREE.MeshLambertMaterial({ name, color, map, transparent, opacity, side, depthWrite, emissive });
+      const plain =
+        made.get(part.material) ??
+        new THREE.MeshLambertMaterial({ name, color, map, transparent, opacity, side, depthWrite, emissive });
       made.set(part.material, plain);
       part.material = plain;
       if (map) {
@@ -84,7 +85,10 @@ function addLights(scene: THREE.Scene, lite: boolean): void {
 }
 
 function addFloor(scene: THREE.Scene, { court }: HallFacts): void {
-  const floor = new THREE.Mesh(new THREE.PlaneGeometry(44, 48), new THREE.MeshStandardMaterial({ color: FLOOR, roughness: 0.95 }));
+  const floor = new THREE.Mesh(
+    new THREE.PlaneGeometry(44, 48),
+    new THREE.MeshStandardMaterial({ color: FLOOR, roughness: 0.95 }),
+  );
   floor.rotation.x = -Math.PI / 2;
   floor.position.y = -0.012;
   floor.receiveShadow = true;
@@ -120,7 +124,10 @@ function addFloor(scene: THREE.Scene, { court }: HallFacts): void {
       line(-w / 2, side > 0 ? court.short_service : -hy, w / 2, side > 0 ? hy : -court.short_service);
     }
   });
-  const mat = new THREE.Mesh(new THREE.PlaneGeometry(wide, long), new THREE.MeshStandardMaterial({ map: texture, roughness: 0.72 }));
+  const mat = new THREE.Mesh(
+    new THREE.PlaneGeometry(wide, long),
+    new THREE.MeshStandardMaterial({ map: texture, roughness: 0.72 }),
+  );
   mat.rotation.x = -Math.PI / 2;
   mat.receiveShadow = true;
   scene.add(mat);
@@ -147,7 +154,14 @@ function addNet(scene: THREE.Scene, { court }: HallFacts): void {
   const depth = court.net_depth - hidden;
   const netting = new THREE.Mesh(
     sag(new THREE.PlaneGeometry(court.width, depth, 24, 1).translate(0, -hidden - depth / 2, 0)),
-    new THREE.MeshStandardMaterial({ map: mesh, transparent: true, side: THREE.DoubleSide, depthWrite: false, opacity: 0.85, roughness: 1 }),
+    new THREE.MeshStandardMaterial({
+      map: mesh,
+      transparent: true,
+      side: THREE.DoubleSide,
+      depthWrite: false,
+      opacity: 0.85,
+      roughness: 1,
+    }),
   );
   const tape = new THREE.Mesh(
     sag(new THREE.BoxGeometry(court.width, court.tape, 0.014, 24, 1, 1).translate(0, -court.tape / 2, 0)),
@@ -217,7 +231,10 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
       steps.push(step);
       for (let x = -length / 2 + 0.4; x < length / 2; x += 0.62) {
         if (random.next().value < 0.86) {
-          const spot = new THREE.Vector3(x + 0.12 * random.next().value, height, distance).applyAxisAngle(THREE.Object3D.DEFAULT_UP, turn);
+          const spot = new THREE.Vector3(x + 0.12 * random.next().value, height, distance).applyAxisAngle(
+            THREE.Object3D.DEFAULT_UP,
+            turn,
+          );
           spots.push(spot);
         }
       }
@@ -227,7 +244,10 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
   scene.add(tiers);
   const body = lite
     ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // thousands of them, and each corner costs time
-    : joined([new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0), new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0)]);
+    : joined([
+        new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0),
+        new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0),
+      ]);
   const crowd = new THREE.InstancedMesh(body, new THREE.MeshLambertMaterial({ color: 0xffffff }), spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();
@@ -236,7 +256,11 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
     matrix.makeScale(size, size, size).setPosition(spot);
     crowd.setMatrixAt(i, matrix);
     const lively = random.next().value;
-    colour.setHSL(lively < 0.25 ? random.next().value : 0.6 + 0.06 * random.next().value, lively < 0.25 ? 0.35 : 0.2, 0.015 + 0.05 * random.next().value ** 2);
+    colour.setHSL(
+      lively < 0.25 ? random.next().value : 0.6 + 0.06 * random.next().value,
+      lively < 0.25 ? 0.35 : 0.2,
+      0.015 + 0.05 * random.next().value ** 2,
+    );
     crowd.setColorAt(i, colour);
   });
   scene.add(crowd);
@@ -257,4 +281,79 @@ export function joined(parts: THREE.BufferGeometry[]): THREE.BufferGeometry {
     out.setAttribute(name, new THREE.BufferAttribute(all, 3));
   }
   return out;
+}
+
+/** Layer of what does not move and stands behind all that does. */
+export const BEHIND = 1;
+const MAX_PICTURES = 4;
+
+interface Picture {
+  view: string;
+  picture: THREE.FramebufferTexture;
+}
+
+export class Backdrop {
+  private readonly screen = new THREE.Scene();
+  private readonly flat = new THREE.OrthographicCamera(-1, 1, 1, -1, 0, 1);
+  private readonly material: THREE.RawShaderMaterial;
+  private pictures: Picture[] = [];
+  private size = "";
+
+  constructor(private readonly renderer: THREE.WebGLRenderer) {
+    // The picture is that of the canvas already: it is copied pixel by pixel.
+    this.material = new THREE.RawShaderMaterial({
+      glslVersion: THREE.GLSL3,
+      uniforms: { picture: { value: null } },
+      vertexShader: "in vec3 position; void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }",
+      fragmentShader:
+        "precision mediump float; uniform sampler2D picture; out vec4 colour; void main() { colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0); }",
+      depthTest: false,
+      depthWrite: false,
+    });
+    const whole = new THREE.BufferGeometry().setAttribute(
+      "position",
+      new THREE.Float32BufferAttribute([-1, -1, 0, 3, -1, 0, -1, 3, 0], 3),
+    );
+    const sheet = new THREE.Mesh(whole, this.material);
+    sheet.frustumCulled = false;
+    this.screen.add(sheet);
+  }
+
+  /** Draws a scene as an eye sees it, from `BEHIND` only what is not known of this view yet. */
+  render(scene: THREE.Scene, eye: THREE.PerspectiveCamera): void {
+    const { renderer } = this;
+    eye.updateMatrixWorld();
+    const behind = this.pictureOf(scene, eye);
+    this.material.uniforms["picture"]!.value = behind;
+    renderer.autoClear = false;
+    renderer.render(this.screen, this.flat);
+    renderer.clearDepth();
+    eye.layers.set(0);
+    renderer.render(scene, eye);
+    eye.layers.enable(BEHIND);
+    renderer.autoClear = true;
+  }
+
+  private pictureOf(scene: THREE.Scene, eye: THREE.PerspectiveCamera): THREE.FramebufferTexture {
+    const { renderer } = this;
+    const { width, height } = renderer.domElement;
+    const size = `${width} ${height}`;
+    if (size !== this.size) {
+      this.size = size;
+      this.pictures.forEach(({ picture }) => picture.dispose());
+      this.pictures = [];
+    }
+    const view = [...eye.matrixWorld.elements, ...eye.projectionMatrix.elements].join();
+    const found = this.pictures.find((one) => one.view === view);
+    if (found) {
+      return found.picture;
+    }
+    const picture =
+      this.pictures.length < MAX_PICTURES ? new THREE.FramebufferTexture(width, height) : this.pictures.shift()!.picture;
+    eye.layers.set(BEHIND);
+    renderer.render(scene, eye);
+    renderer.copyFramebufferToTexture(picture);
+    this.pictures.push({ view, picture });
+    return picture;
+  }
 }

@@ -1,7 +1,7 @@
 // Keys of the whole page.
 
 import type { Layout } from "./layout";
-import { SPEEDS, type Player } from "./player";
+import { type Player, SPEEDS } from "./player";
 import type { Acts } from "./screen";
 import { CAMERAS, type Stage } from "./stage";
 
@@ -24,7 +24,11 @@ export function keyTable(acts: Acts, player: Player, stage: Stage | null, layout
     ">": () => speed(1),
     ...Object.fromEntries(CAMERAS.map((camera, i) => [String(i + 1), () => acts.camera(camera)])),
     r: () => acts.replay(),
-    f: () => stage && (stage.flipped = !stage.flipped),
+    f: () => {
+      if (stage) {
+        stage.flipped = !stage.flipped;
+      }
+    },
     n: () => acts.newMatch(),
     t: () => acts.takeOver(0),
     T: () => acts.takeOver(1),
@@ -40,7 +44,14 @@ export function listen(act: (key: string) => boolean, board: HTMLElement): void 
     const target = event.target as HTMLElement;
     const typing = /^(SELECT|TEXTAREA)$/.test(target.tagName) || (target as HTMLInputElement).type === "range";
     const dialog = document.querySelector("dialog[open]") !== null && event.key !== "h";
-    if (event.ctrlKey || event.metaKey || event.altKey || typing || dialog || (event.key === " " && target.closest("button, summary"))) {
+    if (
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey ||
+      typing ||
+      dialog ||
+      (event.key === " " && target.closest("button, summary"))
+    ) {
       return;
     }
     if (event.key === "Enter" && target.closest("button, summary") && !board.contains(target)) {

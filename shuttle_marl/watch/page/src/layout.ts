@@ -77,20 +77,51 @@ export class Layout {
     canShare: boolean,
     isMatch: boolean,
   ) {
-    this.help = dialog("Keys", h("ul", { class: "keys" }, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))));
+    this.help = dialog(
+      "Keys",
+      h("ul", { class: "keys" }, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))),
+    );
     this.summary = dialog("The game", h("div"));
     this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": "Play" }, icon("play"));
-    this.speed = h("select", { "aria-label": "Speed", onchange: () => hooks.speed(Number(this.speed.value)) }, ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)));
+    this.speed = h(
+      "select",
+      { "aria-label": "Speed", onchange: () => hooks.speed(Number(this.speed.value)) },
+      ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)),
+    );
     this.speed.value = "1";
-    this.scrubber = h("input", { type: "range", min: 0, max: 1, step: 0.02, value: 0, "aria-label": "Time in the rally", oninput: () => hooks.seek(Number(this.scrubber.value)) });
+    this.scrubber = h("input", {
+      type: "range",
+      min: 0,
+      max: 1,
+      step: 0.02,
+      value: 0,
+      "aria-label": "Time in the rally",
+      oninput: () => hooks.seek(Number(this.scrubber.value)),
+    });
     this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
     this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
-    this.tabs = modes.map((mode) => h("button", { role: "tab", "aria-selected": "false", onclick: () => hooks.mode(mode) }, mode[0]!.toUpperCase() + mode.slice(1)));
+    this.tabs = modes.map((mode) =>
+      h(
+        "button",
+        { role: "tab", "aria-selected": "false", onclick: () => hooks.mode(mode) },
+        mode[0]!.toUpperCase() + mode.slice(1),
+      ),
+    );
     parts.curve.append(this.transport());
     const canvas = parts.canvas ?? h("p", { class: "end" }, "This browser draws no 3D; the rally is told in words.");
     this.court.append(canvas, ...parts.overlays, this.banner, this.notice);
-    this.words = h("section", { class: "panel", "aria-label": "In words" }, h("h2", {}, "In words"), h("div", { class: "told", role: "region", "aria-label": "The rally in words", tabindex: 0 }, this.told));
-    const keys = h("section", { class: "panel", "aria-label": "Keys" }, h("h2", {}, "Keys"), h("div", { class: "keys" }, ...keyList().map(([key, what]) => h("span", {}, h("kbd", {}, key), ` ${what}`))));
+    this.words = h(
+      "section",
+      { class: "panel", "aria-label": "In words" },
+      h("h2", {}, "In words"),
+      h("div", { class: "told", role: "region", "aria-label": "The rally in words", tabindex: 0 }, this.told),
+    );
+    const keys = h(
+      "section",
+      { class: "panel", "aria-label": "Keys" },
+      h("h2", {}, "Keys"),
+      h("div", { class: "keys" }, ...keyList().map(([key, what]) => h("span", {}, h("kbd", {}, key), ` ${what}`))),
+    );
     const share = canShare
       ? h(
           "details",
@@ -135,7 +166,8 @@ export class Layout {
 
   private transport(): HTMLElement {
     const { hooks } = this;
-    const button = (name: string, label: string, act: () => void) => h("button", { onclick: act, "aria-label": label, title: label }, icon(name));
+    const button = (name: string, label: string, act: () => void) =>
+      h("button", { onclick: act, "aria-label": label, title: label }, icon(name));
     return h(
       "div",
       { class: "transport", role: "group", "aria-label": "Playback" },
@@ -216,19 +248,29 @@ export class Layout {
 }
 
 function toggleButton(name: string, on: boolean, act: (on: boolean) => void): HTMLButtonElement {
-  const button = h("button", {
-    "aria-pressed": String(on),
-    onclick: () => {
-      const now = button.getAttribute("aria-pressed") !== "true";
-      button.setAttribute("aria-pressed", String(now));
-      act(now);
+  const button = h(
+    "button",
+    {
+      "aria-pressed": String(on),
+      onclick: () => {
+        const now = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", String(now));
+        act(now);
+      },
     },
-  }, name);
+    name,
+  );
   return button;
 }
 
 function dialog(name: string, content: HTMLElement): HTMLDialogElement {
   const close = h("button", { onclick: () => element.close() }, "Close");
-  const element: HTMLDialogElement = h("dialog", { "aria-label": name }, h("h2", {}, name), content, h("p", { style: "margin-top:14px" }, close));
+  const element: HTMLDialogElement = h(
+    "dialog",
+    { "aria-label": name },
+    h("h2", {}, name),
+    content,
+    h("p", { style: "margin-top:14px" }, close),
+  );
   return element;
 }

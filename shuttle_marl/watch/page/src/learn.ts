@@ -1,8 +1,7 @@
 // Find the better stroke: stops before the costliest decisions of a rally, asks, and only then tells.
 
-import type { Analysis, Option, StrokeValue } from "./analysis";
 import { h, percent, replaceChildren, words } from "./dom";
-import type { RallyFacts } from "./wire";
+import type { Analysis, Option, RallyFacts, StrokeValue } from "./wire.gen";
 
 const QUESTIONS = 3;
 const WORTH_ASKING = 0.03; // least regret of a decision that is asked about
@@ -10,7 +9,9 @@ const ANSWERS = 4;
 
 /** Numbers of the costliest decisions of a rally, in their order. */
 export function questions(analysis: Analysis): number[] {
-  const found = analysis.strokes.map((value, i) => ({ i, regret: value.regret })).filter(({ regret }) => regret >= WORTH_ASKING);
+  const found = analysis.strokes
+    .map((value, i) => ({ i, regret: value.regret }))
+    .filter(({ regret }) => regret >= WORTH_ASKING);
   found.sort((a, b) => b.regret - a.regret);
   return found
     .slice(0, QUESTIONS)
@@ -72,8 +73,18 @@ export class Learn {
     const stroke = this.rally!.strokes[question]!;
     replaceChildren(
       this.element,
-      h("h2", {}, h("span", {}, "Find the better stroke"), h("span", {}, `${this.asked + 1} of ${this.asked + this.left.length + 1}`)),
-      h("p", {}, h("b", { class: stroke.seat ? "b" : "a" }, this.rally!.names[stroke.seat]!), ` is about to play stroke ${question + 1}, from ${stroke.height} the net.`),
+      h(
+        "h2",
+        {},
+        h("span", {}, "Find the better stroke"),
+        h("span", {}, `${this.asked + 1} of ${this.asked + this.left.length + 1}`),
+      ),
+      h(
+        "p",
+        {},
+        h("b", { class: stroke.seat ? "b" : "a" }, this.rally!.names[stroke.seat]!),
+        ` is about to play stroke ${question + 1}, from ${stroke.height} the net.`,
+      ),
     );
     this.hooks.stopBefore(question);
   }
@@ -87,8 +98,18 @@ export class Learn {
     const played = this.rally!.strokes[question]!;
     const value = this.analysis!.strokes[question]!;
     const options = answers(value, played.stroke);
-    const buttons = options.map((option) => h("button", { onclick: () => this.answer(option, value, buttons, options) }, h("span", {}, name(option)), h("span", { class: "quiet" })));
-    this.element.append(h("p", { style: "margin:8px 0" }, "What is best here, with perfect play from then on?"), h("div", { class: "quiz" }, ...buttons));
+    const buttons = options.map((option) =>
+      h(
+        "button",
+        { onclick: () => this.answer(option, value, buttons, options) },
+        h("span", {}, name(option)),
+        h("span", { class: "quiet" }),
+      ),
+    );
+    this.element.append(
+      h("p", { style: "margin:8px 0" }, "What is best here, with perfect play from then on?"),
+      h("div", { class: "quiz" }, ...buttons),
+    );
     buttons[0]?.focus();
   }
 
@@ -110,18 +131,37 @@ export class Learn {
     const best = value.options.find((option) => option.stroke === value.better)!;
     const told = right ? "Yes." : `Better is ${name(best)}: your stroke gives away ${percent(given.regret)}.`;
     const next = h("button", { onclick: () => this.next() }, this.left.length ? "Next" : "Accuracy of both");
-    this.element.append(h("p", { style: "margin:8px 0" }, `${told} The played stroke gave away ${percent(value.regret)} of the rally. ${value.sure}`), next);
+    this.element.append(
+      h(
+        "p",
+        { style: "margin:8px 0" },
+        `${told} The played stroke gave away ${percent(value.regret)} of the rally. ${value.sure}`,
+      ),
+      next,
+    );
     next.focus();
   }
 
   private tellAccuracy(): void {
     this.current = null;
     const accuracy = this.analysis!.accuracy.map((share, seat) =>
-      h("p", {}, h("b", { class: seat ? "b" : "a" }, this.rally!.names[seat]!), share === null ? ": no stroke" : `: ${percent(share)} of what the choices could make was made`),
+      h(
+        "p",
+        {},
+        h("b", { class: seat ? "b" : "a" }, this.rally!.names[seat]!),
+        share === null ? ": no stroke" : `: ${percent(share)} of what the choices could make was made`,
+      ),
     );
     const score = this.asked ? `${this.right} of ${this.asked} found. ` : "No decision of this rally gave away much. ";
     const done = h("button", { onclick: () => this.hooks.finish() }, "Next rally");
-    replaceChildren(this.element, h("h2", {}, "Find the better stroke"), h("p", {}, score), ...accuracy, h("p", { class: "quiet" }, "Accuracy by exact regret: 100 % is perfect play, 0 % always the worst stroke."), done);
+    replaceChildren(
+      this.element,
+      h("h2", {}, "Find the better stroke"),
+      h("p", {}, score),
+      ...accuracy,
+      h("p", { class: "quiet" }, "Accuracy by exact regret: 100 % is perfect play, 0 % always the worst stroke."),
+      done,
+    );
     this.hooks.reveal(Infinity);
     done.focus();
   }

@@ -1,6 +1,6 @@
 // The address of the page names what is seen: plan, rally and stroke.
 
-import type { Plan, Side } from "./wire";
+import type { Plan, Side } from "./wire.gen";
 
 export interface Place {
   plan: Plan | null;

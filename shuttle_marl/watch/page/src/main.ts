@@ -2,12 +2,13 @@
 
 import "./style.css";
 import { App } from "./app";
-import { h } from "./dom";
 import { expanded, isCondensed } from "./condensed";
+import { Connection } from "./connection";
+import { h } from "./dom";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
-import { openShared, readShared, sharedPage, ungzipped, type Shared } from "./share";
-import { Connection, type Hello, type RallyFacts } from "./wire";
+import { openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
+import type { Analysis, Hello, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 
 declare global {
   interface Window {
@@ -15,7 +16,7 @@ declare global {
   }
 }
 
-function body({ plan, rally, person, tried }: Wanted): object {
+function query({ plan, rally, person, tried }: Wanted): Omit<RallyRequest, "have"> {
   return plan ? { plan, rally, person } : { plan: null, rally, tried };
 }
 
@@ -25,34 +26,45 @@ async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: A
 
 /** Everything from a server. */
 async function served(): Promise<{ hello: Hello; source: Source }> {
-  const lost = h("div", { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" }, "The server does not answer; waiting for it …");
+  const lost = h(
+    "div",
+    { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" },
+    "The server does not answer; waiting for it …",
+  );
   document.body.append(lost);
   const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
-  const { facts: hello, raw } = await server.ask<Hello>("hello");
+  const { facts: hello, raw } = await server.ask("hello", {});
   const model = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
   const source: Source = {
-    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...body(wanted), have: before !== null }), before),
-    analysis: async (wanted) => (await server.ask<never>("analysis", body(wanted))).facts,
-    options: async (wanted) => (await server.ask<{ options: never }>("options", body(wanted))).facts.options,
-    styles: async (wanted) => (await server.ask<never>("styles", body(wanted))).facts,
+    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...query(wanted), have: before !== null }), before),
+    analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
+    options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
+    styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     model,
     share: async (rallies, title, hash, progress) => {
-      const [script = "", style = ""] = await Promise.all(["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()));
+      const [script = "", style = ""] = await Promise.all(
+        ["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()),
+      );
       const replies = new Map<string, ArrayBuffer>();
       const athletes = new Set<string>();
       for (const [i, wanted] of rallies.entries()) {
         progress(i);
-        const reply = await server.ask<{ rally: RallyFacts }>("rally", body(wanted));
+        const reply = await server.ask("rally", { ...query(wanted), have: false });
         reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
         replies.set(`rally ${wanted.rally}`, reply.raw);
-        replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", body(wanted))).raw);
+        replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
         if (wanted.plan && !replies.has("styles")) {
-          replies.set("styles", (await server.ask("styles", body(wanted))).raw);
+          replies.set("styles", (await server.ask("styles", query(wanted))).raw);
         }
       }
       const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await model(name)] as const)));
-      return sharedPage({ script, style, hello: raw, replies, models }, rallies.map(({ rally }) => `rally ${rally}`), title, hash);
+      return sharedPage(
+        { script, style, hello: raw, replies, models },
+        rallies.map(({ rally }) => `rally ${rally}`),
+        title,
+        hash,
+      );
     },
   };
   return { hello, source };
@@ -67,9 +79,9 @@ async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> 
   };
   const source: Source = {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
-    analysis: async ({ rally }) => (await find<never>(`analysis ${rally}`)).facts,
+    analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: () => Promise.reject(new Error("a saved page plays no one")),
-    styles: async () => (await find<never>("styles")).facts,
+    styles: async () => (await find<Styles>("styles")).facts,
     model: (athlete) => ungzipped(shared.models[athlete]!),
     share: null,
   };
@@ -82,7 +94,10 @@ try {
   const app = new App(hello, source);
   window.viewer = {
     state: () => app.state(),
-    seek: (time: number) => (app.seek(time), app.draw()),
+    seek: (time: number) => {
+      app.seek(time);
+      app.draw();
+    },
     go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
     key: (key: string) => app.key(key),
     draw: () => app.draw(),

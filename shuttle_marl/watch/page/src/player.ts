@@ -1,7 +1,7 @@
 // Plays a rally by the clock: time, speed, steps.
 
 import type { Motion } from "./motion";
-import type { RallyFacts } from "./wire";
+import type { RallyFacts } from "./wire.gen";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
 /** How long before they strike a person is waited for [s]. */

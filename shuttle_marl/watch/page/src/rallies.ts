@@ -1,9 +1,7 @@
 // Rallies that are asked for: each once, the next one ahead of time, and only the last answer counts.
 
-import type { Analysis, Option } from "./analysis";
 import type { Motion } from "./motion";
-import type { Styles } from "./sides";
-import type { Person, Plan, RallyFacts } from "./wire";
+import type { Analysis, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
 /** A rally that is asked for: of a match by its plan, or of what was recorded. */
 export interface Wanted {

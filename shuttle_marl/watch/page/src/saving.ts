@@ -1,12 +1,12 @@
 // What a viewer takes away: the link, a picture, a film, a page.
 
-import type { Course } from "./course";
 import type { Layout } from "./layout";
 import type { Player } from "./player";
 import type { Source } from "./rallies";
 import { Recorder } from "./recorder";
 import { save } from "./share";
 import type { Stage } from "./stage";
+import type { Course } from "./timeline";
 
 export class Saving {
   private readonly recorder = new Recorder(save);

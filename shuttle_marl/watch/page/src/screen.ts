@@ -1,17 +1,17 @@
 // Everything that is seen of a rally at a moment: the court, what lies over it, and the panels beside it.
 
-import { Chances, Curve, LandingMap, MoveList, OptionTable, type Analysis, type Option } from "./analysis";
+import { Chances, Curve, LandingMap, MoveList, OptionTable } from "./analysis";
 import { Board } from "./board";
-import { cameraButtons, Chip, ScoreBug } from "./court_view";
+import { Chip, cameraButtons, ScoreBug } from "./court_view";
 import { h, replaceChildren } from "./dom";
-import { Layout, MODES, type Hooks, type Mode } from "./layout";
+import type { Frames } from "./frame";
+import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
-import type { Motion } from "./motion";
+import { endSentence, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
 import { SideCard, StylePanel } from "./sides";
 import type { Camera, Stage } from "./stage";
-import { endSentence, startSentence, strokeSentence } from "./told";
-import type { Hello, RallyFacts, Side, Turn } from "./wire";
+import type { Analysis, Hello, Option, RallyFacts, Side, Turn } from "./wire.gen";
 
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
@@ -25,8 +25,6 @@ export interface Acts extends Hooks {
   gameOver(rally: RallyFacts): void;
 }
 
-const SETTLING = 45; // frames in which cameras and poses come to rest
-const RESTING = 300; // between two pictures of players who wait, where the processor draws them: a choice then waits for none [ms]
 const BEFORE = 0.03; // how long before a decision it is asked about [s]
 
 export class Screen {
@@ -50,26 +48,23 @@ export class Screen {
   private readonly back: HTMLElement;
   private readonly sides: [SideCard, SideCard];
   private rally: RallyFacts | null = null;
-  private motion: Motion | null = null;
-  private aim: [number, number, number, number] | null = null;
   private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
   private saidStroke = -2;
   private shownStroke = -2;
   private ended = false;
-  private version = 0; // of what is shown
-  private seen = "";
-  private unsettled = 0;
-  private drawnAt = 0;
-  private drawnTime = 0;
+  private readonly player: Player;
+  private readonly stage: Stage | null;
 
   /** @param live whether a server stands behind the page. */
   constructor(
     hello: Hello,
-    private readonly player: Player,
-    private readonly stage: Stage | null,
+    private readonly frames: Frames,
     private readonly acts: Acts,
     private readonly live: boolean,
   ) {
+    const { player, stage } = frames;
+    this.player = player;
+    this.stage = stage;
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
     this.cameras = cameraButtons((camera) => acts.camera(camera));
@@ -78,10 +73,24 @@ export class Screen {
     this.options = new OptionTable((stroke) => acts.whatIf(stroke));
     this.landing = new LandingMap(hello.hall);
     this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to what was played");
-    const card = (seat: number) => new SideCard(seat, hello.policies, (side) => acts.changeSide(seat, side), () => acts.takeOver(seat));
+    const card = (seat: number) =>
+      new SideCard(
+        seat,
+        hello.policies,
+        (side) => acts.changeSide(seat, side),
+        () => acts.takeOver(seat),
+      );
     this.sides = [card(0), card(1)];
-    this.learn = new Learn({ stopBefore: (stroke) => this.stopBefore(stroke), reveal: (upTo) => this.reveal(upTo), finish: () => acts.rally(1) });
-    this.board = new Board(hello.hall, { hit: (stroke) => acts.hit(stroke), hints: () => acts.hints(), aim: (box) => (this.aim = box) });
+    this.learn = new Learn({
+      stopBefore: (stroke) => this.stopBefore(stroke),
+      reveal: (upTo) => this.reveal(upTo),
+      finish: () => acts.rally(1),
+    });
+    this.board = new Board(hello.hall, {
+      hit: (stroke) => acts.hit(stroke),
+      hints: () => acts.hints(),
+      aim: (box) => (frames.aim = box),
+    });
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
@@ -110,8 +119,7 @@ export class Screen {
   resize(): void {
     const { clientWidth, clientHeight } = this.layout.court;
     if (clientWidth && clientHeight) {
-      this.stage?.resize(clientWidth, clientHeight);
-      this.seen = "";
+      this.frames.resize(clientWidth, clientHeight);
     }
   }
 
@@ -127,10 +135,8 @@ export class Screen {
    * @param seat of the person who plays, if one does.
    * @param tried whether it is one that was not played.
    */
-  show(rally: RallyFacts, motion: Motion, where: string, sides: [Side, Side] | null, seat: number | null, tried: boolean): void {
+  show(rally: RallyFacts, where: string, sides: [Side, Side] | null, seat: number | null, tried: boolean): void {
     this.rally = rally;
-    this.motion = motion;
-    this.version++;
     this.ended = false;
     this.analysis = null;
     this.saidStroke = -2;
@@ -185,16 +191,13 @@ export class Screen {
     }
   }
 
-  /** Draws the moment that is shown, and all that depends on it. */
-  draw(): void {
-    const { rally, motion, player } = this;
-    if (!rally || !motion) {
+  /** Updates everything beside the court to the current time. */
+  update(): void {
+    const { rally, player } = this;
+    if (!rally) {
       return;
     }
     this.moves.keepInView();
-    if (!document.body.classList.contains("text")) {
-      this.drawCourt(rally, motion);
-    }
     const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
     this.bug.show(rally, over);
     this.chip.show(rally, player.stroke);
@@ -215,30 +218,12 @@ export class Screen {
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn);
     }
+    if (this.stage) {
+      this.stage.raised = this.board.turn ? 0.2 : 0;
+    }
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {
       this.learn.ask();
-    }
-  }
-
-  /** Draws the court if anything on it moves. */
-  private drawCourt(rally: RallyFacts, motion: Motion): void {
-    const { stage, player } = this;
-    if (!stage) {
-      return;
-    }
-    stage.raised = this.board.turn ? 0.2 : 0;
-    const now = performance.now();
-    const resting = stage.lite && player.waits && now - this.drawnAt < RESTING;
-    const seen = [this.version, resting ? this.drawnTime : player.time, stage.camera, stage.flipped, stage.raised, this.aim].join();
-    if (seen !== this.seen) {
-      this.seen = seen;
-      this.unsettled = stage.lite ? 1 : SETTLING;
-    }
-    if (this.unsettled > 0 || stage.camera === "free") {
-      this.unsettled--;
-      [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim);
     }
   }
 

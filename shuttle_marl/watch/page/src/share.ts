@@ -1,9 +1,10 @@
 // A rally or a match as one page that opens from disk, and a picture of the moment.
 
 import { condense } from "./condensed";
-import { fromLetters, toLetters } from "./letters";
+import { parseMessage } from "./connection";
+import { fromLetters, toLetters } from "./labels";
 import { Motion } from "./motion";
-import { parseMessage, type RallyFacts } from "./wire";
+import type { RallyFacts } from "./wire.gen";
 
 /** Seconds of play above which motions are condensed the more coarsely, the more there are, so that the page stays small. */
 const FINE = 1000;
@@ -38,9 +39,16 @@ export interface Content {
  * A page that opens from disk; the motions of a match are condensed.
  * @param rallies names of the replies with rallies.
  */
-export async function sharedPage({ script, style, hello, replies, models }: Content, rallies: string[], title: string, hash: string): Promise<Blob> {
+export async function sharedPage(
+  { script, style, hello, replies, models }: Content,
+  rallies: string[],
+  title: string,
+  hash: string,
+): Promise<Blob> {
   if (rallies.length > 1) {
-    const lasting = rallies.map((key) => Number((parseMessage(replies.get(key)!).facts as { rally: RallyFacts }).rally.strokes.at(-1)?.end_time ?? 0));
+    const lasting = rallies.map((key) =>
+      Number((parseMessage(replies.get(key)!).facts as { rally: RallyFacts }).rally.strokes.at(-1)?.end_time ?? 0),
+    );
     const seconds = lasting.reduce((sum, time) => sum + time, 0);
     for (const key of rallies) {
       replies.set(key, await condensedReply(replies.get(key)!, seconds));
@@ -53,7 +61,13 @@ export async function sharedPage({ script, style, hello, replies, models }: Cont
     }
     return packed;
   };
-  return written(script, style, { hello: await gzipped(hello), replies: await all(replies), models: await all(models) }, title, hash);
+  return written(
+    script,
+    style,
+    { hello: await gzipped(hello), replies: await all(replies), models: await all(models) },
+    title,
+    hash,
+  );
 }
 
 /** A reply with a rally, its motion condensed; `seconds` is how long all rallies of the page play. */

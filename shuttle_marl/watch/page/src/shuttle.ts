@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { at, joined } from "./hall";
 import type { Motion } from "./motion";
-import type { HallFacts, Vec3 } from "./wire";
+import type { HallFacts, Vec3 } from "./wire.gen";
 
 const TRAIL = 0.42; // [s]
 const POINTS = 40;
@@ -18,10 +18,18 @@ export class Shuttle {
   private readonly place: Vec3 = [0, 0, 0];
   private readonly way: Vec3 = [0, 0, 0];
 
-  constructor({ scale, cork: radius, feathers: count, feather: [[near, narrow, ahead], [far, wide, behind]] }: HallFacts["shuttle"]) {
+  constructor({
+    scale,
+    cork: radius,
+    feathers: count,
+    feather: [[near, narrow, ahead], [far, wide, behind]],
+  }: HallFacts["shuttle"]) {
     // The cork points along y; the origin lies in the cork.
     const cork = new THREE.Mesh(
-      joined([new THREE.SphereGeometry(radius, 14, 10), new THREE.CylinderGeometry(radius, radius, 0.012, 14).translate(0, -0.007, 0)]),
+      joined([
+        new THREE.SphereGeometry(radius, 14, 10),
+        new THREE.CylinderGeometry(radius, radius, 0.012, 14).translate(0, -0.007, 0),
+      ]),
       new THREE.MeshStandardMaterial({ color: 0xf3ecd9, roughness: 0.6 }),
     );
     const feathers: THREE.BufferGeometry[] = [];
@@ -34,7 +42,12 @@ export class Shuttle {
           p.setX(k, (narrow / wide) * p.getX(k));
         }
       }
-      feathers.push(vane.rotateX(Math.atan2(far - near, behind - ahead)).translate(0, -ahead, near).rotateY((2 * i * Math.PI) / count));
+      feathers.push(
+        vane
+          .rotateX(Math.atan2(far - near, behind - ahead))
+          .translate(0, -ahead, near)
+          .rotateY((2 * i * Math.PI) / count),
+      );
     }
     const skirt = new THREE.Mesh(
       joined(feathers),
@@ -59,7 +72,14 @@ export class Shuttle {
     geometry.setIndex(order);
     this.trail = new THREE.Mesh(
       geometry,
-      new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, depthWrite: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending, fog: false }),
+      new THREE.MeshBasicMaterial({
+        vertexColors: true,
+        transparent: true,
+        depthWrite: false,
+        side: THREE.DoubleSide,
+        blending: THREE.AdditiveBlending,
+        fog: false,
+      }),
     );
     this.trail.frustumCulled = false;
   }
@@ -90,7 +110,10 @@ export class Shuttle {
       here.copy(at(...motion.shuttleAt(start + u * (time - start), point)));
       before.copy(at(...motion.shuttleAt(start + u * (time - start) - 0.004, point)));
       along.subVectors(here, before);
-      aside.crossVectors(along, before.subVectors(eye, here)).normalize().multiplyScalar(0.032 * (0.12 + 0.88 * u));
+      aside
+        .crossVectors(along, before.subVectors(eye, here))
+        .normalize()
+        .multiplyScalar(0.032 * (0.12 + 0.88 * u));
       this.position.setXYZ(2 * i, here.x + aside.x, here.y + aside.y, here.z + aside.z);
       this.position.setXYZ(2 * i + 1, here.x - aside.x, here.y - aside.y, here.z - aside.z);
       for (const k of [2 * i, 2 * i + 1]) {

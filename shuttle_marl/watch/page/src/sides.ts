@@ -2,12 +2,7 @@
 
 import { h, percent, replaceChildren, words } from "./dom";
 import { COLOURS } from "./stage";
-import type { Side } from "./wire";
-
-export interface Styles {
-  figures: { name: string; values: [number, number]; reference: number | null; unit: string }[];
-  shots: { name: string; values: [number, number]; reference: number | null }[];
-}
+import type { Side, Styles } from "./wire.gen";
 
 export class SideCard {
   readonly element: HTMLElement;
@@ -18,8 +13,19 @@ export class SideCard {
 
   constructor(seat: number, policies: string[], change: (side: Side) => void, takeOver: () => void) {
     const name = "AB"[seat]!;
-    this.select = h("select", { "aria-label": `Player of side ${name}` }, ...policies.map((policy) => h("option", { value: policy }, policy)));
-    this.slider = h("input", { type: "range", min: 0, max: 2, step: 0.1, value: 1, "aria-label": `Temperature of side ${name}` });
+    this.select = h(
+      "select",
+      { "aria-label": `Player of side ${name}` },
+      ...policies.map((policy) => h("option", { value: policy }, policy)),
+    );
+    this.slider = h("input", {
+      type: "range",
+      min: 0,
+      max: 2,
+      step: 0.1,
+      value: 1,
+      "aria-label": `Temperature of side ${name}`,
+    });
     const changed = () => {
       this.output.textContent = label(Number(this.slider.value));
       change({ policy: this.select.value, temperature: Number(this.slider.value) });
@@ -27,7 +33,12 @@ export class SideCard {
     this.select.addEventListener("change", changed);
     this.slider.addEventListener("change", changed);
     this.slider.addEventListener("input", () => (this.output.textContent = label(Number(this.slider.value))));
-    this.take = h("button", { class: "take", onclick: takeOver, "aria-pressed": "false" }, h("span", {}, "Take over"), h("kbd", {}, seat ? "T" : "t"));
+    this.take = h(
+      "button",
+      { class: "take", onclick: takeOver, "aria-pressed": "false" },
+      h("span", {}, "Take over"),
+      h("kbd", {}, seat ? "T" : "t"),
+    );
     this.element = h(
       "section",
       { class: "panel side", style: `--mine:${COLOURS[seat]}`, "aria-label": `Side ${name}` },
@@ -58,7 +69,13 @@ function label(temperature: number): string {
   return temperature === 0 ? "greedy" : temperature.toFixed(1);
 }
 
-function bar(name: string, values: [number, number], reference: number | null, most: number, text: (value: number) => string): HTMLElement {
+function bar(
+  name: string,
+  values: [number, number],
+  reference: number | null,
+  most: number,
+  text: (value: number) => string,
+): HTMLElement {
   const width = (value: number) => `${Math.min(100, (100 * value) / most)}%`;
   const tick = (edge: string) => (reference === null ? null : h("u", { style: `${edge}:${width(reference)}` }));
   return h(
@@ -91,12 +108,16 @@ export class StylePanel {
       h(
         "div",
         { class: "bars" },
-        ...styles.figures.map(({ name, values, reference, unit }) =>
-          bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), (value) => (unit === "%" ? percent(value) : value.toFixed(1))),
+        ...styles.figures.map(({ name, values, reference }) =>
+          bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), percent),
         ),
       ),
       h("h3", { style: "margin-top:10px" }, h("span", {}, "Shot mix"), h("span", { style: "color:var(--gold)" }, "| elite")),
-      h("div", { class: "bars" }, ...styles.shots.map(({ name, values, reference }) => bar(words(name), values, reference, most, percent))),
+      h(
+        "div",
+        { class: "bars" },
+        ...styles.shots.map(({ name, values, reference }) => bar(words(name), values, reference, most, percent)),
+      ),
     );
   }
 }

@@ -1,15 +1,14 @@
 // Draws a rally at a time, from a camera.
 
 import * as THREE from "three";
-import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
-import { Backdrop, BEHIND } from "./backdrop";
-import { at, buildHall, DARK, simplify } from "./hall";
+import { at, Backdrop, BEHIND, buildHall, DARK, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { Marks, Shuttle } from "./shuttle";
-import type { HallFacts, RallyFacts, Vec3 } from "./wire";
+import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
 export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free"] as const;
 export type Camera = (typeof CAMERAS)[number];
@@ -78,7 +77,11 @@ export class Stage {
   ) {
     this.canvas = document.createElement("canvas");
     this.lite = quality === "lite" || (quality === "auto" && isSlow());
-    const context = this.canvas.getContext("webgl2", { antialias: !this.lite, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+    const context = this.canvas.getContext("webgl2", {
+      antialias: !this.lite,
+      preserveDrawingBuffer: true,
+      powerPreference: "high-performance",
+    });
     if (!context) {
       throw new Error("this browser draws no 3D (WebGL 2); the rally is told in words below");
     }
@@ -266,7 +269,11 @@ export class Stage {
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
       case "corner": {
         const back = 0.88 + 0.12 * Math.min(wide, 1.9); // not behind the boards of the stands
-        return { eye: at(-end * 7.4, -end * 11, 4.3).multiplyScalar(back), look: at(end * 0.8, -end * 0.5, 0.9), fov: 40 * Math.min(wide, 1.6) };
+        return {
+          eye: at(-end * 7.4, -end * 11, 4.3).multiplyScalar(back),
+          look: at(end * 0.8, -end * 0.5, 0.9),
+          fov: 40 * Math.min(wide, 1.6),
+        };
       }
       case "top":
         return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };

@@ -1,12 +1,19 @@
 // What is seen, for tests and scripts.
 
-import type { Course } from "./course";
 import type { Player } from "./player";
 import type { Shown } from "./rallies";
 import type { Screen } from "./screen";
 import type { Stage } from "./stage";
+import type { Course } from "./timeline";
 
-export function state(shown: Shown | null, course: Course, player: Player, screen: Screen, stage: Stage | null, times: object): Record<string, unknown> {
+export function state(
+  shown: Shown | null,
+  course: Course,
+  player: Player,
+  screen: Screen,
+  stage: Stage | null,
+  times: object,
+): Record<string, unknown> {
   const rally = shown?.rally ?? null;
   return {
     ready: rally !== null,

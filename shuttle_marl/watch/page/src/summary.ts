@@ -1,8 +1,7 @@
 // The summary of a game that a person played: their costliest decisions.
 
-import type { Analysis } from "./analysis";
 import { h, percent, words } from "./dom";
-import type { RallyFacts } from "./wire";
+import type { Analysis, RallyFacts } from "./wire.gen";
 
 /** A rally that a person played to its end. */
 export interface Played {
@@ -17,14 +16,24 @@ const MOST = 5;
  * What is told of the game that a rally ended.
  * @param go opens a stroke of a rally.
  */
-export async function summary(last: RallyFacts, seat: number, played: Played[], go: (number: number, stroke: number) => void): Promise<HTMLElement[]> {
+export async function summary(
+  last: RallyFacts,
+  seat: number,
+  played: Played[],
+  go: (number: number, stroke: number) => void,
+): Promise<HTMLElement[]> {
   const games = last.games[0] + last.games[1];
   const mine = played.filter(({ rally }) => rally.games[0] + rally.games[1] === games);
   const found = await Promise.all(mine.map(async (one) => ({ ...one, analysis: await one.analysis })));
   const strokes = found.flatMap(({ number, rally: { strokes }, analysis }) =>
-    strokes.flatMap((stroke, i) => (stroke.seat === seat && stroke.person ? [{ number, i, stroke, value: analysis.strokes[i]! }] : [])),
+    strokes.flatMap((stroke, i) =>
+      stroke.seat === seat && stroke.person ? [{ number, i, stroke, value: analysis.strokes[i]! }] : [],
+    ),
   );
-  const worst = strokes.filter(({ value }) => value.regret > 0).sort((a, b) => b.value.regret - a.value.regret).slice(0, MOST);
+  const worst = strokes
+    .filter(({ value }) => value.regret > 0)
+    .sort((a, b) => b.value.regret - a.value.regret)
+    .slice(0, MOST);
   const rows = worst.map(({ number, i, stroke, value }) => {
     const better = value.options.find((option) => option.stroke === value.better);
     return h(
@@ -38,7 +47,11 @@ export async function summary(last: RallyFacts, seat: number, played: Played[], 
   const mean = strokes.length ? strokes.reduce((sum, { value }) => sum + value.regret, 0) / strokes.length : 0;
   const score = last.after!.points.join(" – ");
   return [
-    h("p", {}, `${score}. You chose ${strokes.length} strokes; each gave away ${(100 * mean).toFixed(1)} % of a rally on average. The costliest:`),
+    h(
+      "p",
+      {},
+      `${score}. You chose ${strokes.length} strokes; each gave away ${(100 * mean).toFixed(1)} % of a rally on average. The costliest:`,
+    ),
     h("ol", {}, ...rows),
   ];
 }

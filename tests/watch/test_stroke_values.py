@@ -1,7 +1,5 @@
 """Values that the page shows: those of the exact solvers."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,49 +9,49 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side
-from shuttle_marl.watch.tables import Tables
-from shuttle_marl.watch.worth import Worth
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.stroke_values import StrokeValues
 
 SIDES = (Side(policy="bc"), Side(policy="attacking"))
 
 
 @pytest.fixture(scope="module")
-def worth() -> Worth:
-    return Worth(Tables(default_game()))
+def values() -> StrokeValues:
+    return StrokeValues(PolicyTables(default_game()))
 
 
-def test_values_are_those_of_the_exact_solvers_in_a_hundred_states(worth: Worth) -> None:
+def test_values_are_those_of_the_exact_solvers_in_a_hundred_states(values: StrokeValues) -> None:
     game = default_game()
     policies = [tabulate(resolve(side.policy, game), game) for side in SIDES]
     value, perfect = evaluate(policies[0], policies[1]), solve(game).value[0]
-    players = worth.players(SIDES)
+    players = values.players(SIDES)
     drawn = np.random.default_rng(4)
     for state in drawn.choice(np.flatnonzero(game.playable), 100, replace=False).tolist():
         seat = int(drawn.integers(2))
-        decision = worth.decision(state, seat, players)
+        decision = values.decision(state, seat, players)
         pairs = np.arange(game.n_pairs)[game.pairs_of(state)]
         np.testing.assert_allclose(decision.probability, policies[seat].probability_of(pairs), atol=1e-12)
         np.testing.assert_allclose(decision.win, (1 + game.stroke_values(value.striking[1 - seat], pairs)) / 2, atol=1e-6)
-        np.testing.assert_allclose(decision.best, (1 + game.stroke_values(perfect, pairs)) / 2, atol=1e-6)
+        np.testing.assert_allclose(decision.optimal, (1 + game.stroke_values(perfect, pairs)) / 2, atol=1e-6)
         assert (decision.probability * decision.win).sum() == pytest.approx((1 + value.striking[seat][state]) / 2, abs=1e-6)
-        assert decision.best.max() == pytest.approx((1 + perfect[state]) / 2, abs=1e-6)
+        assert decision.optimal.max() == pytest.approx((1 + perfect[state]) / 2, abs=1e-6)
 
 
-def test_an_analysis_follows_the_rally(worth: Worth) -> None:
+def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
     game = default_game()
     plan = Plan(seed=9, sides=SIDES)
-    match = Match(plan, game, Tables(game))
+    match = Match(plan, game, PolicyTables(game))
     for number in range(5):
         rally = match.rally(number)
-        found: dict[str, Any] = worth.analysis(rally, worth.players(SIDES))
-        assert len(found["strokes"]) == len(rally.stroke)
-        assert found["win_after"] == float(rally.winner == 0)
-        for i, entry in enumerate(found["strokes"]):
-            names = [option["stroke"] for option in entry["options"]]
-            assert {rally.stroke[i], entry["better"]} <= set(names)
+        found = values.analysis(rally, values.players(SIDES))
+        assert len(found.strokes) == len(rally.stroke)
+        assert found.win_after == float(rally.winner == 0)
+        for i, entry in enumerate(found.strokes):
+            names = [option.stroke for option in entry.options]
+            assert {rally.stroke[i], entry.better} <= set(names)
             assert len(names) == len(set(names))
-            assert entry["regret"] >= 0
-            assert 0 <= entry["win"] <= 1
-            assert 0 <= entry["match"] <= 1
-            assert (entry["mark"] in ("?", "?!")) == (entry["regret"] >= 0.1)
-        assert all(share is None or 0 <= share <= 1 for share in found["accuracy"])
+            assert entry.regret >= 0
+            assert 0 <= entry.win <= 1
+            assert 0 <= entry.match <= 1
+            assert (entry.mark in ("?", "?!")) == (entry.regret >= 0.1)
+        assert all(share is None or 0 <= share <= 1 for share in found.accuracy)

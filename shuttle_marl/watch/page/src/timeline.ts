@@ -1,8 +1,8 @@
 // What is played: the plan of the match, the rally of it, and what a person chose or tried.
 
-import { writeLink, type Place } from "./link";
+import { type Place, writeLink } from "./link";
 import type { Wanted } from "./rallies";
-import type { Person, Plan, Side } from "./wire";
+import type { Person, Plan, Side } from "./wire.gen";
 
 /** All that a course consists of, to return to it. */
 type Mark = Pick<Course, "plan" | "number" | "tried" | "person" | "original">;
@@ -63,7 +63,9 @@ export class Course {
       sides[seat] = side;
       this.plan = { ...plan, sides, changes: [] };
     } else {
-      const kept = (plan.changes ?? []).filter((change) => change.rally < from || (change.rally === from && change.seat !== seat));
+      const kept = (plan.changes ?? []).filter(
+        (change) => change.rally < from || (change.rally === from && change.seat !== seat),
+      );
       this.plan = { ...plan, changes: [...kept, { rally: from, seat, side }] };
     }
   }
@@ -78,7 +80,8 @@ export class Course {
   /** A stroke that is tried in place of what was played; whatever was chosen after it is void. */
   try(at: number, stroke: number): void {
     const { plan } = this;
-    const earlier = (chosen: Record<string, number>) => Object.fromEntries(Object.entries(chosen).filter(([k]) => Number(k) < at));
+    const earlier = (chosen: Record<string, number>) =>
+      Object.fromEntries(Object.entries(chosen).filter(([k]) => Number(k) < at));
     if (plan) {
       this.original ??= plan;
       const before = Object.entries(plan.chosen ?? {}).filter(([rally]) => Number(rally) < this.number);

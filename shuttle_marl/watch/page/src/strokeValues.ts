@@ -1,10 +1,10 @@
 // The worth of what is shown: asked for when a rally is shown, and told when it is here.
 
-import type { Course } from "./course";
 import type { Rallies, Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { Played } from "./summary";
-import type { RallyFacts } from "./wire";
+import type { Course } from "./timeline";
+import type { RallyFacts } from "./wire.gen";
 
 export class Worth {
   /** Rallies of the match that a person played to their end. */

@@ -1,7 +1,7 @@
-"""Policies as tables, their values against each other, and the solved game; made once, kept while they are in use.
+"""Tabulated policies, their values against each other, and the solved game, computed once and cached.
 
-A page names policies, so a name is resolved as one from a file (no module is imported, no file opened), unless the user named it
-on the command line.
+Pages name policies and are untrusted: a name is resolved without importing modules or opening files, unless the user gave it on
+the command line.
 """
 
 import threading
@@ -17,64 +17,64 @@ from shuttle_marl.watch.plan import Side
 
 T = TypeVar("T")
 
-_MOST_TABLES: Final = 12
-_MOST_VALUES: Final = 24
+_MAX_TABLES: Final = 12
+_MAX_VALUES: Final = 24
 
 
-class Kept:
-    """Results that are made once, even if several threads ask at the same time; the longest unused ones are dropped.
+class OnceCache:
+    """Least-recently-used cache that computes each result once, even if several threads request it at the same time.
 
     Args:
-        most: how many are kept.
+        size: maximum number of results.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, size: int) -> None:
+        self._size = size
         self._entries: dict[Hashable, tuple[threading.Lock, list[Any]]] = {}
         self._lock = threading.Lock()
 
-    def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """The result of a key, made by ``make`` if it is not there. An error is raised again for everyone who asks later."""
+    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """The result of a key, computed if it is not cached; errors are not cached."""
         with self._lock:
             entry = self._entries.pop(key, None) or (threading.Lock(), [])
             self._entries[key] = entry
-            while len(self._entries) > self._most:
+            while len(self._entries) > self._size:
                 self._entries.pop(next(iter(self._entries)))
-        lock, made = entry
+        lock, results = entry
         with lock:
-            if not made:
-                made.append(make())
-            result: T = made[0]
+            if not results:
+                results.append(compute())
+            result: T = results[0]
             return result
 
 
-class Tables:
+class PolicyTables:
     """Policies of one game.
 
     Args:
-        game: the tables of the game.
-        trusted: names that the user gave, which may be modules and files.
+        game: tables of the game.
+        trusted: names that the user gave, which may name modules and files.
     """
 
     def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
-        self._policies, self._tables = Kept(_MOST_TABLES), Kept(_MOST_TABLES)
-        self._values, self._visits, self._solution = Kept(_MOST_VALUES), Kept(_MOST_VALUES), Kept(1)
+        self._policies, self._tables = OnceCache(_MAX_TABLES), OnceCache(_MAX_TABLES)
+        self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
 
-    def of(self, side: Side) -> TabulatedPolicy:
-        """The table of a side.
+    def table(self, side: Side) -> TabulatedPolicy:
+        """The tabulated policy of a side.
 
         Raises:
-            PolicyError: there is no such policy, it may not be named by a page, or it reads the score.
+            PolicyError: the policy is unknown, may not be named by a page, or reads the score.
         """
         return self._tables.get(side, lambda: tabulate(self.policy(side), self.game, side.policy))
 
     def policy(self, side: Side) -> Policy:
-        """The policy of a side, to be asked in single states: a table of all of them would take longer.
+        """The policy of a side, for single states: tabulating all states would take longer.
 
         Raises:
-            PolicyError: there is no such policy, or it may not be named by a page.
+            PolicyError: the policy is unknown, or may not be named by a page.
         """
         return self._policies.get(side, lambda: self._resolved(side))
 
@@ -84,7 +84,7 @@ class Tables:
 
     def values(self, sides: tuple[Side, Side]) -> ProfileValue:
         """Exact values of seat 0 against seat 1."""
-        return self._values.get(sides, lambda: evaluate(self.of(sides[0]), self.of(sides[1])))
+        return self._values.get(sides, lambda: evaluate(self.table(sides[0]), self.table(sides[1])))
 
     @property
     def solution(self) -> Solution:
@@ -93,4 +93,4 @@ class Tables:
 
     def visits(self, sides: tuple[Side, Side]) -> Visits:
         """Expected visits of seat 0 against seat 1 in a rally, both serving equally often."""
-        return self._visits.get(sides, lambda: visits(self.of(sides[0]), self.of(sides[1])))
+        return self._visits.get(sides, lambda: visits(self.table(sides[0]), self.table(sides[1])))

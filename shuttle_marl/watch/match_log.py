@@ -1,4 +1,4 @@
-"""The log of the rallies that a person played, one file for each match against the same opponent."""
+"""The log of the rallies that a person played: one file for each match against the same opponent."""
 
 import threading
 import time
@@ -10,53 +10,53 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.recorder import RallyRecorder
-from shuttle_marl.watch.match import PERSON, Rally
+from shuttle_marl.watch.match import PERSON, CourtRally
 from shuttle_marl.watch.plan import Plan
-from shuttle_marl.watch.tables import Tables
+from shuttle_marl.watch.policies import PolicyTables
 
 
-class Diary:
-    """Keeps finished rallies; a context manager that closes the last log.
+class MatchLog:
+    """Records finished rallies; :meth:`close` finishes the open log.
 
     Args:
-        folder: where the logs go; made when there is a rally to keep.
-        game: the tables.
-        tables: the policies.
+        folder: folder of the logs, created with the first rally.
+        game: tables of the game.
+        policies: policies of the opponents.
     """
 
-    def __init__(self, folder: Path, game: Game, tables: Tables) -> None:
-        self._folder, self._game, self._tables = folder, game, tables
+    def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:
+        self._folder, self._game, self._policies = folder, game, policies
         self._open: tuple[object, RallyRecorder] | None = None
-        self._kept: set[tuple[object, int]] = set()
+        self._recorded: set[tuple[object, int]] = set()
         self._lock = threading.Lock()
         self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
 
-    def keep(self, plan: Plan, rally: Rally) -> None:
-        """Keep a rally if it is finished and not there yet.
+    def add(self, plan: Plan, rally: CourtRally) -> None:
+        """Record a rally if it is finished and not recorded yet.
 
         Raises:
-            RecordingError: it cannot be written.
+            RecordingError: the log cannot be written.
         """
         winner = rally.winner
         if winner is None:
             return
         match = (plan.seed, rally.names, plan.sides_in(rally.number))
         with self._lock:
-            if (match, rally.number) in self._kept:
+            if (match, rally.number) in self._recorded:
                 return
             recorder = self._recorder(match, plan, rally)
             recorder.add(self._row(rally, winner))
             recorder.flush(sync=False)
-            self._kept.add((match, rally.number))
+            self._recorded.add((match, rally.number))
 
     def close(self) -> None:
-        """Finish the log that is open."""
+        """Finish the open log."""
         with self._lock:
             if self._open is not None:
                 self._open[1].close()
                 self._open = None
 
-    def _recorder(self, match: object, plan: Plan, rally: Rally) -> RallyRecorder:
+    def _recorder(self, match: object, plan: Plan, rally: CourtRally) -> RallyRecorder:
         if self._open is not None and self._open[0] == match:
             return self._open[1]
         if self._open is not None:
@@ -64,7 +64,7 @@ class Diary:
             self._open = None
         sides = plan.sides_in(rally.number)
         players = tuple(
-            Player(name=name) if name == PERSON else Player(name=name, hash=self._tables.of(side).hash)
+            Player(name=name) if name == PERSON else Player(name=name, hash=self._policies.table(side).hash)
             for name, side in zip(rally.names, sides, strict=True)
         )
         header = LogHeader(
@@ -76,7 +76,7 @@ class Diary:
         self._open = match, recorder
         return recorder
 
-    def _row(self, rally: Rally, winner: int) -> Rallies:
+    def _row(self, rally: CourtRally, winner: int) -> Rallies:
         numbers = np.uint8 if self._game.n_strokes <= 256 else np.uint16
         return Rallies(
             pairing=np.zeros(1, np.uint32),
@@ -86,7 +86,7 @@ class Diary:
             server=np.array([rally.server], np.uint8),
             winner=np.array([winner], np.uint8),
             reason=np.array([rally.ending], np.uint8),
-            score=np.array([[*rally.score.points, *rally.score.games]], np.uint8),
-            length=np.array([len(rally.stroke)], np.int32),
-            stroke=np.array(rally.stroke, numbers),
+            score=np.array([[*rally.points, *rally.games]], np.uint8),
+            length=np.array([len(rally)], np.int32),
+            stroke=rally.stroke.astype(numbers),
         )

@@ -1,7 +1,7 @@
 // The rally in words, for those who listen or read.
 
 import { percent, words } from "./dom";
-import type { RallyFacts } from "./wire";
+import type { RallyFacts } from "./wire.gen";
 
 /** One stroke as a sentence. */
 export function strokeSentence(rally: RallyFacts, i: number): string {

@@ -1,0 +1,368 @@
+"""Messages between the page and the server, as structs that validate what is received.
+
+``python -m docs.tools.wire_types`` writes the same types in TypeScript. A request is a JSON text with a number ``id`` and an
+operation ``op``. A reply is binary: the length of its JSON as 32 bits, little-endian, the JSON with the ``id`` of the request,
+padded to a multiple of four bytes, then a body, such as a packed motion. See ``docs/watch.md``.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.plan import MAX_RALLIES, Chosen, Person, Plan
+
+Point = tuple[float, float, float]
+Box = tuple[float, float, float, float]
+"""A rectangle on the floor: x0, x1, y0, y1 [m]."""
+Pair = tuple[int, int]
+
+
+class Query(Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
+    """A rally that a request asks about.
+
+    Attributes:
+        rally: number of the rally.
+        plan: plan of its match; None: a recorded rally.
+        person: person who plays instead of a policy.
+        tried: strokes that replace those of a recorded rally.
+    """
+
+    rally: Annotated[int, Meta(ge=0, lt=1 << 40)]
+    plan: Plan | None = None
+    person: Person | None = None
+    tried: Chosen = {}
+
+    def __post_init__(self) -> None:
+        if self.plan is not None and self.rally >= MAX_RALLIES:
+            raise ValueError(f"rally {self.rally}: a match has fewer than {MAX_RALLIES} rallies")
+
+
+class HelloRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="hello", frozen=True):
+    """First request of a page."""
+
+    id: int
+
+
+class RallyRequest(Query, kw_only=True, tag_field="op", tag="rally", frozen=True):
+    """Strokes and motion of a rally.
+
+    Attributes:
+        have: whether the page has the motion up to the branch; then the reply holds the frames after it.
+    """
+
+    id: int
+    have: bool = False
+
+
+class AnalysisRequest(Query, kw_only=True, tag_field="op", tag="analysis", frozen=True):
+    """Values of the strokes of a rally."""
+
+    id: int
+
+
+class OptionsRequest(Query, kw_only=True, tag_field="op", tag="options", frozen=True):
+    """Values of the strokes between which a person chooses."""
+
+    id: int
+
+
+class StylesRequest(Query, kw_only=True, tag_field="op", tag="styles", frozen=True):
+    """Styles of both players of a rally."""
+
+    id: int
+
+
+Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest
+
+
+class CourtFacts(Struct):
+    """Dimensions of the court [m]."""
+
+    length: float
+    width: float
+    half_length: float
+    half_width: float
+    short_service: float
+    long_service_doubles: float
+    net: float
+    net_centre: float
+    net_depth: float
+    tape: float
+    line: float
+
+
+class AreaFacts(Struct):
+    """A target area in the frame of the striker [m]."""
+
+    name: str
+    box: tuple[tuple[float, float], tuple[float, float]]
+
+
+class RacketFacts(Struct):
+    """Dimensions of a racket [m]."""
+
+    length: float
+    sweet_spot: float
+    butt: float
+    head: tuple[float, float]
+
+
+class ShuttleFacts(Struct):
+    """Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork."""
+
+    scale: float
+    cork: float
+    feathers: int
+    feather: tuple[Point, Point]
+
+
+class AthleteFacts(Struct):
+    """Skeleton of an athlete: rest positions [m], parents of bones, axes of the racket, rotations of the fingers."""
+
+    height: float
+    parents: list[int]
+    rest: list[Point]
+    shaft: Point
+    strings: Point
+    fingers: dict[str, tuple[float, float, float, float]]
+
+
+class HallFacts(Struct):
+    """Dimensions and vocabulary for drawing."""
+
+    court: CourtFacts
+    areas: list[AreaFacts]
+    racket: RacketFacts
+    shuttle: ShuttleFacts
+    bones: list[str]
+    athletes: dict[str, dict[str, AthleteFacts]]
+    shots: list[str]
+    heights: list[str]
+    techniques: list[str]
+
+
+class RecordedFacts(Struct):
+    """Recorded rallies that the server shows."""
+
+    title: str
+    count: int
+    first: int
+
+
+class Hello(Struct):
+    """Reply to :class:`HelloRequest`."""
+
+    version: str
+    game: str
+    hall: HallFacts
+    policies: list[str]
+    plan: Plan
+    recorded: RecordedFacts | None
+
+
+class StrokeFacts(Struct, kw_only=True):
+    """A stroke of the catalogue, and the area at which it aims."""
+
+    stroke: int
+    seat: int
+    shot: str
+    area: str
+    height: str
+    technique: str
+    box: Box
+
+
+class Stroke(StrokeFacts, kw_only=True):
+    """A stroke of a rally."""
+
+    state: int
+    p_succ: float
+    p_ret: float
+    person: bool
+    effort: int | None
+    opponent_effort: int | None
+    duel: int | None
+    support: float | None
+    time: float
+    frame: int
+    contact: Point
+    end: str
+    end_time: float
+    end_point: Point
+    speed: float
+
+
+class TurnStroke(StrokeFacts, kw_only=True):
+    """A stroke that a person may choose."""
+
+    p_succ: float
+    p_ret: float
+
+
+class Turn(Struct):
+    """A choice of a person."""
+
+    seat: int
+    number: int
+    height: str
+    strokes: list[TurnStroke]
+
+
+class ScoreFacts(Struct):
+    """The score after a rally."""
+
+    points: Pair
+    games: Pair
+    over: bool
+    game_won: bool
+
+
+class PlayerFacts(Struct):
+    """Appearance of a player."""
+
+    athlete: str
+    hand: str
+
+
+class RallyFacts(Struct):
+    """A rally without its motion."""
+
+    number: int
+    names: tuple[str, str]
+    server: int
+    points: Pair
+    games: Pair
+    finished: list[Pair]
+    winner: int | None
+    reason: str | None
+    after: ScoreFacts | None
+    strokes: list[Stroke]
+    turn: Turn | None
+    players: tuple[PlayerFacts, PlayerFacts]
+
+
+class RallyReply(Struct):
+    """Reply to :class:`RallyRequest`; its body is the packed motion."""
+
+    rally: RallyFacts
+
+
+class Option(StrokeFacts, kw_only=True):
+    """A stroke of a decision with its values.
+
+    ``win`` assumes that both players continue with their policies, ``best`` and ``regret`` that both play perfectly.
+    """
+
+    p_succ: float
+    p_ret: float
+    support: float | None
+    probability: float
+    win: float
+    best: float
+    regret: float
+
+
+class StrokeValue(Struct, kw_only=True):
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins."""
+
+    win: float
+    chosen: float
+    match: float
+    probability: float
+    regret: float
+    mark: str
+    better: int
+    options: list[Option]
+    sure: str
+
+
+class Analysis(Struct):
+    """Reply to :class:`AnalysisRequest`."""
+
+    number: int
+    strokes: list[StrokeValue]
+    landings: list[tuple[list[float] | None, list[float] | None]]
+    win_after: float | None
+    match_after: float | None
+    accuracy: tuple[float | None, float | None]
+
+
+class OptionsReply(Struct):
+    """Reply to :class:`OptionsRequest`."""
+
+    options: list[Option]
+
+
+class StyleFigure(Struct):
+    """A statistic of both players beside that of imitated elite players."""
+
+    name: str
+    values: tuple[float, float]
+    reference: float | None
+
+
+class Styles(Struct):
+    """Reply to :class:`StylesRequest`."""
+
+    figures: list[StyleFigure]
+    shots: list[StyleFigure]
+
+
+Reply = Hello | RallyReply | Analysis | OptionsReply | Styles
+REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
+    HelloRequest: Hello,
+    RallyRequest: RallyReply,
+    AnalysisRequest: Analysis,
+    OptionsRequest: OptionsReply,
+    StylesRequest: Styles,
+}
+"""Type of the reply to each type of request."""
+
+
+class _Envelope(Struct):
+    id: int
+    op: str
+
+
+_envelopes = msgspec.json.Decoder(_Envelope)
+_requests = msgspec.json.Decoder(Request)
+
+
+def request_id(text: str) -> int | None:
+    """Number of a request; None if it cannot be read."""
+    try:
+        return _envelopes.decode(text).id
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return None
+
+
+def decode_request(text: str) -> Request:
+    """Decode and validate a request.
+
+    Raises:
+        WatchError: it is not a request.
+    """
+    try:
+        return _requests.decode(text)
+    except RecursionError as error:
+        raise WatchError("a request that is nested too deeply") from error
+    except (msgspec.MsgspecError, UnicodeError) as error:
+        raise WatchError(f"a request that is not understood ({error}); load the page again") from error
+
+
+def encode_reply(number: int | None, reply: Reply | str, parts: Sequence[bytes] = ()) -> bytes:
+    """Encode a reply.
+
+    Args:
+        number: ``id`` of the request.
+        reply: the reply, or an error message.
+        parts: parts of the body.
+    """
+    fields: dict[str, Any] = {"error": reply} if isinstance(reply, str) else msgspec.structs.asdict(reply)
+    text = msgspec.json.encode({"id": number, **fields})
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + b"".join(parts)

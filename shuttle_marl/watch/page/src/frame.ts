@@ -1,0 +1,119 @@
+// One frame: time passes, and the court is drawn if anything on it changed.
+
+import type { Motion } from "./motion";
+import { Player } from "./player";
+import { Stage } from "./stage";
+import type { HallFacts, RallyFacts } from "./wire.gen";
+
+const SETTLING = 45; // frames in which cameras and poses come to rest
+const RESTING = 300; // between two pictures of waiting players with software rendering, so that input is not delayed [ms]
+const LONGEST = 0.1; // longest time that passes in a frame [s]
+const FRAMES = 240; // whose durations are kept
+
+export interface FrameListener {
+  /** Time has passed; `ended`: the rally reached its end. */
+  advanced(ended: boolean): void;
+  /** Updates everything beside the court. */
+  update(): void;
+  /** The frame is drawn. */
+  drawn(ended: boolean): void;
+}
+
+export class Frames {
+  readonly player = new Player();
+  readonly stage: Stage | null;
+  /** Durations of the last frames [ms]. */
+  readonly durations: number[] = [];
+  /** Area at which a person aims: x0, x1, y0, y1. */
+  aim: [number, number, number, number] | null = null;
+  /** Whether frames are drawn on demand only, for a film. */
+  onDemand = false;
+  private shown: { rally: RallyFacts; motion: Motion } | null = null;
+  private last = 0; // time of the last frame [ms]
+  private version = 0; // of what is shown
+  private seen = ""; // everything on which the last picture depends
+  private unsettled = 0; // pictures to draw although nothing changed
+  private drawnAt = 0;
+  private drawnTime = 0;
+
+  /** @param still whether cameras and waiting players do not move. */
+  constructor(
+    hall: HallFacts,
+    model: (athlete: string) => Promise<ArrayBuffer>,
+    quality: "auto" | "full" | "lite",
+    private readonly still: boolean,
+  ) {
+    try {
+      this.stage = new Stage(hall, model, quality, still);
+    } catch {
+      this.stage = null; // no WebGL: the rally is described in words
+    }
+  }
+
+  show(rally: RallyFacts, motion: Motion, time: number): void {
+    this.player.show(rally, motion, time, this.still);
+    this.shown = { rally, motion };
+    this.version++;
+  }
+
+  resize(width: number, height: number): void {
+    this.stage?.resize(width, height);
+    this.seen = "";
+  }
+
+  start(listener: FrameListener): void {
+    requestAnimationFrame((now) => this.frame(now, listener));
+  }
+
+  private frame(now: number, listener: FrameListener): void {
+    const began = performance.now();
+    const seconds = Math.min(LONGEST, (now - this.last) / 1000);
+    this.last = now;
+    const ended = this.player.advance(seconds);
+    listener.advanced(ended);
+    if (!this.onDemand) {
+      this.draw(listener);
+    }
+    listener.drawn(ended);
+    this.durations.push(performance.now() - began);
+    if (this.durations.length > FRAMES) {
+      this.durations.shift();
+    }
+    this.start(listener);
+  }
+
+  draw(listener: FrameListener): void {
+    if (this.shown) {
+      listener.update();
+      if (!document.body.classList.contains("text")) {
+        this.drawCourt(this.shown.rally, this.shown.motion);
+      }
+    }
+  }
+
+  private drawCourt(rally: RallyFacts, motion: Motion): void {
+    const { stage, player } = this;
+    if (!stage) {
+      return;
+    }
+    const now = performance.now();
+    const resting = stage.lite && player.waits && now - this.drawnAt < RESTING;
+    const seen = [
+      this.version,
+      resting ? this.drawnTime : player.time,
+      stage.camera,
+      stage.flipped,
+      stage.raised,
+      this.aim,
+    ].join();
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.unsettled = stage.lite ? 1 : SETTLING;
+    }
+    if (this.unsettled > 0 || stage.camera === "free") {
+      this.unsettled--;
+      [this.drawnAt, this.drawnTime] = [now, player.time];
+      stage.draw(rally, motion, player.time, this.aim);
+    }
+  }
+}
