@@ -12,61 +12,21 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import I32, U64
+from shuttle_marl.arrays import U64
 from shuttle_marl.errors import printable
-from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
-from shuttle_marl.game.rules import RETURNED_BELOW, strike
-from shuttle_marl.game.scoring import BWF, Rules, count_rally
+from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.rally.record import Rally
+from shuttle_marl.rally.stepper import choose, stepper_of
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 
 PERSON: Final = "you"
 """Name under which a person plays."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Score:
-    """The score before a rally.
-
-    Attributes:
-        points: points of seats 0 and 1 in the current game.
-        games: games won by seats 0 and 1.
-        finished: points of finished games, seat 0 first.
-        server: seat that serves.
-        over: whether the match is over.
-        rules: rules of the match.
-    """
-
-    points: tuple[int, int] = (0, 0)
-    games: tuple[int, int] = (0, 0)
-    finished: tuple[tuple[int, int], ...] = ()
-    server: int = 0
-    over: bool = False
-    rules: Rules = BWF
-
-    def seen_by(self, seat: int) -> tuple[int, int, int, int]:
-        """Points of a seat and of the opponent, games of the seat and of the opponent."""
-        return self.points[seat], self.points[1 - seat], self.games[seat], self.games[1 - seat]
-
-    def after(self, winner: int) -> "Score":
-        """The score after a rally won by a seat."""
-        points, games = [*self.points], [*self.games]
-        counted = count_rally(points[winner], points[1 - winner], games[winner], self.rules)
-        points[winner], games[winner] = counted.points, counted.games
-        finished = (*self.finished, (points[0], points[1])) if counted.game_won else self.finished
-        return Score(
-            points=(0, 0) if counted.game_won else (points[0], points[1]),
-            games=(games[0], games[1]),
-            finished=finished,
-            server=winner,
-            over=bool(counted.match_won),
-            rules=self.rules,
-        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,9 +59,7 @@ class Match:
 
     def __init__(self, plan: Plan, game: Game, policies: PolicyTables) -> None:
         self.plan, self._game, self._policies = plan, game, policies
-        # Bit 16 of the first random number, as in every match.
-        first = int(draw(stream(plan.seed, 0, 0), 0)[0] >> np.uint64(16)) & 1
-        self._scores = [Score(server=first)]
+        self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]))]
         self._lock = threading.Lock()
 
     def rally(self, number: int, person: Person | None = None) -> CourtRally:
@@ -162,6 +120,7 @@ def play_rally(
         WatchError: a chosen stroke is not legal.
     """
     number, names, score = about
+    stepper = stepper_of(game)
     strokes: list[int] = []
     state, ending = ROOT, RETURNED_BELOW
     turn: int | None = None
@@ -169,17 +128,18 @@ def play_rally(
         striker = (score.server + i) % 2
         bits = draw(key, i)
         if i in chosen:
-            rank = int(game.rank(state, chosen[i])) if chosen[i] < game.n_strokes else -1
-            if rank < 0:
+            stroke = chosen[i]
+            if not stepper.is_legal(state, stroke):
                 raise WatchError(f"rally {number + 1}: the stroke chosen as number {i + 1} is not legal there")
         elif person is not None and person.chooses(number, i, striker):
             turn = state
             break
         else:
-            rank = _choice(game, policies[striker], state, score.seen_by(striker), choice_draw(bits))
-        strokes.append(int(game.stroke_at(state, rank)))
-        outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
-        ending, state = int(outcome[0]), int(following[0])
+            policy = policies[striker]
+            stroke = choose(policy, game, state, int(choice_draw(bits)[0]), score.seen_by(striker), type(policy).__name__)
+        strokes.append(stroke)
+        played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]))
+        ending = played.outcome
         if ending < RETURNED_BELOW:
             break
     return CourtRally(
@@ -196,15 +156,6 @@ def play_rally(
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),
     )
-
-
-def _choice(game: Game, policy: Policy, state: int, score: tuple[int, int, int, int], number: I32) -> int:
-    """Position of the stroke that a random number selects in a state, as :func:`shuttle_marl.game.draws.chosen` does."""
-    if isinstance(policy, TabulatedPolicy):
-        return int(np.searchsorted(policy.cumulative[game.pairs_of(state)], number[0], side="right"))
-    states = States(game=game, state=np.array([state], dtype=np.int32), score=np.array([score], dtype=np.int16))
-    stroke = drawn_strokes(checked_probabilities(policy, states, type(policy).__name__), number)
-    return int(game.rank(state, stroke)[0])
 
 
 def side_name(side: Side) -> str:

@@ -14,12 +14,13 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
+from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.match import CourtRally, Score
+from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.policies import OnceCache
 
 _MAX_MATCHES: Final = 16
