@@ -88,7 +88,11 @@ FIGURES: Final = (
         page="docs/league.md", text="about {} million strokes a second on one core", value=_tournament_millions, tolerance=0.25
     ),
     Figure(page="docs/league.md", text="{} matches a pair are tens of millions", value=lambda: LeagueConfig().matches),
-    Figure(page="docs/tutorials/five_minutes.md", text="tabulated on all {} states of the game", value=lambda: default_game().n_states),
+    Figure(
+        page="docs/tutorials/five_minutes.md",
+        text="tabulated on all {} states of the game",
+        value=lambda: default_game().n_states,
+    ),
     Figure(page="docs/environments.md", text="| observation | {} numbers |", value=lambda: RALLY_WIDTH),
     Figure(page="docs/environments.md", text="numbers | the same, and {} for the score |", value=lambda: SCORE_WIDTH),
     Figure(page="benchmarks/README.md", text="counted once; the {} numbers and the mask", value=lambda: RALLY_WIDTH),
