@@ -1,4 +1,8 @@
-"""Two-player badminton for multi-agent reinforcement learning, learned from elite matches."""
+"""Two-player badminton for multi-agent reinforcement learning, learned from elite matches.
+
+The public API; ``docs/api.md`` has a line about each name. Everything is imported when first used, so that
+``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -7,14 +11,68 @@ import lazy_loader
 from shuttle_marl.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
+    from shuttle_marl.analysis import analyse_rally, rank_players
     from shuttle_marl.env import match_v0, rally_v0
+    from shuttle_marl.env.batched import RallyEnv, VersusEnv
+    from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
+    from shuttle_marl.game import Game, Policy, Rules, Score, States, default_game, load_game, tabulate
+    from shuttle_marl.kernel import play_matches
+    from shuttle_marl.league import LeagueConfig, run_league
+    from shuttle_marl.policy import register, resolve
+    from shuttle_marl.recording import RallyLog, RallyLogWriter
+    from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__", "match_v0", "rally_v0"]
+__all__ = [
+    "A2CConfig",
+    "Game",
+    "LeagueConfig",
+    "PPOConfig",
+    "Policy",
+    "RallyEnv",
+    "RallyLog",
+    "RallyLogWriter",
+    "Rules",
+    "SACConfig",
+    "Score",
+    "States",
+    "VersusEnv",
+    "__version__",
+    "analyse_rally",
+    "best_response",
+    "crossplay",
+    "default_game",
+    "evaluate",
+    "load_game",
+    "match_v0",
+    "nash_conv",
+    "play_matches",
+    "rally_v0",
+    "rank_players",
+    "register",
+    "resolve",
+    "run_league",
+    "solve",
+    "tabulate",
+    "train",
+]
 
-# The environments are imported when first used, so that ``import shuttle_marl`` does not import PettingZoo.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"env": ["match_v0", "rally_v0"]})
+__getattr__, _, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "analysis": ["analyse_rally", "rank_players"],
+        "env": ["match_v0", "rally_v0"],
+        "env.batched": ["RallyEnv", "VersusEnv"],
+        "exact": ["best_response", "crossplay", "evaluate", "nash_conv", "solve"],
+        "game": ["Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "tabulate"],
+        "kernel": ["play_matches"],
+        "league": ["LeagueConfig", "run_league"],
+        "policy": ["register", "resolve"],
+        "recording": ["RallyLog", "RallyLogWriter"],
+        "training": ["A2CConfig", "PPOConfig", "SACConfig", "train"],
+    },
+)
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,9 @@
 """Modules that importing and playing load."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -43,3 +45,15 @@ def test_the_environments_are_attributes_of_the_package():
     assert {"rally_v0", "match_v0", "__version__"} <= set(dir(shuttle_marl))
     with pytest.raises(AttributeError, match="rally_v1"):
         _ = shuttle_marl.rally_v1
+
+
+def test_the_api_page_lists_every_public_name():
+    page = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8").split("## Which environment")[0]
+    cells = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    assert {name for cell in cells for name in re.findall(r"`(\w+)`", cell)} == set(shuttle_marl.__all__) - {"__version__"}
+
+
+def test_gymnasium_finds_the_environments_in_a_fresh_process():
+    code = "import gymnasium; print(gymnasium.make('shuttle_marl:shuttle_marl/Rally-v0', opponent='random').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["shuttle_marl/Rally-v0"]
