@@ -29,7 +29,7 @@ from shuttle_marl.data.cleaning import (
     outcomes,
     rally_starts,
     sides,
-    with_letters_fixed,
+    with_corrected_letters,
 )
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
@@ -80,7 +80,7 @@ def _order(raw: RawGame) -> Measures:
 def _of_game(raw: RawGame) -> Iterator[Measures]:
     first = rally_starts(raw)
     number = np.cumsum(first) - 1
-    fixed = with_letters_fixed(raw, first)
+    fixed = with_corrected_letters(raw, first)
     yield {"rallies in which A and B are exchanged": (fixed.by_a != raw.by_a)[first]}
     raw = fixed
     ends = np.flatnonzero(np.r_[first[1:], True])

@@ -17,7 +17,7 @@ COMMANDS: Final = {
     "training": "train an agent with PPO, A2C or SAC",
     "watch": "watch matches in 3D, analyse them, and play yourself",
 }
-"""Every command and what it is for."""
+"""Description of each command."""
 SHELLS: Final = ("bash", "zsh", "fish")
 """Shells with completion."""
 
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.write(f"shuttle_marl {_version()}\n")
         return 0
     if name == "--completion" and len(arguments) == 1 and arguments[0] in SHELLS:
-        importlib.import_module("shuttle_marl.commands.completion").write(arguments[0], COMMANDS)
+        importlib.import_module("shuttle_marl.commands.cli").write_completion(arguments[0], COMMANDS)
         return 0
     if name == "--completion":
         sys.stderr.write(f"error: shuttle-marl --completion: expected a shell, one of {', '.join(SHELLS)}\n")
@@ -57,8 +57,8 @@ def _usage() -> str:
     lines = "\n".join(f"  {command:10} {text}" for command, text in COMMANDS.items())
     return (
         f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n"
-        "`shuttle-marl COMMAND --help` shows the flags of one, `--version` the version, and "
-        f"`--completion SHELL`\nthe completion of all for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
+        "`shuttle-marl COMMAND --help` lists the options of a command, `--version` prints the version, and "
+        f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
     )
 
 

@@ -1,21 +1,24 @@
-"""Shared parts of all command lines: commands from typed functions, consoles, errors without traceback, and tables of figures.
+"""Shared parts of the command lines: commands from typed functions, consoles, error messages, tables, and shell completion.
 
-Cells of tables are plain text, never markup.
+Table cells are plain text, not markup.
 """
 
+import contextlib
 import errno
 import functools
+import importlib
 import os
 import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from tyro.extras import SubcommandApp
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError, printable
@@ -28,9 +31,9 @@ if TYPE_CHECKING:
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard
 
-Command = Callable[..., Any]
+Command = Callable[..., object]
 Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
-"""Whose figures, by name at home, and their spreads away; None without refits."""
+"""Policy, its results in the game by name, and their spreads in the refits; None without refits."""
 
 _EXTRAS: Final = {
     "av": "video",
@@ -42,9 +45,9 @@ _EXTRAS: Final = {
     "pygltflib": "scene",
     "torch": "train",
 }
-"""Extras of the package by the libraries that they install and that not every command needs."""
+"""Extra of the package by optional library."""
 _WIDTH: Final = 160
-"""Of output that goes to no terminal."""
+"""Width of output that is not to a terminal."""
 _SHOWN_SHOTS: Final = 5
 _FIGURES: Final = {
     "rally_win_vs_bc": "rallies won against bc",
@@ -55,7 +58,7 @@ _FIGURES: Final = {
     "server_win": "rallies won by the server",
     "exploitability": "exploitability",
 }
-"""Figures at home and away, in words."""
+"""Descriptions of results."""
 _FIXABLE: Final = {
     errno.EACCES,
     errno.EEXIST,
@@ -67,29 +70,27 @@ _FIXABLE: Final = {
     errno.EPERM,
     errno.EROFS,
 }
-"""Errors of the system over a file that users can fix: its name, what is there, and who may use it."""
+"""System errors of files that users can fix."""
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console that takes no text for markup; as wide as a table needs where the output is no terminal."""
+    """A console without markup; wide enough for tables if the output is not a terminal."""
     plain = functools.partial(Console, stderr=stderr, markup=False, emoji=False, highlight=False)
-    found = plain()
-    return found if found.is_terminal or stderr else plain(width=_WIDTH)
+    default = plain()
+    return default if default.is_terminal or stderr else plain(width=_WIDTH)
 
 
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
     """Parse the command line, call the command, and return the exit status.
 
     Args:
-        commands: one function, or subcommands by name. Flags come from the signature, help from the docstring.
+        commands: a function, or subcommands by name. Options are generated from signatures, help from docstrings.
         prog: name of the program in help texts.
-        description: first lines of the help.
-        argv: arguments; default ``sys.argv[1:]``.
+        description: description in the help.
+        argv: arguments; None: ``sys.argv[1:]``.
 
-    Returns:
-        0, or 1 after a :class:`ShuttleError` (its message goes to standard error), when the extra that a command needs is not
-        installed, or when a file or the output cannot be used; 130 after an interrupt; 141 when no one reads the output any
-        more.
+    Returns: 0; 1 after a :class:`ShuttleError` (with its message on standard error), if a required extra is not installed, or
+        if a file or the output cannot be used; 130 after an interrupt; 141 if the output pipe is closed.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:
@@ -117,16 +118,38 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
             raise
         return _fail(prog, f"{_file(error, '')} cannot be used ({error.strerror}); name another file or folder")
     except KeyboardInterrupt:
-        console(stderr=True).print("interrupted; what was written is whole")
+        console(stderr=True).print("interrupted; files written so far are complete")
         return 130
     return 0
 
 
+def write_completion(shell: str, commands: Mapping[str, str]) -> None:
+    """Print the completion script of all commands and their options.
+
+    Args:
+        shell: bash, zsh or fish.
+        commands: description by name of the command.
+    """
+    app = SubcommandApp()
+    for name, description in commands.items():
+        command = importlib.import_module(f"shuttle_marl.commands.{name}").COMMANDS
+        if not isinstance(command, dict):
+            app.command(command, name=name, help=description)
+            continue
+        subcommands = SubcommandApp()
+        for part, function in command.items():
+            subcommands.command(function, name=part)
+        app.command(subcommands, name=name, help=description)
+    # Tyro exits after printing the script.
+    with contextlib.suppress(SystemExit):
+        app.cli(prog="shuttle-marl", args=["--tyro-write-completion", shell, "-"])
+
+
 def check_free(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse to write where something is, unless that was asked for.
+    """Refuse to overwrite a file or a folder that is not empty, unless ``overwrite``.
 
     Raises:
-        ShuttleError: there is a file, or a folder that is not empty.
+        ShuttleError: the path exists.
     """
     taken = path.is_file() or (path.is_dir() and any(path.iterdir()))
     if taken and not overwrite:
@@ -134,7 +157,7 @@ def check_free(path: Path, *, overwrite: bool = False) -> None:
 
 
 def facts(rows: Mapping[str, str]) -> Table:
-    """Names and values, one a line."""
+    """Table of names and values, one per line."""
     table = Table.grid(padding=(0, 3))
     for name, value in rows.items():
         table.add_row(Text(printable(name), "dim"), Text(printable(value)))
@@ -142,19 +165,20 @@ def facts(rows: Mapping[str, str]) -> Table:
 
 
 def shares(named: Mapping[str, float], count: int | None = None) -> str:
-    """The largest shares of a mapping, in percent."""
+    """The largest fractions of a mapping, in percent."""
     order = sorted(named, key=lambda name: -named[name])[:count]
     return ", ".join(f"{name} {percent(named[name])}" for name in order)
 
 
 def scorecards(cards: Sequence["Scorecard"]) -> Table:
-    """The figures of policies, one a row."""
+    """Table of scorecards, one policy per row."""
     table = Table(title="Against bc, its best response, and perfect play", title_justify="left", header_style="bold")
     table.add_column("policy", no_wrap=True)
     for heading in ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"):
         table.add_column(heading, justify="right")
     for card in cards:
-        rally, match = (_with_interval(*pair) for pair in _win_probabilities(card))
+        rally = _with_interval(card.rally_win_vs_bc, card.rally_interval)
+        match = _with_interval(card.match_win_vs_bc, card.match_interval)
         figures = (card.normalised_score, card.exploitability, card.regret_per_rally)
         thin = "-" if card.thin_vs_bc is None else percent(card.thin_vs_bc)
         table.add_row(_name(card.policy), rally, match, *map(_number, figures), f"{card.rally_length_vs_bc:.2f}", thin)
@@ -162,9 +186,9 @@ def scorecards(cards: Sequence["Scorecard"]) -> Table:
 
 
 def play(cards: Sequence["Scorecard"]) -> Table:
-    """Endings and shots of the rallies against bc, one policy a row."""
+    """Endings and shots of rallies against bc, one policy per row."""
     table = Table(title="Rallies against bc", title_justify="left", header_style="bold")
-    for heading in ("policy", "how they end", f"its {_SHOWN_SHOTS} commonest shots"):
+    for heading in ("policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots"):
         table.add_column(heading)
     for card in cards:
         if card.endings_vs_bc is not None and card.shot_mix_vs_bc is not None:
@@ -173,7 +197,7 @@ def play(cards: Sequence["Scorecard"]) -> Table:
 
 
 def holes(policy: str, found: "Holes") -> Table:
-    """The states in which a policy loses most, one a row."""
+    """The states in which a policy loses most, one per row."""
     title = Text(f"Where {printable(policy)} loses most to its best response")
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("state", overflow="fold")
@@ -189,12 +213,12 @@ def holes(policy: str, found: "Holes") -> Table:
     return table
 
 
-def home_and_away(rows: Sequence["Headlines"]) -> Table:
-    """Figures in the game itself and in its refits, where there are both; one a row."""
-    table = Table(title="At home, and away in the refits", title_justify="left", header_style="bold")
+def home_and_away(rows: Sequence[Headlines]) -> Table:
+    """Results in the game and in its refits, one per row."""
+    table = Table(title="In the game and in its refits", title_justify="left", header_style="bold")
     table.add_column("", no_wrap=True)
-    table.add_column("figure")
-    for heading in ("home", "away", "95 %"):
+    table.add_column("result")
+    for heading in ("game", "refits", "95 %"):
         table.add_column(heading, justify="right")
     for name, home, away in rows:
         known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
@@ -204,7 +228,7 @@ def home_and_away(rows: Sequence["Headlines"]) -> Table:
     return table
 
 
-def home_and_away_json(home: Mapping[str, Any], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+def home_and_away_json(home: Mapping[str, object], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
     """Results at home and away as JSON; null away without refits."""
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
 
@@ -215,17 +239,17 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
         return
     out = console()
     if not refits:
-        out.print("The model has no refits on resampled matches, so there are no results away from home.")
+        out.print("The model has no refits on resampled matches, so there are no results in refits.")
         return
     out.print(home_and_away(rows))
     out.print(
-        f"away: policies tabulated at home, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
+        f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
         "95 % interval for one more refit. The best response behind exploitability knows the refit."
     )
 
 
-def matrix(title: str, names: Sequence[str], probabilities: "F64") -> Table:
-    """Probabilities of the row against the column, ``[N, N]``."""
+def matrix(title: str, names: Sequence[str], probabilities: F64) -> Table:
+    """Table of ``[N, N]`` probabilities of the row player against the column player."""
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("", no_wrap=True)
     for name in names:
@@ -236,12 +260,12 @@ def matrix(title: str, names: Sequence[str], probabilities: "F64") -> Table:
 
 
 def percent(share: float) -> str:
-    """A share in percent."""
+    """A fraction in percent."""
     return f"{100 * share:.1f} %"
 
 
 def _check_encoding(args: Sequence[str]) -> None:
-    """Refuse arguments that can be written neither to a file nor to the terminal: bytes that are no UTF-8."""
+    """Refuse arguments that are not valid UTF-8."""
     for arg in args:
         try:
             arg.encode()
@@ -260,7 +284,7 @@ def _file(error: OSError, default: str) -> str:
 
 
 def _reader_is_gone() -> bool:
-    """Whether standard output is a pipe of which the other end is closed."""
+    """Whether standard output is a closed pipe."""
     if not hasattr(select, "poll"):
         return True
     pipe = select.poll()
@@ -269,16 +293,12 @@ def _reader_is_gone() -> bool:
 
 
 def _drop_output() -> None:
-    """Discard what still waits to be written; the interpreter would try once more when it ends, and complain."""
+    """Discard buffered output, which the interpreter would otherwise write at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _name(name: str) -> Text:
     return Text(printable(name))
-
-
-def _win_probabilities(card: "Scorecard") -> tuple[tuple[float, Any], tuple[float, Any]]:
-    return (card.rally_win_vs_bc, card.rally_interval), (card.match_win_vs_bc, card.match_interval)
 
 
 def _with_interval(share: float, interval: tuple[float, float] | None) -> str:

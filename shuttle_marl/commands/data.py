@@ -34,30 +34,32 @@ File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(name="file")]
 
 
 def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> None:
-    """Fetch ShuttleSet and ShuttleSet22 at their pinned commit; continues where an earlier download stopped.
+    """Download ShuttleSet and ShuttleSet22 at a pinned commit; resumes an interrupted download.
 
     Args:
-        out: Folder for the files.
-        base_url: Where the files are.
-        jobs: Files fetched at a time.
+        out: Output folder.
+        base_url: Base URL of the files.
+        jobs: Number of concurrent downloads.
     """
-    from shuttle_marl.data.download import download as fetch  # noqa: PLC0415  the network is needed by this command alone
+    from shuttle_marl.data.download import download as fetch  # noqa: PLC0415  only this command needs the network
 
     total = len(upstream.manifest())
     columns = (TextColumn("files"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("files", total=total)
         fetched = fetch(out, base_url=base_url, jobs=jobs, on_file=lambda done, _: progress.update(task, completed=done))
-    sys.stdout.write(f"{out}: {total} files, all as published ({fetched} fetched, {total - fetched} were there)\n{_NOTE}\n")
+    sys.stdout.write(
+        f"{out}: {total} files, all as published ({fetched} downloaded, {total - fetched} present already)\n{_NOTE}\n"
+    )
 
 
 def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
-    """Clean the raw files and write them as one Parquet file; tells where dropped rows went.
+    """Clean the raw files and write one Parquet file; prints the dropped rows by reason.
 
     Args:
         root: Folder with the raw files.
-        out: The Parquet file.
-        overwrite: Replace a file that is there.
+        out: Parquet file to write.
+        overwrite: Replace an existing file.
     """
     cli.check_free(out, overwrite=overwrite)
     cleaned = clean_matches(root)
@@ -67,13 +69,13 @@ def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
 
 
 def import_own(file: File, *, columns: Path, out: Path, overwrite: bool = False) -> None:
-    """Read matches of your own from a CSV file with a row for every stroke, and write them as a Parquet file.
+    """Import your own matches from a CSV file with a row per stroke, and write a Parquet file.
 
     Args:
         file: The CSV file, in UTF-8.
-        columns: The map from its headers and words to those used here, a TOML file; `data template` writes one.
-        out: The Parquet file.
-        overwrite: Replace a file that is there.
+        columns: Column map, a TOML file; `data template` writes an example.
+        out: Parquet file to write.
+        overwrite: Replace an existing file.
     """
     cli.check_free(out, overwrite=overwrite)
     cleaned, provenance = import_matches(file, columns)
@@ -111,12 +113,12 @@ def summary(root: Root, *, json: bool = False) -> None:
 
 
 def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | None = None, json: bool = False) -> None:
-    """Check files against the published hashes and read them strictly, or check a file; names every problem.
+    """Check files against the published hashes and read them strictly, or check a file; lists every problem.
 
     Args:
         root: Folder with the raw files; a Parquet file made by `convert` or `import`; or, with --columns, a CSV file.
-        splits: Splits whose files must be there.
-        columns: The map of the columns of a CSV file.
+        splits: Splits whose files must be present.
+        columns: Column map of a CSV file.
         json: Print JSON.
     """
     report = check(root, splits, columns)
@@ -142,7 +144,7 @@ def _show_report(report: Report) -> None:
     if report.account is not None:
         sys.stdout.write(f"{report.account.strokes_kept} strokes of {report.account.matches} matches read\n")
     if not report.problems:
-        sys.stdout.write("nothing is wrong\n")
+        sys.stdout.write("no problems\n")
 
 
 def _show(account: Account) -> None:
@@ -155,7 +157,7 @@ def _show(account: Account) -> None:
         table.add_row(name, f"{total:,}", f"{kept:,}", f"{kept / max(total, 1):.1%}")
     console.print(table)
     if account.dropped:
-        table = Table("rows dropped", "rows", "why", title="where the others went")
+        table = Table("rows dropped", "rows", "why", title="dropped rows")
         for reason, count in account.dropped.items():
             table.add_row(reason, f"{count:,}", DROP_REASONS.get(reason, ""))
         console.print(table)

@@ -23,31 +23,31 @@ from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
 HEIGHTS_AGREE: Final = 0.7
-"""The contact heights of a game mean nothing where its two records of them agree less often than this."""
+"""Minimum agreement of the two records of the contact heights of a game."""
 HEIGHTS_PLAUSIBLE: Final = 0.9
-"""Nor where a smaller share of the strokes of :data:`FIXED_HEIGHT` types is struck from the height of the type."""
+"""Minimum fraction of the strokes of :data:`FIXED_HEIGHT` types at the height of the type."""
 FIXED_HEIGHT: Final = {"drop": 1, "smash": 1, "half-smash": 1, "lift": 0, "net-shot": 0}
-"""Shot types that are nearly always struck from one height: 0 below, 1 above the net."""
-FEW_ODD: Final = 0.2
-"""Letters are exchanged in a game where at most this share of rallies contradicts the others."""
+"""Shot types that are nearly always struck at one height: 0 below, 1 above the net."""
+MAX_EXCHANGED: Final = 0.2
+"""Maximum fraction of the rallies of a game in which letters are exchanged."""
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
-"""Matches whose area labels are mirrored left-right in the lower half."""
+"""Matches with mirrored area labels in the lower half."""
 
-# Area labels of the files (as the player of that half sees them) to indices of court.AREAS; labels above 9 lie outside.
+# Index into court.AREAS by area label of the files, from the view of the player of that half; labels above 9 are outside.
 _LABEL_AREA: Final = np.array([-1, 0, 2, 6, 8, 3, 5, 1, 4, 7] + [-1] * 7, dtype=np.int8)
 _OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "short", "foul"))
 _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
 
 
 def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
-    """Read and clean the matches below ``root`` whose files are there.
+    """Read and clean the matches below ``root`` whose files are present.
 
     Args:
         root: folder of the download.
-        names: only these matches; default all that are there.
+        names: names of the matches; None: all that are present.
 
     Raises:
-        DataError: unreadable input, or a named match that is not there.
+        DataError: unreadable input, or a named match is missing.
     """
     wanted = None if names is None else set(names)
     matches = [m for m in list_matches(root) if m.present and (wanted is None or m.name in wanted)]
@@ -75,18 +75,18 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     """Clean the rows of one game.
 
     Returns:
-        The strokes kept, and the number of rows dropped by reason.
+        The remaining strokes, and the number of dropped rows by reason.
     """
     raw, repeated = arrange(raw)
     first = rally_starts(raw)
-    raw = with_letters_fixed(raw, first)
+    raw = with_corrected_letters(raw, first)
     side, contradicted = sides(raw, first)
     outcome, reason = outcomes(raw, first)
     # In the image x points right and y down: the lower player's right is +x and the upper player's right is -x.
     facing = np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])
     ego = {name: (raw.point[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
     is_serve = (raw.shot >= 0) & (raw.shot < N_SERVES)
-    # The receiver meets a serve, not the server; and no one reaches far over the net or stands beyond it.
+    # A serve has no contact point, and players neither reach far over the net nor stand beyond it.
     ego["contact"][is_serve | (ego["contact"][:, 1] > REACH_OVER)] = np.nan
     ego["striker"][ego["striker"][:, 1] > 0] = np.nan
     ego["receiver"][ego["receiver"][:, 1] < 0] = np.nan
@@ -106,13 +106,13 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "landing missing": (area < 0) & (outcome != Outcome.FAULT),
         "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
     }
-    keep = np.ones(len(first), dtype=bool)
+    valid = np.ones(len(first), dtype=bool)
     counts = {"repeated row": repeated}
     for name, test in tests.items():
-        counts[name] = int((keep & test).sum())
-        keep &= ~test
-    rows = np.flatnonzero(keep)
-    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # of a rally: that of its last row
+        counts[name] = int((valid & test).sum())
+        valid &= ~test
+    rows = np.flatnonzero(valid)
+    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # that of the last row of the rally
     n = len(first)
     players = pa.array(raw.match.players)
     texts = {
@@ -127,7 +127,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "rally": raw.rally,
         "stroke": raw.stroke,
         "shot": raw.shot,
-        "height": np.where(is_serve, 0, raw.height),  # the laws demand it; two serves are annotated as above the net
+        "height": np.where(is_serve, 0, raw.height),  # by the laws; two serves are annotated as above the net
         "technique": np.where(raw.backhand, 1, np.where(raw.around_head, 2, 0)),
         "area": area,
         "in_court": court.in_court(landing_x, landing_y),
@@ -166,12 +166,12 @@ def _area_agreement(strokes: pa.Table) -> float | None:
 
 
 def arrange(raw: RawGame) -> tuple[RawGame, int]:
-    """Put the rallies in order and leave out repeated rows.
+    """Sort the rallies and drop repeated rows.
 
-    Two games of the data have one rally at the end of the file that was played early; one stroke stands there twice.
+    Two games of the data have an early rally at the end of the file; one stroke is repeated.
 
     Returns:
-        The rows in playing order, and how many were left out.
+        The rows in playing order, and the number of dropped rows.
     """
     raw = raw.take(np.argsort(raw.rally, kind="stable"))
     same = (np.diff(raw.rally) == 0) & (np.diff(raw.stroke) == 0) & (raw.by_a[1:] == raw.by_a[:-1]) & (raw.stroke[1:] > 1)
@@ -180,12 +180,12 @@ def arrange(raw: RawGame) -> tuple[RawGame, int]:
 
 
 def rally_starts(raw: RawGame) -> Bools:
-    """``[n]`` first row of each rally, also of one that bears the number of the rally before it."""
+    """``[n]`` whether a row is the first of a rally; a rally may have the number of the previous one."""
     return np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
 
 
 def broken_rallies(raw: RawGame, first: Bools) -> Bools:
-    """``[n]`` rows of rallies with strokes not numbered 1, 2, …, players who do not alternate, or a number that is taken."""
+    """``[n]`` rows of rallies with misnumbered strokes, players who do not alternate, or a repeated number."""
     rally = np.cumsum(first) - 1
     inside = ~first[1:]
     wrong = np.r_[False, inside & ((np.diff(raw.stroke) != 1) | (raw.by_a[1:] == raw.by_a[:-1]))]
@@ -195,28 +195,28 @@ def broken_rallies(raw: RawGame, first: Bools) -> Bools:
 
 
 def sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
-    """``[n]`` sign of the striker's half by vote within the rally, 0 without evidence; and rows that contradict it.
+    """``[n]`` sign of the striker's half by majority vote within the rally, 0 without evidence; and rows that contradict it.
 
-    Ends swap between games and in the middle of a third game, so nothing is assumed about them. Player A stays in one half
-    during a rally; every stroke votes with the positions of both players, the contact point and (unless the shuttle fell
-    short) the landing point. Rows of unknown shot type hold placeholders for points and have no vote.
+    Ends change between games and in the middle of a third game, so the side is inferred per rally, from the positions of both
+    players, contact points and landing points (unless the shuttle fell short). Rows of unknown shot type contain placeholders
+    and are not used.
     """
     rally = np.cumsum(first) - 1
     own = [np.sign(raw.point[name][:, 1]) for name in ("player_location", "hit")]
     other = [-np.sign(raw.point["opponent_location"][:, 1])]
-    over = ~np.isin(raw.reason, (_NET, _SHORT))
-    other.append(np.where(over, -np.sign(raw.point["landing"][:, 1]), np.nan))
+    crossed = ~np.isin(raw.reason, (_NET, _SHORT))
+    other.append(np.where(crossed, -np.sign(raw.point["landing"][:, 1]), np.nan))
     vote = np.where(raw.shot < 0, 0.0, np.nansum(np.stack(own + other), axis=0))
     sign_a = np.sign(np.bincount(rally, weights=np.where(raw.by_a, vote, -vote)))
     side = np.where(raw.by_a, sign_a[rally], -sign_a[rally]).astype(np.int64)
     return side, vote * side < 0
 
 
-def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
-    """The rows, players exchanged in rallies whose letters A and B contradict the ends of the game.
+def with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
+    """Exchange players A and B in rallies that contradict the ends of the game.
 
-    No one changes ends within games 1 and 2. In two rallies of the data one player stands where the other one does in the
-    rest of the game, and the last hitter's fault wins the rally: both are fixed by exchanging the letters.
+    Players do not change ends within games 1 and 2. In two rallies of the data they are on each other's side and the last
+    striker's fault wins the rally; exchanged letters correct both.
     """
     if raw.game > 2:
         return raw
@@ -224,7 +224,7 @@ def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
     side_a = np.where(raw.by_a, side, -side)[first]
     usual = np.sign(side_a.sum())
     odd = side_a == -usual
-    if usual == 0 or odd.sum() > FEW_ODD * len(odd):
+    if usual == 0 or odd.sum() > MAX_EXCHANGED * len(odd):
         return raw
     return dataclasses.replace(raw, by_a=raw.by_a ^ odd[np.cumsum(first) - 1])
 
@@ -232,8 +232,8 @@ def with_letters_fixed(raw: RawGame, first: Bools) -> RawGame:
 def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
     """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS.
 
-    The winner of a rally is who scored; the annotated winner is asked where the score does not tell because a rally before
-    it is missing. A reason that contradicts the winner means that the annotators missed the last stroke.
+    The winner of a rally is the player who scored, or the annotated winner if the score of the previous rally is missing. If
+    the reason contradicts the winner, the last stroke was not annotated and the outcome is unknown.
     """
     ends = np.flatnonzero(np.r_[first[1:], True])
     before = np.vstack([[0, 0], raw.score[ends[:-1]]])
@@ -252,7 +252,7 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
 
 
 def heights_unreliable(raw: RawGame, first: Bools) -> bool:
-    """Test whether the contact heights of a game contradict each other, or the shot types, too often to mean anything."""
+    """Whether the contact heights of a game contradict each other, or the shot types, too often."""
     met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]])
     both = (met >= 0) & (raw.height >= 0)
     if both.mean() > 0.5 and (met == raw.height)[both].mean() < HEIGHTS_AGREE:
@@ -263,9 +263,9 @@ def heights_unreliable(raw: RawGame, first: Bools) -> bool:
 
 
 def timed(raw: RawGame, first: Bools) -> Bools:
-    """``[n]`` rows whose time is given and fits: the longest chain of a rally whose frames rise and clocks never fall.
+    """``[n]`` rows with a consistent time: the longest subsequence of a rally with increasing frames and non-decreasing clocks.
 
-    Rows of unknown shot type, which are not kept, hold placeholders for times too.
+    Rows of unknown shot type, which are dropped, contain placeholders for times.
     """
     fits = np.zeros(len(first), dtype=bool)
     given = (raw.frame >= 0) & (raw.clock >= 0) & (raw.shot >= 0)
@@ -278,7 +278,7 @@ def timed(raw: RawGame, first: Bools) -> Bools:
 
 
 def _longest_chain(frame: I64, clock: I64) -> list[int]:
-    """Indices of a longest subsequence in which frames rise and clocks never fall; quadratic in its few dozen values."""
+    """Indices of a longest subsequence with increasing frames and non-decreasing clocks, in quadratic time."""
     length: list[int] = []
     before: list[int] = []
     for i in range(len(frame)):
@@ -295,10 +295,10 @@ def _longest_chain(frame: I64, clock: I64) -> list[int]:
 
 
 def corrected_label(raw: RawGame, own_half: Bools) -> I8:
-    """``[n]`` area labels as the receiver sees them, -1 outside the court.
+    """``[n]`` area labels from the receiver's view, -1 outside the court.
 
-    The annotators name right and left as the player of the half sees them in which the shuttle came down: of a stroke
-    that fell back into the striker's own half that is the striker.
+    Annotators label right and left from the view of the player in whose half the shuttle landed, which is the striker for
+    strokes that fell back into the own half.
     """
     label = _LABEL_AREA[raw.label_area]
     source, numbers = MIRRORED

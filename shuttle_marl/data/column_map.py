@@ -1,7 +1,4 @@
-"""The map from somebody's headers and words to those used here: a TOML file, and the template of one.
-
-:data:`COLUMNS` lists what can be mapped.
-"""
+"""Column maps: TOML files that map a user's headers and words to those of this package, and their template."""
 
 import dataclasses
 import difflib
@@ -17,19 +14,19 @@ from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 COLUMNS: Final[dict[str, str]] = {
-    "match": "name of the match; its rows stand together",
+    "match": "name of the match; its rows are consecutive",
     "discipline": "MS or WS, by match; or the same for all: discipline = \"MS\" in the map",
     "game": "game of the match, from 1; without it all are game 1",
     "rally": "rally of the game, from 1",
     "stroke": "stroke of the rally, the serve is 1; without it strokes are counted in the order of the rows",
-    "player": "who struck it",
+    "player": "the striker",
     "opponent": "the other player; without it the other name in the match",
-    "shot": f"one of {', '.join(SHOTS)}; or unknown: the row is left out",
+    "shot": f"one of {', '.join(SHOTS)}; or unknown: the row is dropped",
     "height": "above or below the net at contact; without it smashes, half smashes, clears, drops and net kills are above",
     "technique": "forehand, backhand or around-the-head; without it all are forehand",
     "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; may be empty for faults, and where there is a landing",
     "ending": "of the last stroke of a rally: out, net, short, foul (faults), landed, misjudged (winners); empty: returned",
-    "winner": "who won the rally, in any of its rows; needed where no ending is given",
+    "winner": "winner of the rally, in any of its rows; required without ending",
     "points": "points of the striker in this game after the rally",
     "points_opponent": "points of the opponent in this game after the rally",
     "seconds": "time in the video [s]",
@@ -45,7 +42,7 @@ COLUMNS: Final[dict[str, str]] = {
         for axis in "xy"
     },
 }  # fmt: skip
-"""Contents of a column, by the name used here."""
+"""Description of each column."""
 REQUIRED: Final = ("match", "rally", "player", "shot")
 _COORDINATES: Final = ("striker", "court")
 FAULTS: Final = ("out", "net", "short", "foul")
@@ -59,7 +56,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "discipline": DISCIPLINES,
     "side": ("near", "far"),
 }
-"""Words of the columns that hold words."""
+"""Words of the columns with words."""
 _SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "delimiter", "decimal", "columns", "values")
 
 TEMPLATE_CSV: Final = """\
@@ -71,47 +68,47 @@ club final 2026,1,2,1,Anna Example,short-serve,below,backhand,front-centre,,1,1
 club final 2026,1,2,2,Berta Sample,push,below,forehand,back-right,,1,1
 club final 2026,1,2,3,Anna Example,clear,above,forehand,back-centre,out,1,1
 """
-"""The first rows of a file, without positions."""
+"""Example of a file, without positions."""
 
 
 def template_map() -> str:
-    """The map of :data:`TEMPLATE_CSV`, with a line about everything that can be set."""
+    """Column map of :data:`TEMPLATE_CSV`, with a comment on every setting."""
     used = TEMPLATE_CSV.partition("\n")[0].split(",")
     lines = [
-        "# Where the matches come from, in your own words.",
+        "# Source of the matches.",
         'source = "my club"',
-        "# MS (men's singles) or WS (women's singles); leave it out if a column says it.",
+        "# MS (men's singles) or WS (women's singles); omit it if a column contains it.",
         'discipline = "WS"',
         "# striker: x to the striker's right, y towards the opponent, from the floor under the middle of the net.",
         "# court: x and y the same for both players, who are near (y < 0) or far: map the column side too.",
         'coordinates = "striker"',
-        "# Left and right of areas as the receiver sees them, or the striker.",
+        "# Left and right of areas from the view of the receiver or the striker.",
         'areas_seen_by = "receiver"',
         'delimiter = ","',
         'decimal = "."',
         "",
-        "# Your headers behind the names used here. Leave out what you do not have.",
+        "# Your header of each column. Omit columns that you do not have.",
         "[columns]",
     ]
     lines += [f'{"" if name in used else "# "}{name} = "{name}"  # {text}' for name, text in COLUMNS.items()]
-    lines += ["", "# Your words before those used here, by column; words used here need no line.", "[values.shot]"]
+    lines += ["", "# Your words = words used here, by column.", "[values.shot]"]
     lines += ['# "Schmetterball" = "smash"', "", "[values.ending]", '# "Aus" = "out"', ""]
     return "\n".join(lines)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """A map from somebody's headers and words to those used here.
+    """Map from a user's headers and words to those of this package.
 
     Attributes:
-        source: where the matches come from.
+        source: source of the matches.
         columns: header by name of :data:`COLUMNS`.
-        values: word used here by somebody's word in lower case, by column.
-        discipline: of all matches; empty: a column says it, or the names of known players.
+        values: by column, word of this package by the user's word in lower case.
+        discipline: of all matches; empty: that of a column, or of known players.
         coordinates: ``striker``: as in the schema; ``court``: the same for both players.
-        areas_seen_by: ``receiver`` or ``striker``: whose left and right the areas have.
-        delimiter: between two values.
-        decimal: mark of decimals.
+        areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
+        delimiter: of values.
+        decimal: decimal mark.
     """
 
     source: str
@@ -128,7 +125,7 @@ class ColumnMap:
         """Read a TOML file.
 
         Raises:
-            DataError: it cannot be read, or holds something that is not expected.
+            DataError: it cannot be read, or has an invalid setting.
         """
         try:
             with open_file(path) as file:
@@ -138,7 +135,7 @@ class ColumnMap:
         try:
             return cls._checked(fields)
         except (TypeError, ValueError, AttributeError) as error:
-            raise DataError(path, f"{error}; `python -m shuttle_marl.data template` writes a map to start from") from error
+            raise DataError(path, f"{error}; `python -m shuttle_marl.data template` writes an example") from error
 
     @classmethod
     def _checked(cls, fields: dict[str, Any]) -> "ColumnMap":
@@ -149,7 +146,7 @@ class ColumnMap:
         if missing := [name for name in REQUIRED if name not in columns]:
             raise ValueError(f"[columns] lacks {', '.join(missing)}")
         if not {"ending", "winner"} & set(columns):
-            raise ValueError("[columns] needs ending or winner: how a rally ended, or who won it")
+            raise ValueError("[columns] needs ending or winner")
         if "area" not in columns and not {"landing_x", "landing_y"} <= set(columns):
             raise ValueError("[columns] needs area, or landing_x and landing_y")
         for name, words in values.items():

@@ -1,4 +1,4 @@
-"""Fetches the published data: pinned commit, every file checked, resumable, whole files only."""
+"""Download of the published data at a pinned commit: every file is checked, and interrupted downloads resume."""
 
 import concurrent.futures
 import contextlib
@@ -20,14 +20,14 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 
 TIMEOUT: Final = (10.0, 30.0)
-"""Seconds to wait for a connection, and between two pieces of an answer."""
+"""Timeouts of connection and response [s]."""
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
-_RESUME: Final = "what was fetched is kept: run the same command again to continue"
+_RESUME: Final = "complete files are kept: run the same command again to continue"
 _STALE: Final = 3600.0
 
 
 class DownloadError(ShuttleError):
-    """A file that cannot be fetched; says which and why."""
+    """A file that cannot be downloaded."""
 
 
 def download(
@@ -40,29 +40,29 @@ def download(
     pause: float = 1.0,
     on_file: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Fetch every file of the manifest that is not there with the right hash.
+    """Download every file of the manifest that is missing or has another hash.
 
-    A file is written beside its place, checked, and moved there; a download that is killed leaves no half file behind.
+    Files are written to a temporary name, checked, and renamed, so a killed download leaves no incomplete file.
 
     Args:
-        out: folder; files go to their paths of the manifest below it.
-        base_url: where the files are; a path of the manifest is appended.
-        manifest: SHA-256 by path; default that of the published data.
-        jobs: files fetched at a time.
-        retries: further tries after a broken connection, a busy server or a wrong hash.
-        pause: seconds before the first of them; doubled each time.
-        on_file: called with (files in place, files in all) after each file.
+        out: output folder.
+        base_url: base URL; the paths of the manifest are appended.
+        manifest: SHA-256 by path; None: that of the published data.
+        jobs: number of concurrent downloads.
+        retries: retries after a broken connection, a busy server or a wrong hash.
+        pause: seconds before the first retry; doubled each time.
+        on_file: called with (number of complete files, number of files) after each file.
 
     Returns:
-        Number of files that were fetched.
+        Number of downloaded files.
 
     Raises:
-        DownloadError: no connection, an HTTP error, a wrong hash after all tries, or a file that cannot be written.
+        DownloadError: no connection, an HTTP error, a wrong hash after all retries, or a file cannot be written.
     """
     files = dict(upstream.manifest() if manifest is None else manifest)
     stop = threading.Event()
 
-    def place(path: str) -> bool:
+    def ensure_file(path: str) -> bool:
         target = out / path
         if stop.is_set() or (target.is_file() and pooch.file_hash(str(target)) == files[path]):
             return False
@@ -72,7 +72,7 @@ def download(
 
     fetched = 0
     with concurrent.futures.ThreadPoolExecutor(max(1, jobs)) as pool:
-        futures = [pool.submit(place, path) for path in files]
+        futures = [pool.submit(ensure_file, path) for path in files]
         try:
             for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
                 fetched += future.result()
@@ -87,19 +87,19 @@ def download(
 
 
 def _fetch(url: str, target: Path, digest: str, *, retries: int, pause: float, stop: threading.Event) -> None:
-    """Fetch one file, trying again where that may help."""
+    """Download one file, with retries of transient failures."""
     for attempt in range(retries + 1):
         try:
             _fetch_once(url, target, digest)
             return
-        except _TryAgainError as error:
-            # A stop means that another file failed for good: its error is the one to tell.
+        except _TransientError as error:
+            # After a stop, the error of the file that failed is reported instead.
             if attempt == retries or stop.wait(pause * 2**attempt):
                 raise DownloadError(f"{error}; gave up after {attempt + 1} tries; {_RESUME}") from error
 
 
-class _TryAgainError(Exception):
-    """A failure that may pass."""
+class _TransientError(Exception):
+    """A failure that may be transient."""
 
 
 def _fetch_once(url: str, target: Path, digest: str) -> None:
@@ -114,16 +114,16 @@ def _fetch_once(url: str, target: Path, digest: str) -> None:
             os.fsync(file.fileno())
         got = pooch.file_hash(temporary)
         if got != digest:
-            raise _TryAgainError(f"{url}: SHA-256 is {got}, expected {digest}: the file was altered on its way")
+            raise _TransientError(f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit")
         os.chmod(temporary, 0o644)
         os.replace(temporary, target)
     except requests.HTTPError as error:
         message = f"{url}: {error}"
         if error.response is not None and error.response.status_code in _TRANSIENT:
-            raise _TryAgainError(message) from error
+            raise _TransientError(message) from error
         raise DownloadError(f"{message}; is --base-url right? {_RESUME}") from error
     except requests.RequestException as error:  # a subclass of OSError: it must come first
-        raise _TryAgainError(f"{url}: no answer ({_cause(error)}); is this machine online?") from error
+        raise _TransientError(f"{url}: no answer ({_cause(error)}); is this machine online?") from error
     except OSError as error:
         full = " (free some space)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
         raise DownloadError(f"{target}: cannot be written: {error.strerror}{full}; {_RESUME}") from error
@@ -134,15 +134,15 @@ def _fetch_once(url: str, target: Path, digest: str) -> None:
 
 
 def _remove_stale(target: Path) -> None:
-    """Remove what a killed download left beside a file; a younger rest may belong to one that is running."""
-    for rest in target.parent.glob(f".{target.name}.*.part"):
+    """Remove temporary files of killed downloads; recent ones may belong to a running download."""
+    for partial in target.parent.glob(f".{target.name}.*.part"):
         with contextlib.suppress(OSError):
-            if time.time() - rest.stat().st_mtime > _STALE:
-                rest.unlink()
+            if time.time() - partial.stat().st_mtime > _STALE:
+                partial.unlink()
 
 
 def _cause(error: BaseException) -> str:
-    """The innermost reason of a network error, which says most."""
+    """The innermost cause of a network error, the most specific one."""
     while error.__cause__ or error.__context__:
         error = error.__cause__ or error.__context__ or error
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

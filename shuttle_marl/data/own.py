@@ -1,7 +1,6 @@
-"""Matches of one's own: any CSV file with a row for every stroke, read by a map of its columns.
+"""Import of a user's matches from a CSV file with a row per stroke, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
 
-Nothing is repaired: every value that cannot be what it should be, and every rule of the schema that does not hold, is told with
-its line. The map is a :class:`~shuttle_marl.data.column_map.ColumnMap`.
+Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line.
 """
 
 import difflib
@@ -28,21 +27,21 @@ _ABOVE: Final = ("clear", "drop", "smash", "half-smash", "net-kill")
 
 
 def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
-    """Read matches of one's own.
+    """Import matches.
 
     Args:
-        path: a CSV file in UTF-8 with a row for every stroke.
-        columns: the map, a TOML file.
+        path: CSV file in UTF-8 with a row per stroke.
+        columns: column map, a TOML file.
 
     Returns:
         The strokes with their account, and their provenance.
 
     Raises:
-        DataError: a file that cannot be read, values that cannot be what they should be, or rules that do not hold.
+        DataError: an unreadable file, invalid values, or broken rules.
     """
     mapped = ColumnMap.read(columns)
     sheet = StrictCsv(path, list(mapped.columns.values()), delimiter=mapped.delimiter, decimal=mapped.decimal)
-    # Rows that could not be read at all would make others look wrong.
+    # Unreadable rows would cause false problems of other rows.
     strokes, dropped = (STROKES.empty_table(), 0) if sheet.problems else _Import(sheet, mapped).table()
     if sheet.problems:
         raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=f"--columns {columns}")
@@ -65,7 +64,7 @@ def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
 
 
 class _Import:
-    """The columns of a file, read one after the other; what is wrong is noted in the sheet."""
+    """Conversion of the columns of a file; problems are recorded in the sheet."""
 
     def __init__(self, sheet: StrictCsv, mapped: ColumnMap) -> None:
         self._sheet, self._map, self._n = sheet, mapped, len(sheet)
@@ -77,7 +76,7 @@ class _Import:
         self._group = np.cumsum(self._first) - 1
 
     def table(self) -> tuple[pa.Table, int]:
-        """The strokes, and the number of rows left out; the table is empty where something was wrong."""
+        """The strokes, and the number of dropped rows; the table is empty if there are problems."""
         sheet = self._sheet
         shot = self._code("shot", -1)
         serve = (shot >= 0) & (shot < N_SERVES)
@@ -119,15 +118,15 @@ class _Import:
         }
         if sheet.problems:
             return STROKES.empty_table(), 0
-        kept = np.flatnonzero(shot < len(SHOTS))
-        if not len(kept):
+        known = np.flatnonzero(shot < len(SHOTS))
+        if not len(known):
             raise DataError(sheet.path, "no stroke of a known shot type")
-        arrays = [_array(columns[field.name], field.type).take(pa.array(kept)) for field in STROKES]
+        arrays = [_array(columns[field.name], field.type).take(pa.array(known)) for field in STROKES]
         strokes = pa.table(arrays, schema=STROKES)
-        for found in violations(strokes):
-            line = int(sheet.line[kept[found.rows[0]]])
-            sheet.problems.append(Problem(sheet.path, str(found), line))
-        return strokes, self._n - len(kept)
+        for violation in violations(strokes):
+            line = int(sheet.line[known[violation.rows[0]]])
+            sheet.problems.append(Problem(sheet.path, str(violation), line))
+        return strokes, self._n - len(known)
 
     def _text(self, name: str) -> tuple[str, ...]:
         column = self._map.columns[name]
@@ -144,7 +143,7 @@ class _Import:
         return self._sheet.integers(self._map.columns[name], low, high, missing=without)
 
     def _optional(self, name: str, field: str) -> pa.Array:
-        """Whole numbers of which some may be missing."""
+        """Optional integers."""
         kind = STROKES.field(field).type
         if name not in self._map.columns:
             return pa.nulls(self._n, kind)
@@ -156,7 +155,7 @@ class _Import:
         return _nullable(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), ~fine)
 
     def _code(self, name: str, missing: int, *, without: I64 | None = None) -> I64:
-        """Codes of the words of a column; ``without``: those where there is no such column."""
+        """Codes of the words of a column; ``without``: codes if there is no such column."""
         if name not in self._map.columns:
             assert without is not None
             return without
@@ -174,7 +173,7 @@ class _Import:
         for row, text in enumerate(self._sheet.text(column)):
             if text not in codes:
                 close = difflib.get_close_matches(text.strip().casefold(), [*own, *words], n=1)
-                hint = f"; did you mean {close[0]}?" if close else f"; say in [values.{name}] which of {', '.join(words)} it is"
+                hint = f"; did you mean {close[0]}?" if close else f"; map it in [values.{name}] to one of {', '.join(words)}"
                 self._sheet.mark(row, f"unknown {column} {text!r}{hint}")
         return np.array([codes.get(text, missing) for text in self._sheet.text(column)], dtype=np.int64)
 
@@ -188,12 +187,12 @@ class _Import:
             rows = np.flatnonzero(self._match == match)
             names, first, count = np.unique(player[rows], return_index=True, return_counts=True)
             if self._sheet.unreadable[rows].any():
-                continue  # names that cannot be read are told already
+                continue  # reported already
             if len(names) != 2:
-                told = ", ".join(names[:5])
+                listed = ", ".join(names[:5])
                 rarest = rows[first[np.lexsort((-first, count))[0]]]
                 self._sheet.mark(
-                    rarest, f"match {str(match)!r} has {len(names)} players ({told}); expected two, or a column opponent"
+                    rarest, f"match {str(match)!r} has {len(names)} players ({listed}); expected two, or a column opponent"
                 )
                 continue
             opponent[rows] = np.where(player[rows] == names[0], names[1], names[0])
@@ -204,23 +203,23 @@ class _Import:
 
     def _identifier(self, row: int, name: str) -> str:
         if set(name) & set(":@,="):
-            self._sheet.mark(row, f"player {name!r}: a name may not hold one of : @ , =")
+            self._sheet.mark(row, f"player {name!r}: a name must not contain : @ , =")
         return player_id(name)
 
     def _points(self) -> dict[str, F64]:
-        """``[n, 2]`` points in the striker's frame, NaN where there is none."""
-        turned = np.ones(self._n)
+        """``[n, 2]`` points in the striker's frame, NaN missing."""
+        sign = np.ones(self._n)
         if self._map.coordinates == "court":
-            turned = np.where(self._code("side", 0) == 1, -1.0, 1.0)
-        found = {}
+            sign = np.where(self._code("side", 0) == 1, -1.0, 1.0)
+        points = {}
         for name in POINTS:
             columns = [self._map.columns.get(f"{name}_{axis}") for axis in "xy"]
             values = [np.full(self._n, np.nan) if column is None else self._sheet.numbers(column) for column in columns]
-            found[name] = np.stack(values, axis=1) * turned[:, None]
-        return found
+            points[name] = np.stack(values, axis=1) * sign[:, None]
+        return points
 
     def _areas(self, landing: F64) -> I64:
-        """Areas of the landing points; where there is none, those that the column names."""
+        """Areas of the landing points, or of the column where there is none."""
         computed = court.area_of(*landing.astype(np.float32).T).astype(np.int64)
         if "area" not in self._map.columns:
             return computed
@@ -230,37 +229,39 @@ class _Import:
         return np.where(computed >= 0, computed, named)
 
     def _outcomes(self, player: npt.NDArray[Any]) -> tuple[I64, I64]:
-        """Outcome and reason of each stroke, from how rallies ended and who won them."""
+        """Outcome and reason of each stroke, from the endings and winners of rallies."""
         last = np.r_[self._first[1:], True]
         words = WORDS["ending"]
         unknown = words.index("unknown")
-        told = self._code("ending", 0, without=np.zeros(self._n, np.int64))
-        for row in np.flatnonzero(~last & (told > 0)):
-            self._sheet.mark(row, f"ending {words[told[row]]!r} of a stroke that is not the last of its rally")
+        ending = self._code("ending", 0, without=np.zeros(self._n, np.int64))
+        for row in np.flatnonzero(~last & (ending > 0)):
+            self._sheet.mark(row, f"ending {words[ending[row]]!r} of a stroke that is not the last of its rally")
         won = self._won(player)
         faults, winners = ([words.index(word) for word in group] for group in (FAULTS, WINNERS))
-        fault, winner = np.isin(told, faults), np.isin(told, winners)
+        fault, winner = np.isin(ending, faults), np.isin(ending, winners)
         for row in np.flatnonzero(last & ((fault & (won == 1)) | (winner & (won == 0)))):
-            self._sheet.mark(row, f"ending {words[told[row]]!r} contradicts who won the rally")
+            self._sheet.mark(row, f"ending {words[ending[row]]!r} contradicts who won the rally")
         undecided = last & ~fault & ~winner
         outcome = np.where(fault, Outcome.FAULT, np.where(winner, Outcome.WINNER, Outcome.RETURNED))
         by_winner = np.select([won == 1, won == 0], [Outcome.WINNER, Outcome.FAULT], Outcome.UNKNOWN)
         outcome = np.where(undecided, by_winner, outcome)
-        for row in np.flatnonzero(undecided & (won < 0) & (told != unknown) & ~self._sheet.unreadable):
-            self._sheet.mark(row, "the last stroke of its rally has neither an ending nor a winner; say unknown if no one knows")
-        reason = np.array([REASONS.index(word) for word in words])[told]
+        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & ~self._sheet.unreadable):
+            self._sheet.mark(
+                row, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known"
+            )
+        reason = np.array([REASONS.index(word) for word in words])[ending]
         return outcome.astype(np.int64), np.where(undecided, REASONS.index("unknown"), reason)
 
     def _won(self, player: npt.NDArray[Any]) -> I64:
-        """Whether the striker of each row won its rally: 1 yes, 0 no, -1 not told."""
+        """``[n]`` 1 if the striker won the rally, 0 if not, -1 unknown."""
         if "winner" not in self._map.columns:
             return np.full(self._n, -1)
         winner_of: dict[int, str] = {}
         for row, name in enumerate(self._sheet.text(self._map.columns["winner"])):
             if name.strip() and winner_of.setdefault(int(self._group[row]), player_id(name)) != player_id(name):
-                self._sheet.mark(row, f"{name.strip()!r} won this rally, in which another winner is named")
-        told = [winner_of.get(int(group)) for group in self._group]
-        return np.array([-1 if name is None else int(name == who) for name, who in zip(told, player, strict=True)])
+                self._sheet.mark(row, f"{name.strip()!r} contradicts another winner of this rally")
+        winners = [winner_of.get(int(group)) for group in self._group]
+        return np.array([-1 if name is None else int(name == striker) for name, striker in zip(winners, player, strict=True)])
 
     def _disciplines(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if "discipline" in self._map.columns:
@@ -270,7 +271,8 @@ class _Import:
         known = [discipline_of(a) or discipline_of(b) for a, b in zip(player, opponent, strict=True)]
         if None in known:
             self._sheet.mark(
-                known.index(None), f'is it {" or ".join(DISCIPLINES)}? Say discipline = "MS" in the map, or map a column'
+                known.index(None),
+                f'unknown discipline; set discipline = "{DISCIPLINES[0]}" or "{DISCIPLINES[1]}" in the map, or map a column',
             )
         return np.array([kind or DISCIPLINES[0] for kind in known])
 

@@ -1,4 +1,4 @@
-"""The one schema of annotated strokes and the rules that hold in it: every reader writes it, everything else reads it.
+"""Schema of annotated strokes, and rules that every stroke table satisfies.
 
 One row is one stroke that passed cleaning. Coordinates are egocentric metres (see :mod:`shuttle_marl.game.court`): origin
 on the floor under the middle of the net, ``y`` from the striker towards the opponent, ``x`` to the striker's right.
@@ -21,9 +21,9 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
 
 class Outcome(enum.IntEnum):
-    """Outcome of an annotated stroke: the codes of the column ``outcome``.
+    """Outcome of an annotated stroke, the codes of the column ``outcome``.
 
-    They are not those of :data:`shuttle_marl.game.rules.OUTCOMES`, which :func:`outcome_of` translates.
+    They differ from :data:`shuttle_marl.game.rules.OUTCOMES`, which :func:`outcome_of` converts.
     """
 
     RETURNED = 0
@@ -106,7 +106,7 @@ RANGES: Final = {
     "clock": (0, 100_000),
     "frame": (0, 10_000_000),
 }
-"""Least and greatest value of the whole numbers."""
+"""Minimum and maximum of integer columns."""
 
 _FAULT_REASONS: Final = [REASONS.index(name) for name in ("out", "net", "short", "foul", "unknown")]
 _WINNER_REASONS: Final = [REASONS.index(name) for name in ("landed", "misjudged", "unknown")]
@@ -136,7 +136,7 @@ DROP_REASONS: Final = {
     "landing missing": "No landing point, of a stroke that is no fault.",
     "landing on the striker's side": "A returned or winning stroke that seems to have landed in the striker's own half.",
 }
-"""Reasons to drop a row, in the order in which they are tried."""
+"""Reasons to drop a row, in the order in which they are tested."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -148,9 +148,9 @@ class Account:
         rallies, strokes: numbers before dropping.
         rallies_kept: rallies of which at least one stroke was kept.
         strokes_kept: rows of the table.
-        dropped: rows dropped by reason, keys of :data:`DROP_REASONS`; reasons that never applied are left out.
-        area_agreement: share of kept strokes with an in-court label whose label is the area computed from the
-            coordinates; None where there are no labels.
+        dropped: dropped rows by reason, keys of :data:`DROP_REASONS`; reasons without rows are omitted.
+        area_agreement: fraction of the kept strokes with an in-court label whose label equals the area computed from the
+            coordinates; None without labels.
     """
 
     matches: int
@@ -173,10 +173,10 @@ class Account:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Account":
-        """Read what :meth:`as_json` gave.
+        """Inverse of :meth:`as_json`.
 
         Raises:
-            KeyError, TypeError: it is something else.
+            KeyError, TypeError: invalid values.
         """
         return cls(
             matches=values["matches"],
@@ -191,12 +191,12 @@ class Account:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cleaned:
-    """Clean strokes and the account of what was left out.
+    """Clean strokes with their account.
 
     Attributes:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
-        account: what was read and what was dropped.
-        files: the files of games that were read, in order.
+        account: counts of read and dropped rows.
+        files: the files of the games, in order.
     """
 
     strokes: pa.Table
@@ -206,12 +206,12 @@ class Cleaned:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Violation:
-    """A rule that does not hold.
+    """A broken rule.
 
     Attributes:
-        rule: the rule in words.
+        rule: description of the rule.
         rows: indices of the rows that break it, at least one.
-        example: the first such row: where it stands, and the values that the rule is about.
+        example: the first such row, with its position and the values concerned.
     """
 
     rule: str
@@ -223,7 +223,7 @@ class Violation:
 
 
 def violations(strokes: pa.Table) -> Iterator[Violation]:
-    """Yield every rule of a stroke table that does not hold; the table must have the schema of strokes."""
+    """Yield every broken rule of a stroke table, which must have the schema of strokes."""
     table = _Columns(strokes)
     for rule, columns, bad in _rules(table):
         rows = np.flatnonzero(bad)
@@ -232,7 +232,7 @@ def violations(strokes: pa.Table) -> Iterator[Violation]:
 
 
 class _Columns:
-    """Columns of a table as numpy arrays; numbers that are missing are NaN."""
+    """Columns of a table as numpy arrays; missing numbers are NaN."""
 
     def __init__(self, strokes: pa.Table) -> None:
         self._strokes = strokes
@@ -263,7 +263,7 @@ class _Columns:
 
 
 def _rules(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
-    """Yield (rule, columns it is about, rows that break it)."""
+    """Yield (rule, columns concerned, rows that break it)."""
     yield "source is named", ("source",), t.one_of("source", ("",))
     yield f"discipline is one of {', '.join(DISCIPLINES)}", ("discipline",), ~t.one_of("discipline", DISCIPLINES)
     for name, (low, high) in RANGES.items():
@@ -320,7 +320,7 @@ def _order(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
 
 
 def _shared_codes(t: _Columns) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Players and opponents as numbers with one meaning."""
+    """Players and opponents as integers of a common encoding."""
     both = pa.concat_arrays([t._strokes[name].combine_chunks() for name in ("player", "opponent")])
     codes = both.dictionary_encode().indices.to_numpy(zero_copy_only=False)
     return codes[: len(codes) // 2], codes[len(codes) // 2 :]

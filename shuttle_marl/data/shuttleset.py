@@ -1,11 +1,10 @@
-"""Reads the files of ShuttleSet and ShuttleSet22 strictly, as they are; :mod:`shuttle_marl.data.table` does the rest.
+"""Strict readers of the files of ShuttleSet and ShuttleSet22; :mod:`shuttle_marl.data.cleaning` cleans their rows.
 
 Sources: Wang et al., "ShuttleSet: A Human-Annotated Stroke-Level Singles Dataset for Badminton Tactical Analysis",
 KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT.
 
-A value that cannot be what it should be is an error that names file, line and value. The exception is a file that is byte
-for byte a published one (its SHA-256 stands in the manifest): no one can fix that, so its bad rows are marked unreadable,
-and cleaning drops and counts them. None of the files of the 82 public matches has such a row.
+An invalid value is an error with file, line and value, unless the file equals a published one (by its SHA-256): its invalid
+rows are marked unreadable, and cleaning drops and counts them. The files of the 82 public matches have no such row.
 """
 
 import dataclasses
@@ -43,7 +42,7 @@ SHOT_NAMES: Final = {
     "擋小球": "block",
     "勾球": "cross-court-net-shot",
 }
-"""Shot types of the files and ours. The files say 過度切球 for the passive drop, the data sets' README says 過渡切球."""
+"""Shot types by name in the files, which have 過度切球 for the passive drop (in the data sets' README 過渡切球)."""
 UNKNOWN_SHOT: Final = "未知球種"
 
 REASON_NAMES: Final = {
@@ -55,12 +54,12 @@ REASON_NAMES: Final = {
     "落點判斷失誤": "misjudged",
     "對手落地判斷失誤": "misjudged",
 }
-"""Values of ``lose_reason``: why the loser of a rally lost it."""
+"""Reasons by value of ``lose_reason``."""
 
 POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
 """Points with pixel coordinates in every row."""
 BAD_HOMOGRAPHY: Final = 0.2
-"""The homography of a game is broken when more than this share of its rows puts both players in one half."""
+"""Maximum fraction of the rows of a game with both players in one half; above, its homography is broken."""
 
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
 _COLUMNS: Final = (
@@ -69,9 +68,9 @@ _COLUMNS: Final = (
 )  # fmt: skip
 _MATCH_COLUMNS: Final = ("id", "video", "winner", "loser", "set")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
-_MOST: Final = 9999
-"""No match has more rallies, strokes in a rally, or rows in the list of matches."""
-_MOST_FRAMES: Final = 10_000_000
+_MAX_NUMBER: Final = 9999
+"""Maximum number of rallies, strokes of a rally, and matches of a list."""
+_MAX_FRAMES: Final = 10_000_000
 
 _SHOT_CODES: Final = {**{name: SHOTS.index(shot) for name, shot in SHOT_NAMES.items()}, UNKNOWN_SHOT: -1, "": -1}
 _REASON_CODES: Final = {**{name: REASONS.index(reason) for name, reason in REASON_NAMES.items()}, "": -1}
@@ -82,16 +81,16 @@ _CENTRE: Final = np.array([177.5, 480.0])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Match:
-    """One match as listed in ``match.csv``.
+class ListedMatch:
+    """A match listed in ``match.csv``.
 
     Attributes:
         name: folder name, the same in both data sets.
         source: ``ShuttleSet`` or ``ShuttleSet22``.
         number: ``id`` in that data set.
-        players: identifiers of players A and B of the files; A won the match.
+        players: identifiers of players A (the winner) and B of the files.
         discipline: MS or WS.
-        folder: where the files of the games are; it need not exist.
+        folder: folder of the files of its games; it may be missing.
         n_games: number of games, as listed.
         homography: ``[3, 3]`` pixels to court units.
     """
@@ -107,48 +106,48 @@ class Match:
 
     @property
     def present(self) -> bool:
-        """True if its folder is there."""
+        """Whether its folder exists."""
         return self.folder.is_dir()
 
     def games(self) -> list[Path]:
         """The files of its games, in order.
 
         Raises:
-            DataError: not as many as ``match.csv`` says.
+            DataError: their number differs from ``match.csv``.
         """
         found = sorted(path for path in self.folder.glob("set*.csv") if re.fullmatch(r"set\d\.csv", path.name))
         if [path.name for path in found] != [f"set{i + 1}.csv" for i in range(self.n_games)]:
-            there = ", ".join(path.name for path in found) or "none"
-            raise DataError(self.folder, f"match.csv lists {self.n_games} games, files set1.csv, set2.csv, …; there: {there}")
+            present = ", ".join(path.name for path in found) or "none"
+            raise DataError(self.folder, f"match.csv lists {self.n_games} games, files set1.csv, set2.csv, …; present: {present}")
         return found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RawGame:
-    """The rows of one game, column by column; nothing dropped.
+    """Columns of all rows of a game.
 
     Attributes:
         match: the match.
         game: number of the game, from 1.
         path: the file.
-        broken_homography: see :data:`BAD_HOMOGRAPHY`; the points mean nothing.
+        broken_homography: whether the points are invalid (:data:`BAD_HOMOGRAPHY`).
         line: ``[n]`` line in the file of each row.
-        unreadable: ``[n]`` rows with an impossible value, which was replaced by a missing one.
-        rally, stroke: ``[n]`` numbers given by the annotators, from 1; 0 missing.
+        unreadable: ``[n]`` rows with an invalid value, which was replaced by a missing one.
+        rally, stroke: ``[n]`` numbers of the annotators, from 1; 0 missing.
         by_a: ``[n]`` whether player A is the striker.
         shot: ``[n]`` index into :data:`shuttle_marl.game.stroke.SHOTS`, -1 unknown.
         height: ``[n]`` contact height: 0 below, 1 above the net, -1 missing.
-        met_height: ``[n]`` height at which the receiver met the shuttle, likewise.
+        met_height: ``[n]`` height of the receiver's contact, likewise.
         backhand, around_head, flaw: ``[n]`` flags.
         label_area: ``[n]`` area label 1..16 of the landing as annotated, 0 missing.
-        reason: ``[n]`` index into ``schema.REASONS``, -1 where no rally ends or it is missing.
-        winner: ``[n]`` 0 for A, 1 for B, -1 where no rally ends or it is missing.
+        reason: ``[n]`` index into ``schema.REASONS``, -1 missing or not at the end of a rally.
+        winner: ``[n]`` 0 for A, 1 for B, -1 missing or not at the end of a rally.
         score: ``[n, 2]`` points of A and B after the rally, -1 missing.
         clock, frame: ``[n]`` seconds and frames into the video, -1 missing.
         point: for each of :data:`POINTS`, ``[n, 2]`` court metres, origin under the net, not yet egocentric; NaN missing.
     """
 
-    match: Match
+    match: ListedMatch
     game: int
     path: Path
     broken_homography: bool
@@ -172,32 +171,32 @@ class RawGame:
     point: dict[str, F64]
 
     def take(self, rows: Ints) -> "RawGame":
-        """Some of the rows, in the order given."""
+        """Rows by index."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         taken: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
         return dataclasses.replace(self, **taken, point={name: xy[rows] for name, xy in self.point.items()})
 
 
-def list_matches(root: Path, problems: list[Problem] | None = None) -> list[Match]:
+def list_matches(root: Path, problems: list[Problem] | None = None) -> list[ListedMatch]:
     """The matches of both data sets below ``root``.
 
-    A match that stands in both is listed once: from ShuttleSet, unless only the other folder is there. (Eight matches do;
-    the two copies hold the same values but for ``landing_height``, which is missing in more rows of one of them.)
+    Eight matches are in both data sets, with equal values except for missing ``landing_height``. They are listed once: from
+    ShuttleSet, unless only the other folder is present.
 
     Args:
         root: folder of the download.
-        problems: where to add what is wrong instead of raising; such matches are left out.
+        problems: list to which problems are added instead of raising; matches with problems are left out.
 
     Raises:
-        DataError: no list is there or readable, or, without ``problems``, a list names a match twice, players of no or
-            different disciplines, a match without homography, or holds an impossible value.
+        DataError: no readable list, or, without ``problems``, a repeated match, players of unknown or different disciplines, a
+            match without homography, or an invalid value.
     """
     sources = [name for name, folder in upstream.SOURCES.items() if (root / folder / "match.csv").is_file()]
     if not sources:
         expected = ", ".join(f"{folder}/match.csv" for folder in upstream.SOURCES.values())
-        raise DataError(root, f"no match data here: expected {expected}; get it with `python -m shuttle_marl.data download`")
+        raise DataError(root, f"no match data here: expected {expected}; download it with `python -m shuttle_marl.data download`")
     found: list[Problem] = []
-    matches: dict[str, Match] = {}
+    matches: dict[str, ListedMatch] = {}
     for source in sources:
         for match in _list_source(root / upstream.SOURCES[source], source, found):
             other = matches.get(match.name)
@@ -210,23 +209,23 @@ def list_matches(root: Path, problems: list[Problem] | None = None) -> list[Matc
     return list(matches.values())
 
 
-def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Match]:
+def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[ListedMatch]:
     homographies = _homographies(folder / "homography.csv", problems)
     sheet = StrictCsv(folder / "match.csv", _MATCH_COLUMNS)
-    numbers = sheet.integers("id", 1, _MOST, missing=0)
+    numbers = sheet.integers("id", 1, _MAX_NUMBER, missing=0)
     n_games = sheet.integers("set", 1, 9, missing=0)
-    matches: dict[str, Match] = {}
+    matches: dict[str, ListedMatch] = {}
     for i, name in enumerate(sheet.text("video")):
         players = (player_id(sheet.text("winner")[i]), player_id(sheet.text("loser")[i]))
         kinds = {kind for kind in map(discipline, players) if kind is not None}
         if not name or name in matches:
-            sheet.mark(i, f"match {name!r} stands twice in the list or has no name")
+            sheet.mark(i, f"match {name!r} is repeated or has no name")
         if name not in homographies:
             sheet.mark(i, f"no homography for match {name!r} in homography.csv")
         if len(kinds) != 1:
-            sheet.mark(i, f"players {players} belong to no or to different disciplines; see shuttle_marl/data/upstream")
+            sheet.mark(i, f"players {players} have an unknown or different disciplines; see shuttle_marl/data/upstream")
         if not sheet.unreadable[i]:
-            matches[name] = Match(
+            matches[name] = ListedMatch(
                 name=name,
                 source=source,
                 number=int(numbers[i]),
@@ -251,22 +250,22 @@ def _homographies(path: Path, problems: list[Problem]) -> dict[str, F64]:
         if matrix.shape == (3, 3) and np.isfinite(matrix).all():
             homographies[name] = matrix
         else:
-            sheet.mark(i, f"homography_matrix {text!r} of match {name!r} is no 3 x 3 matrix")
+            sheet.mark(i, f"homography_matrix {text!r} of match {name!r} is not a 3 x 3 matrix")
     problems.extend(sheet.problems)
     return homographies
 
 
-def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -> RawGame:
+def read_game(match: ListedMatch, path: Path, problems: list[Problem] | None = None) -> RawGame:
     """Read the file of one game.
 
     Args:
         match: the match it belongs to.
         path: the file, one of ``match.games()``.
-        problems: where to add impossible values instead of raising.
+        problems: list to which invalid values are added instead of raising.
 
     Raises:
-        DataError: a file that cannot be decoded, lacks a column or rows; and, unless ``problems`` is given or the file is a
-            published one, an impossible value. The message names file, line and value.
+        DataError: the file cannot be decoded, lacks a column or rows; or, unless ``problems`` is given or the file is a
+            published one, contains an invalid value.
     """
     sheet = StrictCsv(path, _COLUMNS)
     point = {name: _project(sheet, name, match.homography) for name in POINTS}
@@ -280,8 +279,8 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
         path=path,
         broken_homography=broken,
         line=sheet.line,
-        rally=sheet.integers("rally", 1, _MOST, missing=0),
-        stroke=sheet.integers("ball_round", 1, _MOST, missing=0),
+        rally=sheet.integers("rally", 1, _MAX_NUMBER, missing=0),
+        stroke=sheet.integers("ball_round", 1, _MAX_NUMBER, missing=0),
         by_a=sheet.choices("player", {"A": 0, "B": 1}) == 0,
         shot=sheet.choices("type", _SHOT_CODES),
         height=_height(sheet, "hit_height"),
@@ -294,7 +293,7 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
         winner=sheet.choices("getpoint_player", {"A": 0, "B": 1, "": -1}),
         score=np.stack([sheet.integers(f"roundscore_{who}", 0, 30, missing=-1) for who in "AB"], axis=1),
         clock=sheet.seconds("time"),
-        frame=sheet.integers("frame_num", 0, _MOST_FRAMES, missing=-1),
+        frame=sheet.integers("frame_num", 0, _MAX_FRAMES, missing=-1),
         point=point,
         unreadable=sheet.unreadable,
     )
@@ -307,13 +306,13 @@ def read_game(match: Match, path: Path, problems: list[Problem] | None = None) -
 
 
 def _height(sheet: StrictCsv, column: str) -> I8:
-    """Heights of the files (1 above, 2 below the net; the data sets' README says 0) as ours, -1 missing."""
+    """Heights as 0 below, 1 above the net, -1 missing; the files have 1 above, 2 below (in their README 0)."""
     codes = sheet.codes(column, 2)
     return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
 def _project(sheet: StrictCsv, name: str, homography: F64) -> F64:
-    """``[n, 2]`` pixels to metres on the court, origin under the middle of the net; NaN where a pixel is missing."""
+    """``[n, 2]`` court coordinates [m] of pixels, origin under the middle of the net; NaN missing."""
     x, y = sheet.numbers(f"{name}_x"), sheet.numbers(f"{name}_y")
     image = homography @ np.stack([x, y, np.ones_like(x)])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -322,7 +321,7 @@ def _project(sheet: StrictCsv, name: str, homography: F64) -> F64:
 
 
 def _check_points(sheet: StrictCsv, point: dict[str, F64]) -> None:
-    """Mark points far off the court and make them missing."""
+    """Mark points far off the court and set them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():
         for row in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):

@@ -1,4 +1,4 @@
-"""Strict reading of CSV files: every value is checked, and every problem is kept with its file, line and value."""
+"""Strict reading of CSV files: every value is checked, and every problem is recorded with file, line and value."""
 
 import csv
 import dataclasses
@@ -18,12 +18,12 @@ from shuttle_marl.files import open_file, problem
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with a file.
+    """A problem of a file.
 
     Attributes:
         path: the file or folder.
-        message: what is wrong, with the value and what was expected.
-        line: line in the file, from 1; None where it concerns the file as a whole.
+        message: description with the value and the expectation.
+        line: line in the file, from 1; None for the whole file.
     """
 
     path: Path
@@ -39,7 +39,7 @@ class DataError(ShuttleError):
     """Match data that cannot be read; the message names file, line and value.
 
     Attributes:
-        problems: everything that was found, at least one; the message tells the first.
+        problems: all problems, at least one; the message is the first.
     """
 
     def __init__(self, path: Path, message: str, *, line: int | None = None) -> None:
@@ -48,7 +48,7 @@ class DataError(ShuttleError):
 
     @classmethod
     def of(cls, problems: Sequence[Problem], advice: str = "") -> "DataError":
-        """One error that carries several problems; ``advice``: a flag with which ``validate`` has to be called."""
+        """One error for several problems; ``advice``: option with which ``validate`` lists them."""
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems = tuple(problems)
         if len(problems) > 1:
@@ -66,15 +66,15 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 class StrictCsv:
     """The n rows of a CSV file in UTF-8 with a header.
 
-    Reading a column never stops at a bad value: the value becomes a missing one, the row is marked, and the problem is
-    added to the list. The caller decides whether problems are fatal.
+    An invalid value becomes a missing one, its row is marked, and the problem is recorded. The caller decides whether problems
+    are fatal.
 
     Attributes:
         path: the file.
         content: its bytes.
-        line: ``[n]`` line of each row in the file, from 1; where a quoted value spans lines, the last of them.
-        problems: what is wrong so far.
-        unreadable: ``[n]`` rows with a value that cannot be what it should be.
+        line: ``[n]`` (last) line of each row in the file, from 1.
+        problems: problems so far.
+        unreadable: ``[n]`` rows with an invalid value.
     """
 
     def __init__(self, path: Path, required: Sequence[str], *, delimiter: str = ",", decimal: str = ".") -> None:
@@ -82,12 +82,12 @@ class StrictCsv:
 
         Args:
             path: the file.
-            required: headers of the columns that are read.
-            delimiter: between two values.
-            decimal: mark of decimals.
+            required: headers of the columns to read.
+            delimiter: of values.
+            decimal: decimal mark.
 
         Raises:
-            DataError: it cannot be opened or decoded, a required column is missing, or it holds no rows.
+            DataError: the file cannot be opened or decoded, a required column is missing, or there are no rows.
         """
         self.path = path
         self._decimal = decimal
@@ -128,20 +128,20 @@ class StrictCsv:
         return len(self.line)
 
     def add(self, line: int, message: str) -> None:
-        """Note a problem that belongs to no row that was read."""
+        """Record a problem of a line."""
         self.problems.append(Problem(self.path, message, line))
 
     def mark(self, row: int | np.integer, message: str) -> None:
-        """Note a problem of a row."""
+        """Record a problem of a row."""
         self.add(int(self.line[row]), message)
         self.unreadable[row] = True
 
     def text(self, column: str) -> tuple[str, ...]:
-        """``[n]`` the values as they stand."""
+        """``[n]`` values as text."""
         return self._columns[column]
 
     def numbers(self, column: str) -> F64:
-        """``[n]`` numbers, NaN where the value is empty or no finite number (the latter is a problem)."""
+        """``[n]`` numbers, NaN for empty values and, with a problem, for values that are not finite numbers."""
         text = self._columns[column]
         plain = text if self._decimal == "." else tuple(t.replace(self._decimal, ".") for t in text)
         values = np.array([_float(t) for t in plain]) if any(text) else np.full(len(text), np.nan)
@@ -152,17 +152,17 @@ class StrictCsv:
         return values
 
     def integers(self, column: str, low: int, high: int, *, missing: int) -> I64:
-        """``[n]`` whole numbers from low to high; anything else, even nothing, is a problem and becomes ``missing``."""
+        """``[n]`` integers from low to high; any other value, also an empty one, is a problem and becomes ``missing``."""
         values = self.numbers(column)
         fine = (values >= low) & (values <= high) & (values == np.floor(values))
         text = self._columns[column]
         for row in np.flatnonzero(~fine):
             if np.isfinite(values[row]) or not text[row]:
-                self.mark(row, f"{column} {text[row]!r} is no whole number from {low} to {high}")
+                self.mark(row, f"{column} {text[row]!r} is not an integer from {low} to {high}")
         return np.where(fine, np.nan_to_num(values), missing).astype(np.int64)
 
     def codes(self, column: str, high: int) -> I8:
-        """``[n]`` whole numbers from 1 to high, 0 where the value is empty."""
+        """``[n]`` integers from 1 to high, 0 for empty values."""
         values = self.numbers(column)
         fine = np.isnan(values) | ((values >= 1) & (values <= high) & (values == np.floor(values)))
         for row in np.flatnonzero(~fine):
@@ -170,7 +170,7 @@ class StrictCsv:
         return np.where(fine, np.nan_to_num(values), 0).astype(np.int8)
 
     def choices(self, column: str, codes: Mapping[str, int]) -> I8:
-        """``[n]`` codes of the values; a value that has none is a problem and becomes -1."""
+        """``[n]`` codes of the values; unknown values are a problem and become -1."""
         text = self._columns[column]
         if unknown := set(text) - codes.keys():
             known = ", ".join(key or "nothing" for key in codes)
@@ -180,7 +180,7 @@ class StrictCsv:
         return np.array([codes.get(value, -1) for value in text], dtype=np.int8)
 
     def seconds(self, column: str) -> I64:
-        """``[n]`` times of the form h:mm:ss in seconds; anything else is a problem and becomes -1."""
+        """``[n]`` times h:mm:ss in seconds; other values are a problem and become -1."""
         text = self._columns[column]
         known = {value: _seconds(value) for value in set(text)}
         values = np.array([known[value] for value in text])
@@ -199,7 +199,7 @@ def _decode(path: Path, content: bytes) -> str:
 
 @functools.lru_cache(maxsize=1 << 16)
 def _float(text: str) -> float:
-    # `float` reads more than numbers as they are written in files: 1_000, Arabic digits, infinity.
+    # `float` also accepts 1_000, Arabic digits and infinity.
     return float(text) if _NUMBER.fullmatch(text) else np.nan
 
 

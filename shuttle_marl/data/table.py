@@ -23,21 +23,20 @@ from shuttle_marl.data.upstream import SPLITS, Split, split_of
 from shuttle_marl.files import problem
 
 _ADVICE: Final = (
-    "`python -m shuttle_marl.data download` fetches them, and matches of your own become a Parquet file with "
-    "`python -m shuttle_marl.data import`"
+    "`python -m shuttle_marl.data download` downloads them; import your own matches with `python -m shuttle_marl.data import`"
 )
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
 
 def load_strokes(path: Path | str) -> pa.Table:
-    """The strokes of a Parquet file made by ``convert``, or of a folder with the raw files, which are cleaned.
+    """Load strokes from a Parquet file, or from a folder with the raw files, which are cleaned.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        DataError: no such file or folder, an unreadable one, or another schema.
+        DataError: missing or unreadable file or folder, or another schema.
     """
     path = Path(path)
     return clean_matches(path).strokes if path.is_dir() else read_parquet(path)
@@ -47,7 +46,7 @@ def load_account(path: Path | str) -> Account:
     """The account of a Parquet file, or of a folder with the raw files.
 
     Raises:
-        DataError: as :func:`load_strokes`; or the file holds no account.
+        DataError: as :func:`load_strokes`; or the file has no account.
     """
     path = Path(path)
     if path.is_dir():
@@ -56,11 +55,13 @@ def load_account(path: Path | str) -> Account:
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise DataError(path, "holds no account of its strokes; make it with `python -m shuttle_marl.data convert`") from error
+        raise DataError(
+            path, "contains no account of its strokes; create it with `python -m shuttle_marl.data convert`"
+        ) from error
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
-    """Write a stroke table (zstd, with checksums), whole or not at all. The same arguments give the same bytes.
+    """Write a stroke table (zstd, with checksums) atomically. Equal arguments give equal bytes.
 
     Raises:
         FileWriteError: the file cannot be written.
@@ -77,23 +78,23 @@ def read_parquet(path: Path) -> pa.Table:
     """Read a stroke table.
 
     Raises:
-        DataError: no such file, no Parquet, or another schema; says which column.
+        DataError: missing file, not Parquet, or another schema.
     """
     file = _open(path)
     check_schema(path, file.schema_arrow)
     try:
         return file.read()
     except (OSError, pa.ArrowException) as error:
-        raise DataError(path, f"a damaged Parquet file ({error}); make it again") from error
+        raise DataError(path, f"a damaged Parquet file ({error}); create it again") from error
 
 
 def check_schema(path: Path, schema: pa.Schema) -> None:
-    """Compare a schema with the one of strokes.
+    """Compare a schema with :data:`~shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        DataError: a column is missing, has another type, or is in another place; or the version differs.
+        DataError: a column is missing, has another type or position; or the version differs.
     """
-    advice = "make it again with `python -m shuttle_marl.data convert`"
+    advice = "create it again with `python -m shuttle_marl.data convert`"
     version = (schema.metadata or {}).get(b"version")
     expected = STROKES.metadata[b"version"]
     if version != expected:
@@ -109,7 +110,7 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
 
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
-    """Provenance of a cleaned table: a JSON object with the same values for the same input."""
+    """Provenance of a cleaned table as a JSON object; equal inputs give equal values."""
     digest = hashlib.sha256()
     for path in cleaned.files:
         digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + hashlib.sha256(path.read_bytes()).digest())
@@ -128,9 +129,9 @@ def _open(path: Path) -> pq.ParquetFile:
     try:
         return table_files.open_parquet(path)
     except FileNotFoundError as error:
-        raise DataError(path, "no such file or folder; give a folder with the data or a Parquet file") from error
+        raise DataError(path, "no such file or folder; expected a folder with the data or a Parquet file") from error
     except pa.ArrowException as error:
-        own = "; `python -m shuttle_marl.data import` makes one of a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
+        own = "; `python -m shuttle_marl.data import` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
         raise DataError(path, f"no readable Parquet file ({error}){own}") from error
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
@@ -142,14 +143,13 @@ def _kind(field: pa.Field) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Report:
-    """Findings of a check.
+    """Result of a validation.
 
     Attributes:
-        problems: everything that is wrong; empty if all is well.
-        notes: what is worth knowing but not wrong.
-        splits: of each split, how many of its files are there and unaltered, and how many there should be; empty for a
-            table.
-        account: the account of the strokes, where they can be read.
+        problems: all problems.
+        notes: remarks that are not problems.
+        splits: by split, number of unaltered files present and number of published files; empty for a table.
+        account: account of the strokes, None if they cannot be read.
     """
 
     problems: tuple[Problem, ...]
@@ -159,18 +159,18 @@ class Report:
 
 
 def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
-    """Check a folder with the raw files, a Parquet file made by ``convert`` or ``import``, or a CSV file of one's own.
+    """Validate a folder with the raw files, a Parquet file, or a CSV file.
 
     Args:
         path: folder or file.
-        splits: only the files of these splits must be there.
-        columns: the map of the columns of a CSV file.
+        splits: splits whose files must be present.
+        columns: column map of a CSV file.
     """
     try:
         if columns is not None:
             return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
-            nothing = Problem(path, f"holds none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
+            nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
             return Report(problems=(nothing,), notes=(), splits=_compare(path, ())[0], account=None)
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:
@@ -182,15 +182,15 @@ def _validate_table(path: Path) -> Report:
     account = load_account(path)
     problems = [Problem(path, str(violation)) for violation in violations(strokes)]
     rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
-    for name, told, found in (
+    for name, expected, count in (
         ("strokes", account.strokes_kept, strokes.num_rows),
         ("rallies", account.rallies_kept, rallies),
         ("matches", account.matches, len(strokes["match"].unique())),
     ):
-        if told != found:
-            problems.append(Problem(path, f"the account tells of {told} {name}, the table holds {found}"))
+        if expected != count:
+            problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
     if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
-        problems.append(Problem(path, "the account does not add up: strokes kept and dropped are not all strokes"))
+        problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))
     return Report(problems=tuple(problems), notes=(), splits={}, account=account)
 
 
@@ -209,7 +209,7 @@ def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
 
 
 def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int, int]], list[Problem]]:
-    """Compare the files with the manifest: files whole and files listed by split, and what is missing or altered."""
+    """Compare the files with the manifest: counts of unaltered and listed files by split, and problems."""
     whole: collections.Counter[Split] = collections.Counter()
     listed: collections.Counter[Split] = collections.Counter()
     missing: dict[tuple[Path, Split | None], list[str]] = {}
@@ -229,16 +229,16 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
     for (folder, split), names in missing.items():
         if split is None or split in splits:
             of_split = "" if split is None else f" ({split} split)"
-            advice = "get them with `python -m shuttle_marl.data download`"
+            advice = "download them with `python -m shuttle_marl.data download`"
             problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
     return {split: (whole[split], listed[split]) for split in SPLITS}, problems
 
 
 def _read_all(root: Path, problems: list[Problem], notes: list[str]) -> int:
-    """Read every game strictly; add problems, and as notes those of published files, which no one can fix.
+    """Read every game strictly; add problems, and as notes those of published files.
 
     Returns:
-        Number of matches that are there.
+        Number of matches present.
     """
     try:
         matches = list_matches(root, problems)
@@ -252,7 +252,7 @@ def _read_all(root: Path, problems: list[Problem], notes: list[str]) -> int:
                 found: list[Problem] = []
                 read_game(match, path, found)
                 if found and upstream.is_published(path.read_bytes()):
-                    notes.extend(f"{problem} (so it was published: the row is dropped)" for problem in found)
+                    notes.extend(f"{problem} (in the published file: the row is dropped)" for problem in found)
                 else:
                     problems.extend(found)
         except DataError as error:

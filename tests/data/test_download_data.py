@@ -138,7 +138,7 @@ def test_lasting_failures_end_after_some_tries(server: Server, tmp_path: Path, f
     assert server.asked[SPACED] == 3
     assert quote(SPACED) in str(caught.value)
     assert told in str(caught.value)
-    assert "gave up after 3 tries; what was fetched is kept" in str(caught.value)
+    assert "gave up after 3 tries; complete files are kept" in str(caught.value)
     assert SPACED not in files(tmp_path)
     assert not [name for name in files(tmp_path) if name.endswith(".part")]
 
@@ -230,7 +230,7 @@ def test_command(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(upstream, "manifest", lambda: MANIFEST)
     assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 0
     out = capsys.readouterr().out
-    assert f"{tmp_path}: 3 files, all as published (3 fetched, 0 were there)" in out
+    assert f"{tmp_path}: 3 files, all as published (3 downloaded, 0 present already)" in out
     assert "MIT License" in out
     assert "KDD 2023" in out
     assert "2306.15664" in out

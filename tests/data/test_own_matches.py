@@ -155,12 +155,12 @@ def test_strokes_of_an_unknown_type_are_left_out(tmp_path: Path) -> None:
     ("old", "new", "line", "says"),
     [
         ("SMASH", "smahs", 4, "unknown shot 'smahs'; did you mean smash"),
-        ("SMASH", "Schmetterball", 4, r"say in \[values.shot\] which of short-serve"),
+        ("SMASH", "Schmetterball", 4, r"map it in \[values.shot\] to one of short-serve"),
         ("back-left", "midfield", 3, "unknown area 'midfield'"),
         ("final,1,Bea", "final,one,Bea", 3, "rally 'one' is not a number"),
         ("final,2,Bea", "final,2,Cleo", 6, "match 'final' has 3 players"),
         ("final,1,Bea", "final,1,", 3, "who ''; expected a name"),
-        ("final,1,Bea", "final,1,a:b", 3, "may not hold one of"),
+        ("final,1,Bea", "final,1,a:b", 3, "must not contain"),
         ("lift,,out", "lift,,", 6, "neither an ending nor a winner"),
         ("lift,back-left,", "lift,back-left,net", 3, "ending 'net' of a stroke that is not the last"),
         ("lift,back-left,", "lift,,", 3, "only faults have neither a landing nor an area"),
@@ -220,7 +220,7 @@ def test_maps_with_something_wrong(tmp_path: Path, more: str, says: str) -> None
         (MAP.replace('shot = "shot"', ""), "lacks shot"),
         (MAP.replace('ending = "end"', ""), "needs ending or winner"),
         (MAP.replace('area = "area"', ""), "needs area, or landing_x"),
-        (MAP.replace('discipline = "MS"', ""), "is it MS or WS"),
+        (MAP.replace('discipline = "MS"', ""), "unknown discipline"),
         ("columns = 3", "expected a table"),
     ],
 )
@@ -235,7 +235,7 @@ def test_a_map_that_is_not_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"), [("own.csv", "data import` makes one of a CSV file"), ("", "holds none of the published")]
+    ("name", "says"), [("own.csv", "data import` converts a CSV file"), ("", "contains none of the published")]
 )
 def test_a_csv_file_and_a_folder_say_what_to_do(tmp_path: Path, name: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "own.csv").write_text(ROWS)

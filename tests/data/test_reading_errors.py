@@ -43,12 +43,12 @@ def refused(path: Path) -> DataError:
     ("landing_x", "12a", "landing_x '12a' is not a number"),
     ("landing_x", "nan", "landing_x 'nan' is not a number"),
     ("hit_y", "inf", "hit_y 'inf' is not a number"),
-    ("rally", "", "rally '' is no whole number from 1"),
+    ("rally", "", "rally '' is not an integer from 1"),
     ("rally", "one", "rally 'one' is not a number"),
-    ("ball_round", "1.5", "ball_round '1.5' is no whole number"),
-    ("ball_round", "0", "ball_round '0' is no whole number"),
-    ("roundscore_A", "31", "roundscore_A '31' is no whole number from 0 to 30"),
-    ("frame_num", "-4", "frame_num '-4' is no whole number"),
+    ("ball_round", "1.5", "ball_round '1.5' is not an integer"),
+    ("ball_round", "0", "ball_round '0' is not an integer"),
+    ("roundscore_A", "31", "roundscore_A '31' is not an integer from 0 to 30"),
+    ("frame_num", "-4", "frame_num '-4' is not an integer"),
     ("hit_height", "0", "hit_height '0'; expected nothing or 1 to 2"),
     ("landing_height", "3", "landing_height '3'; expected nothing or 1 to 2"),
     ("landing_area", "17", "landing_area '17'; expected nothing or 1 to 16"),
@@ -141,12 +141,12 @@ def test_a_cell_that_never_ends(path: Path) -> None:
 
 def test_a_game_is_missing(path: Path) -> None:
     path.rename(path.with_name("set2.csv"))
-    assert "match.csv lists 1 games, files set1.csv, set2.csv, …; there: set2.csv" in str(refused(path))
+    assert "match.csv lists 1 games, files set1.csv, set2.csv, …; present: set2.csv" in str(refused(path))
 
 
 def test_empty_match_folder(path: Path) -> None:
     path.unlink()
-    assert "there: none" in str(refused(path))
+    assert "present: none" in str(refused(path))
 
 
 def test_no_data(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
 
 @pytest.mark.parametrize(("change", "told"), [
     (replace_in("homography.csv", "[[1.06", "[[x"), "line 2: homography_matrix '[[x"),
-    (replace_in("homography.csv", "[[1.06, ", "[["), "is no 3 x 3 matrix"),
+    (replace_in("homography.csv", "[[1.06, ", "[["), "is not a 3 x 3 matrix"),
     (replace_in("homography.csv", NAME, "Other"), f"no homography for match '{NAME}'"),
     (replace_in("match.csv", "Viktor AXELSEN", "Somebody ELSE"), ""),
     (replace_in("match.csv", "Viktor AXELSEN,CHEN Long", "Some BODY,Any BODY"), "line 2: players ('some-body', 'any-body')"),
@@ -199,7 +199,7 @@ def test_match_listed_twice(tmp_path: Path) -> None:
     layout = Layout(tmp_path)
     layout.match(NAME, [plain_game(2)])
     layout.match(NAME, [plain_game(2)], files=False)
-    with pytest.raises(DataError, match=r"match\.csv, line 3: match .* stands twice"):
+    with pytest.raises(DataError, match=r"match\.csv, line 3: match .* is repeated"):
         clean_matches(tmp_path)
 
 

@@ -101,7 +101,7 @@ def test_another_schema(tmp_path: Path, strokes: pa.Table, change: Any, told: st
 def test_no_account(tmp_path: Path, strokes: pa.Table) -> None:
     pq.write_table(strokes, tmp_path / "bare.parquet")
     assert load_strokes(tmp_path / "bare.parquet").equals(strokes)
-    with pytest.raises(DataError, match="holds no account"):
+    with pytest.raises(DataError, match="contains no account"):
         load_account(tmp_path / "bare.parquet")
 
 

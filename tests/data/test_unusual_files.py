@@ -88,7 +88,7 @@ def test_a_device_is_refused(root: Path) -> None:
 )
 def test_a_homography_that_is_no_matrix(root: Path, matrix: str) -> None:
     (root / "ShuttleSet" / "set" / "homography.csv").write_text(f'video,homography_matrix\none,"{matrix}"\n')
-    with pytest.raises(DataError, match="no 3 x 3 matrix"):
+    with pytest.raises(DataError, match="not a 3 x 3 matrix"):
         clean_matches(root)
 
 
