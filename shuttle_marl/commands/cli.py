@@ -12,7 +12,7 @@ import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import tyro
 from rich.console import Console
@@ -228,7 +228,7 @@ def home_and_away(rows: Sequence[Headlines]) -> Table:
     return table
 
 
-def home_and_away_json(home: Mapping[str, object], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
     """Results at home and away as JSON; null away without refits."""
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
 
