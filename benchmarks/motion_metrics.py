@@ -32,13 +32,12 @@ from shuttle_marl.staging.arm import (
     arm_of,
 )
 from shuttle_marl.staging.body import NECK_LIMITS
-from shuttle_marl.staging.keys import own_frame
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height, own_frame
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0

@@ -27,7 +27,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.rally.record import Rally
-from shuttle_marl.staging import ATHLETES, Motion, stage
+from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -91,7 +91,7 @@ def continued(rally: Rally, seed: int, hands: tuple[str, str], athletes: tuple[s
     for k in range(2, len(rally) + 2, 2):
         grown = first_strokes(rally, min(k, len(rally)))
         begun = time.process_time()
-        motion = stage(grown, seed=seed, continuing=motion)
+        motion = continue_motion(motion, grown, seed=seed)
         seconds.append(time.process_time() - begun)
     return seconds
 

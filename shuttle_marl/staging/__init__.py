@@ -6,8 +6,11 @@ same arguments give the same motion. ``docs/staging.md`` shows how a renderer us
 models, and :class:`Skeleton` their rest pose, bone by bone.
 """
 
-from shuttle_marl.staging.assemble import stage
-from shuttle_marl.staging.equipment import (
+from shuttle_marl.staging.assemble import continue_motion, stage
+from shuttle_marl.staging.motion import Motion
+from shuttle_marl.staging.skeleton import (
+    ATHLETES,
+    BONES,
     CORK,
     FEATHER,
     FEATHERS,
@@ -16,11 +19,6 @@ from shuttle_marl.staging.equipment import (
     RACKET_LENGTH,
     SHUTTLE_SCALE,
     SWEET_SPOT,
-)
-from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.skeleton import (
-    ATHLETES,
-    BONES,
     Skeleton,
     StagingError,
     finger_pose,
@@ -45,6 +43,7 @@ __all__ = [
     "Skeleton",
     "StagingError",
     "Trajectory",
+    "continue_motion",
     "finger_pose",
     "load_skeleton",
     "model_file",

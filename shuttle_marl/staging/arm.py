@@ -15,9 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.arrays import F64
-from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.rotation import cross, frame, unit
-from shuttle_marl.staging.skeleton import Skeleton
+from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 
 ANGLES: Final = (
     "collar bone up",

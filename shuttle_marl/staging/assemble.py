@@ -10,18 +10,17 @@ from shuttle_marl.game import draws
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
-from shuttle_marl.staging.draw import Known, Physique, draw_trajectory
+from shuttle_marl.staging.draw import Known, draw_trajectory
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.habits import Habits, habits
-from shuttle_marl.staging.keys import Timeline, own_frame
-from shuttle_marl.staging.library import FLIP, library_of
+from shuttle_marl.staging.keys import Timeline
+from shuttle_marl.staging.library import FLIP, Athlete
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
 from shuttle_marl.staging.rotation import quaternion
-from shuttle_marl.staging.shuttle import held, shuttle_path
 from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
-from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, with_contacts_moved
+from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, with_contacts_moved
 from shuttle_marl.staging.travel import travel
 
 _ATTEMPTS: Final = 5
@@ -60,56 +59,91 @@ def stage(
     fps: int = 50,
     lead_in: float = LEAD_IN,
     importance: float = 0.5,
-    continuing: Motion | None = None,
-    from_stroke: int | None = None,
-    at: int | None = None,
 ) -> Motion:
     """Stage a rally. The same arguments give the same motion.
 
-    A rally that is still open is staged as far as it is known: up to where the next striker is expected to meet the shuttle, or,
-    before the serve, for ``lead_in`` seconds of waiting. What follows is put behind it by another call with ``continuing``, and
-    so is another end of a rally that was staged whole. The frames up to the branch stay as they are, bit for bit.
+    An open rally is staged up to where the next striker is expected to meet the shuttle, or, without any stroke, for
+    ``lead_in`` seconds of waiting; :func:`continue_motion` appends what follows.
 
     Args:
-        rally: what was played.
-        seed: names all draws: where and when the shuttle is met.
+        rally: finished or open rally.
+        seed: random seed of the times and places of the contacts.
         handedness: ``right`` or ``left``, of seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
-        fps: frames a second, from 25; every contact falls on a frame.
-        importance: of the point, 0 to 1: how strongly both react to the end of the rally.
-        lead_in: time before the serve, or that the waiting lasts [s].
-        continuing: a motion of the same rally up to ``from_stroke``; hands, athletes and frames a second are then its own.
-        from_stroke: number of the first stroke that is not in it or shall be another one; by default the one behind its last.
-        at: frame of ``continuing`` after which the waiting ends; only before the serve, by default its last one. Otherwise the
-            branch is the contact of the stroke before ``from_stroke``.
+        fps: frames per second, 25 to 1000; every contact falls on a frame.
+        lead_in: time before the serve, or duration of the waiting [s].
+        importance: of the point, 0 to 1: strength of the reactions to the end of the rally.
 
     Raises:
-        StagingError: a rally, a branch or an option that cannot be staged.
+        RallyError: the strokes do not form a rally.
+        StagingError: an invalid option.
+    """
+    _check(handedness, fps, lead_in, importance)
+    players = _players((load_skeleton(athletes[0]), load_skeleton(athletes[1])), handedness)
+    return _staged(rally.checked(), players, None, seed, fps, lead_in, importance)
+
+
+def continue_motion(
+    motion: Motion,
+    rally: Rally,
+    *,
+    seed: int,
+    from_stroke: int | None = None,
+    at: int | None = None,
+    lead_in: float = LEAD_IN,
+    importance: float = 0.5,
+) -> Motion:
+    """Stage more strokes of an open rally, or another continuation of a finished one.
+
+    The frames up to the branch stay the same, bit for bit; athletes, handedness and frame rate are those of ``motion``. The
+    branch is the contact of the stroke before ``from_stroke``; before the serve it is any frame of the waiting.
+
+    Args:
+        motion: a motion that :func:`stage` or this function returned.
+        rally: a rally with the same strokes before ``from_stroke``.
+        seed: random seed of the times and places of the new contacts.
+        from_stroke: number of the first new stroke; by default the number of strokes of ``motion``.
+        at: last frame of the waiting, only before the serve; by default the last frame of ``motion``.
+        lead_in: time before the serve, or duration of further waiting [s].
+        importance: see :func:`stage`.
+
+    Raises:
+        RallyError: the strokes do not form a rally.
+        StagingError: an unpacked motion, other strokes, or no such branch.
     """
     rally = rally.checked()
-    branch = _branch(rally, continuing, from_stroke, at)
-    if branch:
-        fps, handedness, skeletons = branch.motion.fps, branch.motion.handedness, branch.motion.skeletons
-    else:
-        _check(handedness, fps, lead_in, importance)
-        skeletons = (load_skeleton(athletes[0]), load_skeleton(athletes[1]))
-    right = (handedness[0] == "right", handedness[1] == "right")
-    bodies = (_physique(skeletons[0], right[0]), _physique(skeletons[1], right[1]))
+    branch = _branch(rally, motion, from_stroke, at)
+    players = _players(motion.skeletons, motion.handedness)
+    return _staged(rally, players, branch, seed, motion.fps, lead_in, importance)
+
+
+def _players(skeletons: tuple[Skeleton, Skeleton], handedness: tuple[str, str]) -> tuple[Athlete, Athlete]:
+    first, second = (Athlete(seat=seat, right_handed=handedness[seat] == "right", skeleton=skeletons[seat]) for seat in (0, 1))
+    return first, second
+
+
+def _staged(
+    rally: Rally,
+    players: tuple[Athlete, Athlete],
+    branch: _Branch | None,
+    seed: int,
+    fps: int,
+    lead_in: float,
+    importance: float,
+) -> Motion:
     known = Known(trajectory=branch.motion.trajectory, strokes=branch.strokes, frame=branch.frame) if branch else None
-    trajectory = draw_trajectory(rally, load_measured(), bodies, seed=seed, fps=fps, lead_in=lead_in, known=known)
+    trajectory = draw_trajectory(rally, load_measured(), players, seed=seed, fps=fps, lead_in=lead_in, known=known)
     frames = _length(trajectory, fps, lead_in, branch)
     moods = _moods(seed, len(rally), importance)
     rhythm = branch.player(0).rhythm if branch else seed
     added = [habits(trajectory, seat, rhythm, frames, fps) for seat in (0, 1)]
     for _ in range(_RETRIES):
-        ready = [
-            _prepared(trajectory, seat, skeletons[seat], right[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)
-        ]
-        missed = _missed(ready, right)
+        ready = [_prepared(trajectory, players[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)]
+        missed = _missed(ready, players)
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    return _assembled(trajectory, ready, added, rhythm, skeletons, handedness, fps, branch)
+    return _assembled(trajectory, players, ready, added, rhythm, fps, branch)
 
 
 def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: float) -> None:
@@ -123,14 +157,10 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
         raise StagingError(f"importance {importance}: expected 0 to 1")
 
 
-def _branch(rally: Rally, motion: Motion | None, from_stroke: int | None, at: int | None) -> _Branch | None:
-    """Place where a motion is continued, checked."""
-    if motion is None:
-        if from_stroke is not None or at is not None:
-            raise StagingError("from_stroke and at say where a motion is continued: give that motion as continuing")
-        return None
+def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> _Branch:
+    """Where a motion is continued, checked."""
     if motion.players is None:
-        raise StagingError("an unpacked motion cannot be continued: keep the one that stage() returned")
+        raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
     old = motion.trajectory.rally
     strokes = len(old) if from_stroke is None else from_stroke
     if not 0 <= strokes <= min(len(old), len(rally)):
@@ -169,21 +199,14 @@ def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: _Branch | 
 
 
 def _prepared(
-    trajectory: Trajectory,
-    seat: int,
-    skeleton: Skeleton,
-    right_handed: bool,
-    added: Habits,
-    mood: tuple[int, float],
-    fps: int,
-    branch: _Branch | None,
+    trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: _Branch | None
 ) -> tuple[Timeline, Prepared, F64]:
-    """Timeline, feet and key poses of one player, and by how much the hips are moved at each stroke.
+    """Timeline, feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
 
-    Where the racket does not get to the shuttle, the hips are moved and it tries again.
+    Where the racket does not reach the shuttle, the hips are shifted and the contacts are solved again.
     """
-    shift, library, frames = np.zeros((len(trajectory.time), 3)), library_of(skeleton), len(added.place)
-    mirror = np.array([1.0 if right_handed else -1.0, 1.0])
+    seat, shift, frames = athlete.seat, np.zeros((len(trajectory.time), 3)), len(added.place)
+    mirror = np.array([1.0 if athlete.right_handed else -1.0, 1.0])
     past, known, before, walked = None, None, None, None
     if branch:
         shift[: branch.strokes] = branch.player(seat).shift[: branch.strokes]
@@ -193,8 +216,8 @@ def _prepared(
         if branch:
             past, known = branch.player(seat).past(branch.frame, branch.strokes)
         hips = travel(trajectory, seat, shift[:, :2] * mirror, frames, fps, walked) * mirror
-        timeline = TimelineBuilder(trajectory, seat, right_handed, library, hips, shift[:, 2], fps, mood, past).timeline()
-        prepared = prepare(skeleton, timeline, hips, fps, added, known, before)
+        timeline = TimelineBuilder(trajectory, athlete, hips, shift[:, 2], fps, mood, past).timeline()
+        prepared = prepare(athlete.skeleton, timeline, hips, fps, added, known, before)
         missed = np.linalg.norm(prepared.miss, axis=1) > _TOLERANCE
         if not missed.any():
             break
@@ -204,27 +227,22 @@ def _prepared(
     return timeline, prepared, shift
 
 
-def _missed(ready: list[tuple[Timeline, Prepared, F64]], right: tuple[bool, bool]) -> dict[int, F64]:
+def _missed(ready: list[tuple[Timeline, Prepared, F64]], players: tuple[Athlete, Athlete]) -> dict[int, F64]:
     """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
     return {
-        hit.stroke: -miss * own_frame(seat, right[seat])
+        hit.stroke: -miss * players[seat].signs
         for seat, (timeline, prepared, _) in enumerate(ready)
         for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
         if np.linalg.norm(miss) > 2 * _TOLERANCE
     }
 
 
-def _physique(skeleton: Skeleton, right_handed: bool) -> Physique:
-    return Physique(right_handed=right_handed, size=skeleton.scale, library=library_of(skeleton))
-
-
 def _assembled(
     trajectory: Trajectory,
+    athletes: tuple[Athlete, Athlete],
     ready: list[tuple[Timeline, Prepared, F64]],
     added: list[Habits],
     rhythm: int,
-    skeletons: tuple[Skeleton, Skeleton],
-    handedness: tuple[str, str],
     fps: int,
     branch: _Branch | None,
 ) -> Motion:
@@ -236,10 +254,9 @@ def _assembled(
     contacts = np.rint(trajectory.time * fps).astype(np.int64)
     players = []
     for seat in (0, 1):
-        right_handed = handedness[seat] == "right"
-        sign = own_frame(seat, right_handed)
+        skeleton, sign = athletes[seat].skeleton, athletes[seat].signs
         timeline, prepared, shift = ready[seat]
-        found = course(skeletons[seat], prepared, added[seat], shuttle * sign, branch.course(seat) if branch else None)
+        found = course(skeleton, prepared, added[seat], shuttle * sign, branch.course(seat) if branch else None)
         players.append(
             Player(
                 course=found,
@@ -254,14 +271,14 @@ def _assembled(
         )
         rows = slice(done, None)
         new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
-        turn, place = bones(skeletons[seat], new)
+        turn, place = bones(skeleton, new)
         rotation[rows, seat], position[rows, seat], planted[rows, seat] = _onto_court(turn, place, new.feet, sign)
         if seat == rally.server and (not len(rally) or contacts[0] >= done):
             hand = BONE["LeftHand"]
             palm = np.zeros((frames, 3))
             if branch:
                 palm[:done] = branch.motion.shuttle[:done]
-            palm[rows] = (place[:, hand] + turn[:, hand] @ (arm_of(skeletons[seat]).offset[3] * FLIP)) * sign
+            palm[rows] = (place[:, hand] + turn[:, hand] @ (arm_of(skeleton).offset[3] * FLIP)) * sign
             held(shuttle, palm, contacts, trajectory, fps)
             end = int(contacts[0]) if len(contacts) else frames
             velocity[:end] = np.gradient(shuttle[: end + 1], 1 / fps, axis=0)[:end]
@@ -274,8 +291,8 @@ def _assembled(
         position=position,
         planted=planted,
         contact_frame=contacts,
-        skeletons=skeletons,
-        handedness=handedness,
+        skeletons=(athletes[0].skeleton, athletes[1].skeleton),
+        handedness=(_hand(athletes[0]), _hand(athletes[1])),
         trajectory=trajectory,
         players=(players[0], players[1]),
     )
@@ -287,6 +304,10 @@ def _assembled(
         for name in ("shuttle", "shuttle_velocity"):
             getattr(motion, name)[known] = getattr(branch.motion, name)[known]
     return motion
+
+
+def _hand(athlete: Athlete) -> str:
+    return "right" if athlete.right_handed else "left"
 
 
 def _onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:

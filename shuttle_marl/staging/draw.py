@@ -17,10 +17,9 @@ from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, fall, shoot
-from shuttle_marl.staging.library import Library
+from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.measured import Measured, quantile
-from shuttle_marl.staging.motions import OVERHEAD_FROM, Stance, height_range, motion_of, stance_of
-from shuttle_marl.staging.stands import OVERHEADS
+from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
 
 _CLEARANCE: Final = 0.035
@@ -42,21 +41,6 @@ _SLOT: Final = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Physique:
-    """Hand, size and poses of a player, which decide where they meet a shuttle.
-
-    Attributes:
-        right_handed: which hand holds the racket.
-        size: height relative to the athlete for whom the motions were written.
-        library: the poses of their athlete.
-    """
-
-    right_handed: bool
-    size: float
-    library: Library
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Known:
     """Known part of a trajectory.
 
@@ -74,7 +58,7 @@ class Known:
 def draw_trajectory(
     rally: Rally,
     measured: Measured,
-    players: tuple[Physique, Physique],
+    players: tuple[Athlete, Athlete],
     *,
     seed: int,
     fps: int,
@@ -87,7 +71,7 @@ def draw_trajectory(
         rally: what was played.
         measured: the tables to draw from.
         players: at seats 0 and 1.
-        seed: names all draws.
+        seed: random seed.
         fps: contacts fall on multiples of 1/fps seconds.
         lead_in: time before the serve [s].
         known: strokes that stay as they are.
@@ -119,7 +103,7 @@ class _Try:
 
 
 class _TrajectoryBuilder:
-    def __init__(self, rally: Rally, measured: Measured, players: tuple[Physique, Physique], key: U64, fps: int) -> None:
+    def __init__(self, rally: Rally, measured: Measured, players: tuple[Athlete, Athlete], key: U64, fps: int) -> None:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
@@ -315,7 +299,7 @@ class _TrajectoryBuilder:
     def _stance(self, i: int, point: F64, base: F64) -> Stance:
         own = point * np.array([-1, -1, 1])
         player = self.players[self._striker(i)]
-        z = own[2] / player.size if own[2] > OVERHEAD_FROM * player.size else own[2]
+        z = own[2] / player.skeleton.scale if own[2] > OVERHEAD_FROM * player.skeleton.scale else own[2]
         motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
         natural = player.library.natural(motion, float(own[2]))
         if self.shot[i] == _CLEAR and motion in OVERHEADS:
@@ -326,7 +310,7 @@ class _TrajectoryBuilder:
         """Height at which stroke i is struck [m]; overhead it grows with the player."""
         low, high = height_range(self.shot[i], self.height[i], self.technique[i])
         z = low + (high - low) * u
-        return z * self.players[self._striker(i)].size if z > OVERHEAD_FROM else z
+        return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:
         """Metres that a player who starts from rest at ``base`` is short of a stance."""

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.arrays import F64, Bools
-from shuttle_marl.staging.stands import LEFT, RIGHT, Stand
+from shuttle_marl.staging.keys import LEFT, RIGHT, Stand
 
 _STRIDE: Final = 1.25
 """Distance that a pair of steps is meant to cover at most, per step [m]."""

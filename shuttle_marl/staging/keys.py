@@ -1,13 +1,71 @@
-"""Key poses of a player, contacts, stands of the feet and jumps: what a timeline holds, and what of it stays."""
+"""Plan of a player: key poses, contacts, jumps, and stands of the feet at strokes, in the split step and while waiting."""
 
 import dataclasses
+from typing import Final
 
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64
-from shuttle_marl.staging.motions import Stance
-from shuttle_marl.staging.stands import Stand
-from shuttle_marl.staging.trajectory import facing
+from shuttle_marl.staging.motions import (
+    AROUND,
+    DEFENCE,
+    DEFENCE_BACKHAND,
+    KILL,
+    KILL_BACKHAND,
+    LUNGE,
+    LUNGE_BACKHAND,
+    OVERHEAD,
+    OVERHEAD_BACKHAND,
+    SERVE_BACKHAND,
+    SERVE_FOREHAND,
+    SIDE,
+    SIDE_BACKHAND,
+    Stance,
+)
+
+LEFT, RIGHT = 0, 1
+
+_AT_CONTACT: Final[dict[int, tuple[tuple[float, float, float], tuple[float, float, float], int]]] = {
+    SERVE_BACKHAND: ((-0.12, -0.24, 24), (0.10, 0.22, -8), RIGHT),
+    SERVE_FOREHAND: ((-0.14, 0.26, 0), (0.14, -0.24, -58), RIGHT),
+    OVERHEAD: ((-0.14, 0.10, 10), (0.18, -0.18, -48), RIGHT),
+    AROUND: ((-0.26, -0.06, 20), (0.12, 0.04, -24), LEFT),
+    OVERHEAD_BACKHAND: ((0.24, 0.02, 84), (-0.30, -0.06, 108), RIGHT),
+    KILL: ((-0.12, -0.34, 24), (0.14, 0.38, 0), RIGHT),
+    KILL_BACKHAND: ((-0.12, -0.34, 24), (0.12, 0.38, 6), RIGHT),
+    LUNGE: ((-0.14, -0.58, 42), (0.10, 0.62, -4), RIGHT),
+    LUNGE_BACKHAND: ((-0.12, -0.58, 46), (0.08, 0.62, 8), RIGHT),
+    SIDE: ((-0.36, -0.02, 10), (0.50, 0.10, -44), RIGHT),
+    SIDE_BACKHAND: ((0.10, -0.30, 34), (-0.26, 0.40, 40), RIGHT),
+    DEFENCE: ((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT),
+    DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
+}
+"""Left and right foot (x, y, heading in degrees), and which lands last."""
+_LANDING: Final = ((-0.16, -0.26, 22), (0.14, 0.26, -6))
+"""After a jump: the legs have scissored, the racket foot lands in front."""
+_SPLIT: Final = ((-0.29, 0.03, 14), (0.29, 0.00, -14))
+_WAIT: Final = ((-0.10, 0.24, 0), (0.12, -0.22, -28))
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Stand:
+    """Both feet on the floor.
+
+    Attributes:
+        begin: frame from which both are planted.
+        end: last frame at which both are.
+        place: ``[2, 2]`` left and right, the ball of each foot [m].
+        yaw: ``[2]`` headings [rad].
+        last: the foot that lands last.
+        hop: whether the feet come here together, through the air.
+    """
+
+    begin: int
+    end: int
+    place: F64
+    yaw: F64
+    last: int = RIGHT
+    hop: bool = False
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,7 +156,46 @@ class Timeline:
     stands: list[Stand]
 
 
-def own_frame(seat: int, right_handed: bool) -> F64:
-    """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
-    sign = facing(seat)
-    return np.array([sign if right_handed else -sign, sign, 1.0])
+def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 0.0) -> tuple[F64, F64, int]:
+    """Places ``[2, 2]`` and headings ``[2]`` of the feet at a contact, and the foot that lands last.
+
+    Args:
+        motion: kind of motion.
+        root: ``[2]`` the hips over the floor [m].
+        heading: how far the stroke frame is turned to the left [rad].
+        reach: 0 to 1, how far the player has to stretch sideways.
+        high: how much higher than is natural the shuttle is met, which makes a lunge shorter [m].
+    """
+    left, right, last = _AT_CONTACT[motion]
+    spots = np.array([left, right])
+    if motion in (DEFENCE, SIDE):
+        spots[RIGHT, 0] += 0.16 * reach
+    elif motion == DEFENCE_BACKHAND:
+        spots[LEFT, 0] -= 0.16 * reach
+    elif motion in (LUNGE, LUNGE_BACKHAND):
+        spots[RIGHT, 1] += 0.05 * reach
+        spots[:, 1] *= 1 - 0.9 * float(np.clip(high, 0.0, 0.5))
+    place, yaw = _placed(spots, root, heading)
+    return place, yaw, last
+
+
+def landing(root: F64, heading: float) -> tuple[F64, F64]:
+    """Feet after a jump."""
+    return _placed(np.array(_LANDING), root, heading)
+
+
+def split(root: F64, heading: float) -> tuple[F64, F64]:
+    """Feet in the split step."""
+    return _placed(np.array(_SPLIT), root, heading)
+
+
+def waiting(root: F64, heading: float) -> tuple[F64, F64]:
+    """Feet of the receiver before the serve: the free foot in front."""
+    return _placed(np.array(_WAIT), root, heading)
+
+
+def _placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
+    """Places and headings of feet given in a frame at ``root`` that is turned left by ``heading``."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = spots[:, 0], spots[:, 1]
+    return root + np.stack([c * x - s * y, s * x + c * y], axis=1), np.radians(spots[:, 2]) + heading

@@ -9,9 +9,9 @@ import numpy as np
 from shuttle_marl.arrays import F64
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
+from shuttle_marl.staging.keys import LEFT, RIGHT
 from shuttle_marl.staging.rotation import apply, frame
 from shuttle_marl.staging.skeleton import Skeleton
-from shuttle_marl.staging.stands import LEFT, RIGHT
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
 """Least and greatest bend of the knee [rad]."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.motions import (
     AROUND,
     DEFENCE,
@@ -29,10 +28,12 @@ from shuttle_marl.staging.skeleton import (
     HIPS_YAW,
     N_TRUNK,
     SPINE_PITCH,
+    SWEET_SPOT,
     Skeleton,
     collar_of,
     trunk,
 )
+from shuttle_marl.staging.trajectory import own_frame
 
 N_ARM: Final = 10
 TRUNK: Final = slice(0, N_TRUNK)
@@ -119,6 +120,31 @@ class Library:
         need = np.clip(z - own[2], NEEDS[0], NEEDS[-1])
         x, y = (float(np.interp(need, NEEDS, self.contact[motion, 1:, k])) for k in (0, 1))
         return np.array([x, y, own[2]])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Athlete:
+    """One player of a rally as a body.
+
+    Attributes:
+        seat: 0 or 1.
+        right_handed: which hand holds the racket.
+        skeleton: bones of the athlete.
+    """
+
+    seat: int
+    right_handed: bool
+    skeleton: Skeleton
+
+    @property
+    def library(self) -> Library:
+        """Key poses of the athlete."""
+        return library_of(self.skeleton)
+
+    @property
+    def signs(self) -> F64:
+        """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander."""
+        return own_frame(self.seat, self.right_handed)
 
 
 @functools.cache

@@ -14,11 +14,10 @@ from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import packing
 from shuttle_marl.staging.body import Player
-from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rotation import apply, matrix
-from shuttle_marl.staging.skeleton import BONE, N_BONES, Skeleton, StagingError, load_skeleton
+from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 HANDS: Final = ("right", "left")

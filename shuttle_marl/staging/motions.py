@@ -56,6 +56,13 @@ _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
 _LOWER: Final = (0.0, 0.14, 0.05)
 """Height by which an overhead stroke is met lower than with the forehand [m], by technique."""
 
+OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})
+"""Motions that are played from a jump where there is time for one."""
+HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
+    SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
+    SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
+}
+"""Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
 STRIDES: Final = frozenset({KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND})
 """Motions whose stroke frame turns towards the shuttle."""
 _WIDEST_STRIDE: Final = np.radians(55)

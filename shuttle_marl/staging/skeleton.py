@@ -1,4 +1,4 @@
-"""Skeletons of the athletes: which bones move, where they are at rest, how far their joints go, and how the trunk bends.
+"""Skeletons of the athletes: bones, rest pose, limits of the joints and the trunk; dimensions of racket and shuttle.
 
 Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
 aligned with these axes at rest, so the rotation of a bone is how far it has turned since then. The bones are those of the
@@ -53,6 +53,24 @@ _FINGERS: Final = {
 """Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
 
+
+RACKET_LENGTH: Final = 0.675
+"""Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
+RACKET_BUTT: Final = -0.10
+"""Its lower end along its shaft, seen from the middle of the grip [m]."""
+SWEET_SPOT: Final = 0.45
+"""Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
+RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
+"""Half the length and half the width of the strung head (at most 0.14 m and 0.11 m) [m]."""
+
+SHUTTLE_SCALE: Final = 1.9
+"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
+CORK: Final = 0.0131
+"""Radius of the cork (Law 2: 25 to 28 mm across) [m]."""
+FEATHERS: Final = 16
+FEATHER: Final = ((0.012, 0.0015, 0.013), (0.032, 0.0075, 0.076))
+"""Both ends of a feather (62 to 70 mm long, 58 to 68 mm across their tips): distance from the axis, half the width of the vane,
+distance behind the middle of the cork [m]."""
 
 HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
 N_TRUNK = 7

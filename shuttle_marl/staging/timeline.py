@@ -11,15 +11,14 @@ import numpy as np
 from shuttle_marl.arrays import F64
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.staging.impact import RATIOS, SOFT
-from shuttle_marl.staging.keys import Hit, Keys, Past, Timeline, own_frame
-from shuttle_marl.staging.leaps import half_time, leap
-from shuttle_marl.staging.library import TRUNK, Library, bent, pointed
-from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND, KILL, LUNGE, LUNGE_BACKHAND, Stance
+from shuttle_marl.staging.curves import half_time, leap
+from shuttle_marl.staging.keys import Hit, Keys, Past, Stand, Timeline, feet_at, landing, split, waiting
+from shuttle_marl.staging.library import TRUNK, Athlete, bent, pointed
+from shuttle_marl.staging.meeting import RATIOS, SOFT
+from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND, KILL, LUNGE, LUNGE_BACKHAND, OVERHEADS, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned, unit
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
-from shuttle_marl.staging.stands import OVERHEADS, Stand, feet_at, landing, split, waiting
 from shuttle_marl.staging.trajectory import RETURN, Trajectory
 
 _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
@@ -48,9 +47,7 @@ class TimelineBuilder:
 
     Args:
         trajectory: the rally.
-        seat: 0 or 1.
-        right_handed: whether they are.
-        library: the poses of their athlete.
+        athlete: the player.
         hips: ``[F, 2]`` the hips over the floor, mirrored for a left-hander [m].
         higher: ``[n]`` how much higher the hips shall be at each stroke than the pose has them [m].
         fps: frames a second.
@@ -61,18 +58,16 @@ class TimelineBuilder:
     def __init__(
         self,
         trajectory: Trajectory,
-        seat: int,
-        right_handed: bool,
-        library: Library,
+        athlete: Athlete,
         hips: F64,
         higher: F64,
         fps: int,
         mood: tuple[int, float],
         past: Past | None = None,
     ) -> None:
-        self.trajectory, self.seat, self.library, self.hips, self.fps = trajectory, seat, library, hips, fps
-        self.right_handed, self.higher = right_handed, higher
-        self.sign = own_frame(seat, right_handed)
+        self.trajectory, self.hips, self.higher, self.fps = trajectory, hips, higher, fps
+        self.seat, self.right_handed, self.library = athlete.seat, athlete.right_handed, athlete.library
+        self.sign = athlete.signs
         self.frames = len(hips)
         self.keys: dict[int, F64] = {}
         self.fixed: set[int] = set()

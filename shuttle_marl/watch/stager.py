@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
-from shuttle_marl.staging import Motion, stage
+from shuttle_marl.staging import Motion, continue_motion, stage
 from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.plan import Person
 from shuttle_marl.watch.policies import OnceCache
@@ -50,5 +50,5 @@ class Stager:
         """
         with self._one:
             if continuing is not None:
-                return stage(rally, seed=rally.key, continuing=continuing, from_stroke=from_stroke)
+                return continue_motion(continuing, rally, seed=rally.key, from_stroke=from_stroke)
             return stage(rally, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)

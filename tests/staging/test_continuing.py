@@ -8,7 +8,7 @@ import pytest
 from benchmarks.motion_metrics import joints, measure
 from shuttle_marl.game.rules import RETURNED_ABOVE, RETURNED_BELOW
 from shuttle_marl.rally.record import Rally
-from shuttle_marl.staging import ENDS, Motion, StagingError, stage
+from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")
 HANDS = (("right", "left"), ("left", "right"))
@@ -56,7 +56,7 @@ def test_a_rally_that_is_played_stroke_by_stroke(played: list[Rally]) -> None:
         for k in range(len(rally)):
             before = motion
             branch = int(before.contact_frame[k - 1]) if k else len(before.time) - 1
-            motion = stage(prefix(rally, k + 1), seed=i, continuing=before)
+            motion = continue_motion(before, prefix(rally, k + 1), seed=i)
             joins(before, motion, branch)
         sound(motion)
         assert ENDS[motion.trajectory.end[-1]] != "open"
@@ -69,7 +69,7 @@ def test_another_stroke_than_the_one_that_was_played(played: list[Rally]) -> Non
     for k in (1, 3, len(rally) - 1):
         tail = [s for s in other.stroke[1:] if rally.catalogue.height[s] == rally.catalogue.height[rally.stroke[k]]]
         changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], tail[0]], ending=RETURNED_ABOVE)
-        branched = stage(changed, seed=7, continuing=motion, from_stroke=k)
+        branched = continue_motion(motion, changed, seed=7, from_stroke=k)
         joins(motion, branched, int(motion.contact_frame[k - 1]))
         sound(branched)
         assert ENDS[branched.trajectory.end[-1]] == "open"
@@ -78,12 +78,12 @@ def test_another_stroke_than_the_one_that_was_played(played: list[Rally]) -> Non
 def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[Rally]) -> None:
     rally = played[0]
     waiting = stage(prefix(rally, 0), seed=1, lead_in=4.0)
-    longer = stage(prefix(rally, 0), seed=1, lead_in=3.0, continuing=waiting)
+    longer = continue_motion(waiting, prefix(rally, 0), seed=1, lead_in=3.0)
     assert len(longer.time) == len(waiting.time) + 150
     joins(waiting, longer, len(waiting.time) - 1)
     hand = np.linalg.norm(longer.shuttle[:, None] - longer.position[:, rally.server], axis=2).min(axis=1)
     assert hand.max() < 0.2, "the server holds the shuttle"
-    served = stage(rally, seed=1, continuing=longer, at=77)
+    served = continue_motion(longer, rally, seed=1, at=77)
     joins(longer, served, 77)
     assert served.contact_frame[0] >= 77 + 50
     sound(served)
@@ -92,7 +92,7 @@ def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[Rally]) -> No
 def test_the_same_arguments_continue_a_motion_the_same_way(played: list[Rally]) -> None:
     rally = played[2]
     opened = stage(prefix(rally, 1), seed=4)
-    first, second = (stage(rally, seed=4, continuing=opened) for _ in range(2))
+    first, second = (continue_motion(opened, rally, seed=4) for _ in range(2))
     for name in SAME:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
@@ -100,7 +100,7 @@ def test_the_same_arguments_continue_a_motion_the_same_way(played: list[Rally]) 
 def test_a_continued_motion_is_packed_from_the_branch(played: list[Rally]) -> None:
     rally = played[3]
     opened = stage(prefix(rally, 1), seed=4)
-    whole = stage(rally, seed=4, continuing=opened)
+    whole = continue_motion(opened, rally, seed=4)
     branch = int(opened.contact_frame[0])
     shown = Motion.unpack(opened.pack())
     again = Motion.unpack(whole.pack(branch), shown)
@@ -125,11 +125,10 @@ def test_what_cannot_be_continued(played: list[Rally]) -> None:
         ({"from_stroke": 3}, "from_stroke 3: the motion has 2 strokes"),
         ({"at": 3}, "continued at a contact"),
         ({"from_stroke": 0, "at": 10_000}, "the waiting before the serve has frames 1 to"),
-        ({"continuing": None, "from_stroke": 1}, "give that motion as continuing"),
-        ({"continuing": Motion.unpack(motion.pack())}, "unpacked motion cannot be continued"),
+        ({"motion": Motion.unpack(motion.pack())}, "unpacked motion cannot be continued"),
     ):
         with pytest.raises(StagingError, match=message):
-            stage(**{"rally": rally, "seed": 0, "continuing": motion, **arguments})  # type: ignore[arg-type]
+            continue_motion(**{"motion": motion, "rally": rally, "seed": 0, **arguments})  # type: ignore[arg-type]
     with pytest.raises(StagingError, match="expected 1 to 3600"):
         stage(rally, seed=0, lead_in=0.1)
 
@@ -146,7 +145,7 @@ def test_a_thousand_random_branches_keep_all_limits(played: list[Rally]) -> None
             height = rally.catalogue.height[rally.stroke[k]] if k < len(rally) else rng.integers(2)
             legal = np.flatnonzero((rally.catalogue.height == height) & ~rally.catalogue.is_serve)
             changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], rng.choice(legal)], ending=int(rng.integers(4)))
-            branched = stage(changed, seed=i, continuing=motion, from_stroke=k)
+            branched = continue_motion(motion, changed, seed=i, from_stroke=k)
             branch = int(motion.contact_frame[k - 1])
             joins(motion, branched, branch)
             new.append(branched.rotation[branch:])

@@ -10,9 +10,8 @@ from benchmarks.motion_life import Life, measure_life, summary_of_life
 from benchmarks.motion_metrics import measure, summary
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
 from shuttle_marl.staging import Motion
-from shuttle_marl.staging.equipment import SWEET_SPOT
 from shuttle_marl.staging.rotation import about, matrix, quaternion
-from shuttle_marl.staging.skeleton import BONE
+from shuttle_marl.staging.skeleton import BONE, SWEET_SPOT
 
 RACKET = BONE["Racket"]
 
