@@ -5,7 +5,8 @@ import { readdirSync, readFileSync } from "node:fs";
 import { expanded } from "../../../shuttle_marl/watch/page/src/condensed";
 import { BONES, Motion } from "../../../shuttle_marl/watch/page/src/motion";
 import { openShared, sharedPage, type Shared } from "../../../shuttle_marl/watch/page/src/share";
-import { parseMessage, type RallyFacts } from "../../../shuttle_marl/watch/page/src/wire";
+import { parseMessage } from "../../../shuttle_marl/watch/page/src/connection";
+import type { RallyFacts } from "../../../shuttle_marl/watch/page/src/wire.gen";
 
 const [folder, count] = process.argv.slice(2);
 const read = (name: string): ArrayBuffer => {
