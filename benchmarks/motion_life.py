@@ -1,7 +1,6 @@
-"""Measures of how alive a motion is: impact of the strokes, jumps and landings, steps, stillness, poses.
+"""Measures of natural movement: impact of the strokes, jumps and landings, steps, stillness, poses.
 
-Like the other measures they read positions and rotations, and know nothing of how those were made. Speeds are those of
-central differences between frames.
+The input is positions and rotations only. Speeds are central differences between frames.
 """
 
 import dataclasses

@@ -1,7 +1,6 @@
-"""Measures of how believable a staged rally is: of its positions, its rotations, and the path of its shuttle.
+"""Quality measures of staged rallies: contacts, feet, speeds, joint angles and flights.
 
-Joint angles are read back from the bones. The reading does not use the angles from which the motion was made: it takes apart
-the rotation of each bone against its parent, so that it also judges motions that come from elsewhere.
+Joint angles are computed from the rotation of each bone relative to its parent, independently of the angles of the staging.
 """
 
 import dataclasses
@@ -41,11 +40,11 @@ from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing,
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0
-"""Instants a second at which flights are looked at where they cross the net."""
+"""Sampling rate of flights at the net [Hz]."""
 
 
 _ROUNDING: float = 2e-6
-"""Error of angles from rotations kept in 32 bits [rad]."""
+"""Rounding error of angles from 32-bit rotations [rad]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,7 +65,7 @@ class Joint:
 
     @property
     def excess(self) -> float:
-        """Greatest angle beyond the limits [rad], negative if it keeps away from them."""
+        """Greatest angle beyond the limits [rad], negative inside the limits."""
         return float(np.maximum(self.angle - self.high, self.low - self.angle).max())
 
 

@@ -1,4 +1,4 @@
-"""Believability of staged rallies, and the speed at which they are made.
+"""Quality of staged rallies, and speed of the staging.
 
     python -m benchmarks.staging [--rallies N] [--quick] [--json]
 
@@ -32,11 +32,11 @@ from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
 _CONTINUED: Final = 10
-"""One rally in so many is continued stroke by stroke too."""
+"""Interval of the rallies that are also continued stroke by stroke."""
 
 
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
-    """Stage and measure; see the keys. Lengths are metres but for names that say otherwise."""
+    """Stage rallies and measure them; lengths are in metres unless the key names another unit."""
     played = self_play_rallies("bc", rallies, seed=seed)
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are kept
     cpu, size, error, found = 0.0, 0, 0.0, []
@@ -114,8 +114,8 @@ def main(
     """Measure and print.
 
     Args:
-        rallies: how many are staged.
-        seed: of the rallies.
+        rallies: number of staged rallies.
+        seed: random seed of the rallies.
         quick: stage 40 rallies.
         as_json: print JSON instead of a table.
     """

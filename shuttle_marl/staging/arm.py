@@ -43,7 +43,7 @@ SWING_LIMIT: Final = np.radians(125)
 MIDDLE: Final = unit(np.array([0.80, 0.58, 0.12]))
 """The middle direction of the upper arm, seen from the chest."""
 RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
-"""Angles that the solver prefers where the target leaves a choice."""
+"""Preferred angles of the solver [rad]."""
 
 _STARTS: Final[F64] = np.radians(
     [
@@ -101,7 +101,7 @@ class ArmPose:
 
     Attributes:
         rotation: ``[5, N, 3, 3]`` of collar bone, upper arm, forearm, hand, racket.
-        position: ``[5, N, 3]`` where they begin, relative to where the collar bone begins at rest.
+        position: ``[5, N, 3]`` start of each, relative to the collar bone at rest.
         axes: ``[N, 10, 3]`` axis about which each angle turns what hangs on it.
         pivot: ``[N, 10, 3]`` a point on that axis.
     """
@@ -175,7 +175,7 @@ class Goal:
     """Goals of N arms, in the frame of the chest.
 
     Attributes:
-        point: ``[N, 3]`` where the point at ``reach`` along the shaft shall be.
+        point: ``[N, 3]`` target of the point at ``reach`` along the shaft.
         reach: ``[N]`` 0 for the middle of the grip, SWEET_SPOT for the strings.
         shaft: ``[N, 3]`` direction of the shaft.
         normal: ``[N, 3]`` direction of the side of the strings that a forehand strikes with.
@@ -211,22 +211,22 @@ def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03
 
 
 def anywhere(n: int) -> F64:
-    """``[6, n, 10]`` starting poses from all over the range of the arm."""
+    """``[6, n, 10]`` initial poses spread over the range of the arm [rad]."""
     return np.repeat(_STARTS[:, None], n, axis=1)
 
 
 def solve_best(arm: Arm, goal: Goal, starts: F64, rounds: int = 40) -> F64:
-    """The best of what :func:`solve` finds from several starts ``[S, N, 10]``, judged by point, shaft and elbow."""
+    """Best solution of :func:`solve` from several starts ``[S, N, 10]``, by point, shaft and elbow."""
     s, n = starts.shape[:2]
     many = Goal(**{f.name: np.concatenate([getattr(goal, f.name)] * s) for f in dataclasses.fields(Goal)})
-    found = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
-    pose = arm.pose(found)
+    solved = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
+    pose = arm.pose(solved)
     shaft, upper = pose.rotation[4] @ arm.axis, unit(pose.position[2] - pose.position[1])
     errors = (pose.position[4] + many.reach[:, None] * shaft - many.point, shaft - many.shaft, upper - many.elbow)
     weights = many.weight[:, (0, 1, 3)]
     cost = (np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1) * weights) ** 2
     best = cost.sum(axis=1).reshape(s, n).argmin(axis=0)
-    return found.reshape(s, n, -1)[best, np.arange(n)]
+    return solved.reshape(s, n, -1)[best, np.arange(n)]
 
 
 def sweet_spot(arm: Arm, pose: ArmPose) -> F64:
@@ -235,11 +235,11 @@ def sweet_spot(arm: Arm, pose: ArmPose) -> F64:
 
 
 def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
-    """``[N, 3, 10]`` how the middle of the strings moves with each angle."""
+    """``[N, 3, 10]`` Jacobian of the middle of the strings."""
     pose = arm.pose(angles)
     return _columns(pose, sweet_spot(arm, pose))
 
 
 def _columns(pose: ArmPose, point: F64) -> F64:
-    """``[N, 3, 10]`` how a point of the racket moves with each angle."""
+    """``[N, 3, 10]`` Jacobian of a point of the racket."""
     return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""From a played rally to motion: the path of the shuttle and the bones of both players; and rallies that are continued."""
+"""From a rally to motion: path of the shuttle and bones of both players, and continuation of motions."""
 
 import dataclasses
 from typing import Final
@@ -27,14 +27,14 @@ _ATTEMPTS: Final = 5
 _RETRIES: Final = 3
 _TOLERANCE: Final = 3e-3
 _MOOD: Final = 1 << 20
-"""Number of the draws of the reactions, beyond those of the strokes."""
+"""Counter of the draws for the reactions, above those of the strokes."""
 _TAIL: Final = 2.0
 """Time after the end of the last flight [s]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Branch:
-    """Place where a motion is continued: the motion, how many strokes have been struck, and the last frame that stays."""
+    """Branch of a continued motion: the motion, number of strokes struck, and last unchanged frame."""
 
     motion: Motion
     strokes: int
@@ -45,7 +45,7 @@ class _Branch:
         return self.motion.players[seat]
 
     def course(self, seat: int) -> Course:
-        """The frames that stay."""
+        """Unchanged frames."""
         found, rows = self.player(seat).course, slice(0, self.frame + 1)
         return Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
 
@@ -158,7 +158,7 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
 
 
 def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> _Branch:
-    """Where a motion is continued, checked."""
+    """Validated branch of a continued motion."""
     if motion.players is None:
         raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
     old = motion.trajectory.rally
@@ -185,7 +185,7 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
 
 
 def _moods(seed: int, strokes: int, importance: float) -> list[tuple[int, float]]:
-    """Of both players: which reaction to the end of the rally is shown, and how much of it."""
+    """Index and strength of the reaction of each player to the end of the rally."""
     bits = draws.draw(draws.extend(draws.stream(seed), strokes), np.array([_MOOD, _MOOD + 1]))
     return [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
 
@@ -222,13 +222,13 @@ def _prepared(
         if not missed.any():
             break
         strokes = np.array([hit.stroke for hit in timeline.hits])
-        # A little further than the miss, or the last millimetres would take many attempts.
+        # Overshoot slightly: otherwise the last millimetres take many attempts.
         shift[strokes[missed]] += 1.15 * prepared.miss[missed]
     return timeline, prepared, shift
 
 
 def _missed(ready: list[tuple[Timeline, Prepared, F64]], players: tuple[Athlete, Athlete]) -> dict[int, F64]:
-    """From the shuttle to the strings, in the frame of the court, by number of the stroke, where they are still apart."""
+    """Vector from the shuttle to the strings in the frame of the court, by stroke, where they are apart."""
     return {
         hit.stroke: -miss * players[seat].signs
         for seat, (timeline, prepared, _) in enumerate(ready)
@@ -246,7 +246,7 @@ def _assembled(
     fps: int,
     branch: _Branch | None,
 ) -> Motion:
-    """Bones and shuttle in all frames; those up to the branch are taken from the motion that is continued."""
+    """Bones and shuttle in all frames; frames up to the branch are copied."""
     rally, frames, done = trajectory.rally, len(added[0].place), branch.frame + 1 if branch else 0
     shuttle, velocity = shuttle_path(trajectory, frames, fps, max(branch.strokes - 1, 0) if branch else 0)
     rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
@@ -299,7 +299,7 @@ def _assembled(
     if branch:
         for name in ("rotation", "position", "planted"):
             getattr(motion, name)[:done] = getattr(branch.motion, name)[:done]
-        # In the frame of a contact the shuttle leaves already.
+        # In the frame of a contact the velocity is already that of the new flight.
         known = slice(branch.frame if branch.strokes else done)
         for name in ("shuttle", "shuttle_velocity"):
             getattr(motion, name)[known] = getattr(branch.motion, name)[known]
@@ -313,11 +313,11 @@ def _hand(athlete: Athlete) -> str:
 def _onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:
     """Rotations, positions and plants of a player in the frame of the court.
 
-    ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. Under a mirror the bones of
-    the left and the right change places.
+    ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. A mirror swaps the bones of
+    left and right.
     """
     position, planted = position * sign, feet.planted.T
-    # What is left of the signs after a mirror is a turn of the whole player.
+    # Without the mirror, the signs are a rotation of the whole player.
     signs = np.array([[sign[1]], [sign[1]], [1.0]])
     if sign[0] * sign[1] < 0:
         rotation, position, planted = rotation[:, MIRROR], position[:, MIRROR], planted[:, ::-1]

@@ -30,15 +30,15 @@ from shuttle_marl.staging.skeleton import (
 )
 
 NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
-"""``[2, 2]`` how far the head turns left and bows against the chest [rad]."""
+"""``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""
 _JOINT: Final = 9
-"""Frames over which a continued motion is joined to what was there."""
+"""Frames over which a continued motion blends into the previous one."""
 _TRIES: Final = 3
-"""Times that feet that slip are lifted earlier, or put down later."""
+"""Maximum number of corrections of slipping feet."""
 _SLIP: Final = 3e-3
-"""Distance by which the leg may leave the ball of a planted foot from its place [m]."""
+"""Tolerated displacement of the ball of a planted foot [m]."""
 _EVEN: Final = 6
-"""Frames within which the height of the hips is evened out between key poses."""
+"""Half width of the moving mean of the height of the hips [frames]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,12 +46,12 @@ class Prepared:
     """State before the bones are solved: F frames, H hits.
 
     Attributes:
-        hips: ``[F, 3]`` where the hips are [m].
-        path: ``[F, 2]`` their way over the floor, without the shifts of weight [m].
+        hips: ``[F, 3]`` position of the hips [m].
+        path: ``[F, 2]`` their path over the floor, without shifts of weight [m].
         feet: the feet.
         plants: times and places at which the left and the right foot are planted.
-        keys: the key poses, those at contacts bent towards the shuttle.
-        miss: ``[H, 3]`` from the strings to the shuttle at each hit [m].
+        keys: key poses, with solved contacts.
+        miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
     """
 
     hips: F64
@@ -64,13 +64,13 @@ class Prepared:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Course:
-    """All that bones follow from, for one player over F frames, in the player's own frame, as a right-hander.
+    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander.
 
     Attributes:
-        hips: ``[F, 3]`` where the hips are [m].
+        hips: ``[F, 3]`` position of the hips [m].
         pose: ``[F, 27]`` trunk and arms.
         feet: the feet.
-        gaze: ``[F, 2]`` how far the head turns left and bows against the chest [rad].
+        gaze: ``[F, 2]`` yaw and pitch of the head against the chest [rad].
     """
 
     hips: F64
@@ -81,17 +81,17 @@ class Course:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Player:
-    """Motion of a player over F frames: what the bones follow from, and what a continued motion is joined to.
+    """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
 
     Attributes:
         course: hips, pose, feet and gaze.
-        path: ``[F, 2]`` the way of the hips over the floor, without the shifts of weight [m].
+        path: ``[F, 2]`` path of the hips over the floor, without shifts of weight [m].
         plants: times and places at which the left and the right foot are planted.
         keys: the key poses.
         lift: ``[F]`` height of the hips in jumps, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in jumps [m].
-        shift: ``[n, 3]`` by how much the hips are moved at each stroke, so that the racket gets to the shuttle [m].
-        rhythm: names the player's own rhythm of breath and weight.
+        shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
+        rhythm: random seed of breathing and shifts of weight.
     """
 
     course: Course
@@ -104,7 +104,7 @@ class Player:
     rhythm: int
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
-        """The part up to a frame, by which ``strokes`` strokes have been struck; and the plants until then."""
+        """Plan and plants up to a frame, with ``strokes`` strokes struck."""
         keys = self.keys
         n = int(np.searchsorted(keys.frame, frame))
         if 0 < n < len(keys.frame):
@@ -130,16 +130,16 @@ def prepare(
     known: tuple[list[Plant], list[Plant]] | None = None,
     before: Course | None = None,
 ) -> Prepared:
-    """Put feet and hips in place and solve the contacts.
+    """Place feet and hips, and solve the contacts.
 
     Args:
         skeleton: the athlete.
-        timeline: what to do.
+        timeline: plan of the player.
         hips: ``[F, 2]`` the hips over the floor [m].
         fps: frames a second.
         added: the habits.
-        known: plants that stay as they are.
-        before: ``[B]`` frames that stay as they are.
+        known: plants up to the branch.
+        before: B unchanged frames.
     """
     body = curve(timeline.frame, timeline.pose[:, TRUNK], slopes_of(timeline, timeline.pose)[:, TRUNK], len(hips))
     place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
@@ -160,29 +160,29 @@ def prepare(
 
 
 def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Course | None) -> tuple[F64, Feet]:
-    """Hips and feet in all frames, as far as the legs reach; those that stay as they are first."""
+    """Hips and feet within reach of the legs in all frames, unchanged frames first."""
     if not before:
         return settle(skeleton, place, root, feet)
-    # What was settled before the joint counts as far as the moving means reach.
+    # Frames before the branch count as far as the moving means reach.
     done = len(before.hips)
     rows = slice(max(done - _JOINT, 0), None)
     place, root, at = place[rows], root[rows], min(done, _JOINT)
     place, feet = settle(skeleton, place, root, feet.part(rows))
-    # The way over the floor is joined already, the height is not; then the legs have to reach the feet once more.
+    # Only the height is blended: the path over the floor is continuous already. Then the legs have to reach the feet again.
     place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
     later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
-    return np.concatenate([before.hips, later]), before.feet.followed(after)
+    return np.concatenate([before.hips, later]), before.feet.concatenated(after)
 
 
 def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, before: Course | None = None) -> Course:
-    """All that bones follow from, in all frames.
+    """Inputs of the bones in all frames.
 
     Args:
         skeleton: the athlete.
         prepared: feet, hips and key poses.
         added: the habits.
-        shuttle: ``[F, 3]`` where the shuttle is, for the eyes [m].
-        before: ``[B]`` frames that stay as they are.
+        shuttle: ``[F, 3]`` position of the shuttle, which the head follows [m].
+        before: B unchanged frames.
     """
     keys, done = prepared.keys, len(before.hips) if before else 0
     pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + added.pose
@@ -202,7 +202,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, 
 
 
 def _joined(before: F64, after: F64) -> F64:
-    """Continuation of ``[B, k]`` from ``[1 + N, k]`` whose first row is its last: place and speed change over a few frames."""
+    """Blend ``[1 + N, k]``, whose first row is the last one of ``[B, k]``, into it: value and slope change over a few frames."""
     n = len(after) - 1
     u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
     off = before[-1] - after[0]
@@ -210,36 +210,36 @@ def _joined(before: F64, after: F64) -> F64:
     return after[1:] + (1 - u * u * (3 - 2 * u)) * off + _JOINT * u * (1 - u) ** 2 * drift
 
 
-def bones(skeleton: Skeleton, found: Course) -> tuple[F64, F64]:
+def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
     """Bones of one player, in the player's own frame, as a right-hander.
 
     Args:
         skeleton: the athlete.
-        found: the course of hips, pose, feet and gaze.
+        course: hips, pose, feet and gaze.
 
     Returns:
-        ``[F, 23, 3, 3]`` how far each bone has turned since its rest, and ``[F, 23, 3]`` where it begins [m].
+        ``[F, 23, 3, 3]`` rotation of each bone from rest, and ``[F, 23, 3]`` where it begins [m].
     """
-    place, pose = found.hips, found.pose
+    place, pose = course.hips, course.pose
     rotation, position = np.empty((len(place), N_BONES, 3, 3)), np.empty((len(place), N_BONES, 3))
     spine_rotation, spine_position = trunk(skeleton, place, pose[:, TRUNK])
-    _put(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
+    _set_bones(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
     chest, middle = spine_rotation[-1], spine_position[-1]
     arm = arm_of(skeleton)
     racket = arm.pose(pose[:, RACKET_ARM])
     collar = collar_of(skeleton, chest, middle)
     names: tuple[str, ...] = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
-    _put(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
+    _set_bones(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
     free = arm.pose(pose[:, FREE_ARM])
     flip = np.diag(FLIP)
     collar = collar_of(skeleton, chest, middle, "Left")
     names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
-    _put(
+    _set_bones(
         rotation, position, names, (chest @ (flip @ free.rotation @ flip))[:4], (collar + apply(chest, free.position * FLIP))[:4]
     )
-    both = legs(skeleton, place, spine_rotation[0], found.feet)
+    both = legs(skeleton, place, spine_rotation[0], course.feet)
     for k, side in enumerate(("Left", "Right")):
-        _put(
+        _set_bones(
             rotation,
             position,
             tuple(f"{side}{b}" for b in ("UpLeg", "Leg", "Foot", "ToeBase")),
@@ -247,29 +247,29 @@ def bones(skeleton: Skeleton, found: Course) -> tuple[F64, F64]:
             both.position[k],
         )
     zero = np.zeros(len(place))
-    half = from_yaw_pitch_roll(0.45 * found.gaze[:, 0], 0.4 * found.gaze[:, 1], zero)
-    rest = from_yaw_pitch_roll(0.55 * found.gaze[:, 0], 0.6 * found.gaze[:, 1], zero)
+    half = from_yaw_pitch_roll(0.45 * course.gaze[:, 0], 0.4 * course.gaze[:, 1], zero)
+    rest = from_yaw_pitch_roll(0.55 * course.gaze[:, 0], 0.6 * course.gaze[:, 1], zero)
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     turn = chest @ half
     head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
-    _put(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
+    _set_bones(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
     return rotation, position
 
 
-def _put(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
+def _set_bones(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
     rows = [BONE[name] for name in names]
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
 def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
-    """``[F, 2]`` neck and head follow the shuttle, as far and as fast as they can."""
+    """``[F, 2]`` yaw and pitch of the head towards the shuttle, within the limits and smoothed."""
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     eyes = neck + np.array([0.0, 0.0, 0.15])
     way = apply(chest.transpose(0, 2, 1), unit(shuttle - eyes))
     yaw = np.arctan2(-way[:, 0], np.maximum(way[:, 1], 0.05))
     pitch = -np.arcsin(np.clip(way[:, 2], -1, 1))
     aim = np.stack([np.clip(yaw, *(0.95 * NECK_LIMITS[0])), np.clip(pitch, *(0.95 * NECK_LIMITS[1]))], axis=1)
-    # Eyes lead, the head follows: a moving mean over a fifth of a second, which stays within the limits.
+    # A moving mean over a fifth of a second stays within the limits.
     kernel = np.hanning(13)[1:-1]
     kernel /= kernel.sum()
     return np.stack([np.convolve(held_ends(aim[:, k], 5), kernel, mode="valid") for k in range(2)], axis=1)

@@ -18,10 +18,10 @@ _RISE: Final = 7.0
 
 
 def slopes_through(frame: I64, pose: F64) -> F64:
-    """``[K, C]`` slopes for each frame at key poses such that cubics never overshoot (Fritsch & Butland 1984).
+    """``[K, C]`` slopes per frame of monotone cubics through key poses (Fritsch & Butland 1984).
 
     Args:
-        frame: ``[K]`` when each pose is taken, ascending.
+        frame: ``[K]`` frame of each pose, ascending.
         pose: ``[K, C]`` the poses.
     """
     from shuttle_marl.staging.compiled.paths import monotone_slopes  # noqa: PLC0415  numba is slow to import
@@ -33,12 +33,12 @@ def slopes_through(frame: I64, pose: F64) -> F64:
 
 
 def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
-    """``[F, C]`` key poses joined by cubics with the given slopes; held before the first and after the last.
+    """``[F, C]`` cubic Hermite interpolation of key poses, constant before the first and after the last.
 
     Args:
-        frame: ``[K]`` when each pose is taken, ascending.
+        frame: ``[K]`` frame of each pose, ascending.
         pose: ``[K, C]`` the poses.
-        slope: ``[K, C]`` for each frame.
+        slope: ``[K, C]`` slopes per frame.
         frames: F.
     """
     from shuttle_marl.staging.compiled.paths import run_between  # noqa: PLC0415  numba is slow to import
@@ -49,7 +49,7 @@ def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
 
 
 def curve_at(frame: I64, pose: F64, slope: F64, now: int) -> tuple[F64, F64]:
-    """Pose ``[C]`` and slope ``[C]`` of that curve in one frame between the first and the last key pose."""
+    """Value ``[C]`` and slope ``[C]`` of :func:`curve` in one frame between the first and the last key pose."""
     k = int(np.searchsorted(frame, now, side="right")) - 1
     h = float(frame[k + 1] - frame[k])
     u, chord = (now - frame[k]) / h, pose[k + 1] - pose[k]
@@ -59,33 +59,33 @@ def curve_at(frame: I64, pose: F64, slope: F64, now: int) -> tuple[F64, F64]:
 
 
 def held_ends(x: F64, by: int) -> F64:
-    """``[F + 2 by]`` numbers whose first and last are held for ``by`` frames more."""
+    """``[F + 2 by]`` values, padded with the first and the last one."""
     return np.concatenate([np.full(by, x[0]), x, np.full(by, x[-1])])
 
 
 def widen(x: F64, by: int) -> F64:
-    """The greatest of ``[F]`` numbers within ``by`` frames."""
+    """``[F]`` moving maximum of ``[F]`` values within ``by`` frames."""
     return np.lib.stride_tricks.sliding_window_view(held_ends(x, by), 2 * by + 1).max(axis=1)
 
 
 def smooth(x: F64, by: int) -> F64:
-    """The mean of ``[F]`` numbers within ``by`` frames, near ones weighing more (a Hann window)."""
+    """``[F]`` moving mean of ``[F]`` values within ``by`` frames, with a Hann window."""
     kernel = np.hanning(2 * by + 3)[1:-1]
     return np.convolve(held_ends(x, by), kernel / kernel.sum(), mode="valid")
 
 
 def half_time(height: float) -> float:
-    """Seconds from take-off to the top of a jump [s]."""
+    """Time from take-off to the top of a jump of a height [s]."""
     return float(np.sqrt(2 * height / GRAVITY))
 
 
 def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
-    """A jump.
+    """Heights of hips and feet in a jump.
 
     Args:
-        since: ``[F]`` seconds since its top.
+        since: ``[F]`` time since the top [s].
         height: of the jump [m].
-        sink: how far the hips sink after the landing at least [m].
+        sink: least depth to which the hips sink after the landing [m].
 
     Returns:
         ``[F]`` height of the hips relative to standing, and ``[F]`` height of the feet over the floor [m].
@@ -102,7 +102,7 @@ def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
 
 
 def _bow(after: F64, speed: float, depth: float, seconds: float) -> F64:
-    """From a downward speed at 0, evenly slowed down at a depth, then back to the start in ``seconds``; 0 before and behind."""
+    """Decelerate evenly from a downward speed to a depth, then return within ``seconds``; 0 before and after."""
     stop = 2 * depth / speed
     slowed = -speed * after + 0.5 * speed / stop * after**2
     u = np.clip((after - stop) / seconds, 0, 1)

@@ -1,8 +1,8 @@
-"""Drawing a trajectory: where and when every stroke of a rally is met, and how the shuttle flies there.
+"""Random trajectory of a rally: place and time of every contact, and the flights in between.
 
 Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
-the strokes up to it. Several points and times are drawn for each stroke, and the first one that clears the net and that the
-receiver can run to is taken; if none does, the one that comes closest, its flight made longer until the net is cleared.
+the strokes up to it. Several points and times are drawn for each stroke. The first one that clears the net and that the
+receiver can reach is used; otherwise the closest one, with a longer flight that clears the net.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, heigh
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
 
 _CLEARANCE: Final = 0.035
-"""Height over the net at which the middle of the shuttle is aimed at least [m]."""
+"""Least height of the shuttle above the net [m]."""
 _TRIES: Final = 8
 _ACCELERATION: Final = 10.0
 _REACTION: Final = 0.10
@@ -31,13 +31,13 @@ _HEIGHT_OF_CORK: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 _CLEAR: Final = SHOTS.index("clear")
 _FURTHER_BACK: Final = 0.3
-"""By how much less far in front of the hips a clear is met than a smash [m]."""
+"""Contact of a clear: distance behind the contact of a smash [m]."""
 _SHORT_SERVE: Final = SHOTS.index("short-serve")
 _BACKHAND: Final = TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
-"""Shot types by which the next striker is expected to play, by height (below, above) and depth of the area."""
+"""Expected shot types of the next striker, by height (below, above) and depth of the area."""
 _SLOT: Final = 8
-"""Draws set aside for each try of a stroke."""
+"""Number of draws reserved for each try of a stroke."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,9 +45,9 @@ class Known:
     """Known part of a trajectory.
 
     Attributes:
-        trajectory: the rally so far.
-        strokes: how many of its strokes have been struck; the flight of the last one is drawn again.
-        frame: frame up to which the motion stands.
+        trajectory: trajectory so far.
+        strokes: number of strokes struck; the flight of the last one is drawn again.
+        frame: last unchanged frame.
     """
 
     trajectory: Trajectory
@@ -68,20 +68,20 @@ def draw_trajectory(
     """Draw points and times of a rally.
 
     Args:
-        rally: what was played.
+        rally: finished or open rally.
         measured: the tables to draw from.
         players: at seats 0 and 1.
         seed: random seed.
         fps: contacts fall on multiples of 1/fps seconds.
         lead_in: time before the serve [s].
-        known: strokes that stay as they are.
+        known: unchanged strokes.
     """
     return _TrajectoryBuilder(rally, measured, players, draws.stream(seed), fps).build(lead_in, known)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Choice:
-    """One way to play a stroke, in the striker's frame."""
+    """A possible flight of a stroke, in the striker's frame."""
 
     point: F64
     seconds: float
@@ -93,7 +93,7 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A point and a time that were drawn for a stroke, in the striker's frame."""
+    """A random point and time of a stroke, in the striker's frame."""
 
     point: F64
     ticks: int
@@ -110,7 +110,7 @@ class _TrajectoryBuilder:
         self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
         if rally.open:
-            # What is expected of the stroke that is not chosen yet.
+            # Expectation of the stroke that is not chosen yet.
             above = rally.ending - RETURNED_BELOW
             shot = _EXPECTED[above][int(self.area[-1]) // 3] if len(rally) else SHOTS[_SHORT_SERVE]
             self.shot, self.area = np.r_[self.shot, SHOTS.index(shot)], np.r_[self.area, 1]
@@ -118,7 +118,7 @@ class _TrajectoryBuilder:
             self.technique = np.r_[self.technique, 0 if len(rally) else _BACKHAND]
 
     def uniform(self, stroke: int, number: int) -> float:
-        """A draw from [0, 1), named by stroke and number."""
+        """Uniform draw from [0, 1) of a stroke by number."""
         if stroke not in self.drawn:
             bits = draws.draw(draws.extend(self.key, stroke), np.arange(_SLOT * (_TRIES + 1)))
             self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
@@ -151,7 +151,7 @@ class _TrajectoryBuilder:
         return behind(known.trajectory, new, first) if known and first else new
 
     def _walk(self, known: Known, before: F64) -> float:
-        """Seconds until both stand where they have to for the serve, from where they wait."""
+        """Time that both players need to walk to their positions for the serve [s]."""
         return 0.6 * float(np.linalg.norm(known.trajectory.before - before, axis=1).max())
 
     def _striker(self, i: int) -> int:
@@ -161,9 +161,9 @@ class _TrajectoryBuilder:
         return round(seconds * self.fps) / self.fps
 
     def _serve(self, before: F64) -> tuple[F64, Stance]:
-        """Contact and stance of the server; writes where both stand into ``before``."""
+        """Contact and stance of the server; writes the positions of both players to ``before``."""
         shot, side, server = self.shot[0], self.area[0] % 3, self.rally.server
-        # Who serves to the receiver's right half stands in their own right half, and the receiver too.
+        # Server and receiver stand in diagonally opposite service courts.
         right = side == 0 or (side == 1 and self.uniform(0, 0) < 0.5)
         sign = 1.0 if right else -1.0
         x, y, rx, ry = (
@@ -183,7 +183,7 @@ class _TrajectoryBuilder:
         return contact, dataclasses.replace(probe, root=hips)
 
     def _bases(self, i: int) -> F64:
-        """``[2, 2]`` where both wait when stroke i is struck: by the stroke that each played last."""
+        """``[2, 2]`` base positions of both players at stroke i, by the last stroke of each."""
         out = np.zeros((2, 2))
         for seat in (0, 1):
             last = i - 1 if self._striker(i - 1) == seat else i - 2
@@ -201,12 +201,12 @@ class _TrajectoryBuilder:
         if self.rally.ending == WINNER:
             return WIN
         assert self.rally.ending == FAULT
-        # A shuttle that is meant for the middle of the court does not land out.
+        # A shuttle aimed at the middle of the court does not land out.
         into_net = self.shot[i] >= N_SERVES and self.area[i] in (1, 4)
         return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
 
     def _choose(self, i: int, end: int, contact: F64, base: F64) -> _Choice:
-        """The first try that clears the net and can be reached, else the one that comes closest."""
+        """First try that clears the net and can be reached; otherwise the cheapest one."""
         best: _Choice | None = None
         late: list[_Try] = []
         for k in range(_TRIES):
@@ -217,7 +217,7 @@ class _TrajectoryBuilder:
             best = _cheaper(best, self._flown(contact, tried, end))
             if best.cost <= 0:
                 return best
-        # Those that are almost reached first.
+        # Nearly reachable tries first.
         for tried in sorted(late, key=lambda t: t.late):
             if best is not None and best.cost <= tried.late:
                 break
@@ -226,7 +226,7 @@ class _TrajectoryBuilder:
         return best
 
     def _try(self, i: int, end: int, contact: F64, base: F64, k: int) -> _Try:
-        """The k-th try of a stroke."""
+        """Try number ``k`` of a stroke."""
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
         drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(self.uniform(i, _SLOT * (k + 1))))
@@ -239,14 +239,14 @@ class _TrajectoryBuilder:
             low, _, high = self.measured.flight_time[self.shot[i]] * self.fps
             least, most = int(np.ceil(low - 1e-6)), int(np.floor(high + 1e-6))
         else:
-            # The tables end at the receiver's racket; to the floor it is a little further.
+            # The tables end at the receiver's racket; the floor is a little further away.
             seconds = 1.12 * seconds + 0.10
         ticks = min(max(round(seconds * self.fps), least), max(least, most))
         stance = self._stance(i + 1, point, base) if end in (RETURN, OPEN) else None
         return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
 
     def _flown(self, contact: F64, tried: _Try, end: int) -> _Choice:
-        """A try with its flight, made longer until it clears the net; the cost is the excess over what is possible, 0 if none."""
+        """Flight of a try, longer where needed to clear the net; its cost is 0 if it is feasible."""
         ticks = tried.ticks
         while True:
             flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
@@ -258,7 +258,7 @@ class _TrajectoryBuilder:
         return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
 
     def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
-        """End of the k-th try of a stroke, in the striker's frame, and the height class at which it is met."""
+        """End point of try ``k`` in the striker's frame, and the height class of the next contact."""
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
         places = self.measured.places[self.shot[i], self.area[i]]
@@ -272,13 +272,13 @@ class _TrajectoryBuilder:
         return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
 
     def _into_service_court(self, x: float, y: float) -> tuple[float, float]:
-        """The point, moved into the service court that lies diagonally opposite to the server."""
+        """Move a point into the service court diagonally opposite to the server."""
         area = self.area[0]
         right = area % 3 == 0 or (area % 3 == 1 and self.uniform(0, 0) < 0.5)
         return (-1.0 if right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
-        """The point, moved over the line that is nearest to the target area."""
+        """Move a point over the line nearest to the target area."""
         by_side, by_back = (float(quantile(self.measured.out_by[k], np.array(u))) for k in (0, 1))
         depth, side = divmod(int(self.area[i]), 3)
         if self.shot[i] == _SHORT_SERVE and which < 0.5:
@@ -290,7 +290,7 @@ class _TrajectoryBuilder:
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
     def _net_point(self, i: int, contact: F64, point: F64, share: float, k: int) -> F64:
-        """Point where the k-th try of a stroke meets the net, on the way to ``point``."""
+        """Point where try ``k`` hits the net on the way to ``point``."""
         x = contact[0] + share * (point[0] - contact[0])
         # Most balls into the net are just too low.
         z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2
@@ -307,13 +307,13 @@ class _TrajectoryBuilder:
         return stance_of(motion, own, base, player.right_handed, natural)
 
     def _height(self, i: int, u: float) -> float:
-        """Height at which stroke i is struck [m]; overhead it grows with the player."""
+        """Contact height of stroke i [m]; overhead contacts scale with the player."""
         low, high = height_range(self.shot[i], self.height[i], self.technique[i])
         z = low + (high - low) * u
         return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:
-        """Metres that a player who starts from rest at ``base`` is short of a stance."""
+        """Distance by which a player who starts from rest at ``base`` misses a stance [m]."""
         if stance is None:
             return 0.0
         run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
@@ -321,7 +321,7 @@ class _TrajectoryBuilder:
 
 
 def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:
-    """The choice that costs less, the first one if both cost the same."""
+    """Choice with the lower cost, the first one on ties."""
     return other if best is None or other.cost < best.cost else best
 
 
@@ -334,7 +334,7 @@ def _over_net(flights: Flights) -> F64:
 
 
 def _turn(seat: int) -> F64:
-    """``[3]`` what turns points of a seat's own frame into those of the court, and back."""
+    """``[3]`` signs between the frame of a seat and the frame of the court."""
     return np.array([facing(seat), facing(seat), 1.0])
 
 
@@ -348,7 +348,7 @@ def _trajectory(
     base: list[F64],
     before: F64,
 ) -> Trajectory:
-    """The trajectory from stroke ``first`` on, in the frame of the court; what was drawn is in the frames of the strikers."""
+    """Trajectory from stroke ``first`` in the frame of the court; the inputs are in the frames of the strikers."""
     n = len(rally)
     turn = np.array([_turn(int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
     points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
@@ -370,7 +370,7 @@ def _trajectory(
 
 
 def _joined(flights: list[Flights], turn: F64) -> Flights:
-    """Flights of several strokes, turned into the frame of the court."""
+    """Flights of several strokes in the frame of the court."""
     if not flights:
         return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     whole = {f.name: np.concatenate([getattr(one, f.name) for one in flights]) for f in dataclasses.fields(Flights)}

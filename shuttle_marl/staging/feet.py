@@ -1,7 +1,7 @@
-"""Footwork: where each foot stands and when it moves, so that planted feet never slide.
+"""Footwork: place and time of every step; planted feet never slide.
 
-A foot is described by the point under its ball, its heading, and how far the heel is raised about the ball. While a foot is
-planted that point does not move at all; in between it swings from one place to the next. The places come from the stances
+A foot is described by the point under its ball, its heading, and the pitch of the heel about the ball. The point is fixed
+while the foot is planted, and swings from one place to the next in between. The places come from the stances
 at the strokes (a lunge, a wide defence, the landing of a jump), from the split step when the opponent strikes, and from
 steps in between, alternately left and right, under the hips as they travel.
 """
@@ -15,19 +15,19 @@ from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.staging.keys import LEFT, RIGHT, Stand
 
 _STRIDE: Final = 1.25
-"""Distance that a pair of steps is meant to cover at most, per step [m]."""
+"""Longest step of a pair of steps [m]."""
 _STEP_TIME: Final = 0.17
-"""Least time of a step [s]."""
+"""Shortest duration of a step [s]."""
 _SWING: Final = 0.28
-"""Longest time for which a foot is off the floor in a step [s]."""
+"""Longest swing of a foot in a step [s]."""
 _STAYS: Final = 0.14
-"""A foot that is meant to go no further than this stays where it is [m]."""
+"""Distance below which a foot does not step [m]."""
 _CROSSED: Final = 0.30
-"""Distance by which a foot may stand beyond the middle of the body [m]."""
+"""Largest distance of a foot beyond the middle of the body [m]."""
 _SOON: Final = 5
-"""Frames within which a foot in the air lands where a motion is continued."""
+"""Frames within which a foot in the air lands after the branch of a continued motion."""
 _SETTLED: Final = 12
-"""Frames before those asked for in which feet are needed too, for moving means."""
+"""Additional frames before the first one, for moving means."""
 _WIDTH: Final = 0.15
 """Half the width between the feet in steps [m]."""
 
@@ -59,17 +59,17 @@ class Feet:
     planted: Bools
 
     def part(self, rows: slice) -> "Feet":
-        """Some of the frames."""
+        """Copy of a range of frames."""
         names = [field.name for field in dataclasses.fields(self)]
         return Feet(**{name: getattr(self, name)[:, rows].copy() for name in names})
 
-    def followed(self, after: "Feet") -> "Feet":
-        """These frames and others behind them."""
+    def concatenated(self, after: "Feet") -> "Feet":
+        """Concatenate two ranges of frames."""
         names = [field.name for field in dataclasses.fields(self)]
         return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
 
     def joined(self, after: "Feet") -> "Feet":
-        """Continuation of these frames from ``after``, whose first one is the last of these; feet in the air change their way."""
+        """Blend ``after``, whose first frame is the last one of these, into these frames: feet in the air change their paths."""
         out = after.part(slice(1, None))
         for foot in (LEFT, RIGHT):
             flying = np.flatnonzero(np.r_[out.planted[foot], True])[0]
@@ -84,14 +84,14 @@ class Feet:
 
 
 def standing(plants: tuple[list[Plant], list[Plant]], ball: F64, frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
-    """Plants up to a frame, with those at which feet in the air land next, and both feet as they will then stand.
+    """Plants up to a frame, with the next landings of feet in the air, and the stand that follows.
 
-    A foot that was to land later than in a few frames does so there, on its way.
+    A foot that would land much later lands within a few frames, on its path.
 
     Args:
         plants: of both feet.
-        ball: ``[2, 3]`` where the feet are in that frame [m].
-        frame: the last one that stays as it is.
+        ball: ``[2, 3]`` positions of the feet in that frame [m].
+        frame: last unchanged frame.
     """
     kept: tuple[list[Plant], list[Plant]] = ([], [])
     for foot in (LEFT, RIGHT):
@@ -122,15 +122,15 @@ def steps(
     fps: int,
     known: tuple[list[Plant], list[Plant]] | None = None,
 ) -> tuple[list[Plant], list[Plant]]:
-    """Times and places at which each foot is planted.
+    """Plan when and where each foot is planted.
 
     Args:
         stands: in order of time.
         hips: ``[F, 2]`` the hips over the floor [m].
         yaw: ``[F]`` heading of the hips [rad].
-        reach: ``[F]`` how far from the hips a foot can stand at most [m].
+        reach: ``[F]`` largest distance of a foot from the hips [m].
         fps: frames a second.
-        known: plants that stay as they are; the first stand is where they end.
+        known: unchanged plants; the first stand is their end.
 
     Returns:
         Plants of the left and of the right foot, in order of time.
@@ -142,7 +142,7 @@ def steps(
         for foot in (LEFT, RIGHT):
             own = feet[foot]
             if own and landing[foot] < 0:
-                # The foot has stayed where it was.
+                # The foot has not moved.
                 own[-1].end = max(own[-1].end, stand.end)
             else:
                 begin = stand.begin if k == 0 or stand.hop else landing[foot]
@@ -157,7 +157,7 @@ def steps(
 
 
 def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: F64, yaw: F64, fps: int) -> list[int]:
-    """Add the steps from one stand to the next; returns the frames in which the feet land there, -1 where one has stayed."""
+    """Add the steps from one stand to the next; returns the landing frame of each foot, -1 if it has not moved."""
     landing = [there.begin, there.begin]
     if there.hop:
         return landing
@@ -191,7 +191,7 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
 
 
 def _swings(begin: int, end: int, n: int, hips: F64, fps: int) -> list[tuple[int, int]]:
-    """Frames of lift-off and landing of n steps between two frames: each falls where the hips make their share of the way."""
+    """Frames of lift-off and landing of n steps between two frames, spread by the progress of the hips."""
     gap = end - begin
     path = np.r_[0, np.cumsum(np.hypot(*np.diff(hips[begin : end + 1], axis=0).T))]
     progress = 0.8 * path / max(path[-1], 1e-6) + 0.2 * np.linspace(0, 1, gap + 1)
@@ -207,7 +207,7 @@ def _swings(begin: int, end: int, n: int, hips: F64, fps: int) -> list[tuple[int
 
 
 def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float, sure: int) -> list[Plant]:
-    """Plants cut down to the frames in which the leg can reach them; up to frame ``sure`` it does."""
+    """Shorten plants to the frames in which the leg reaches them; frames up to ``sure`` are reachable."""
     out: list[Plant] = []
     for plant in plants:
         frames = np.arange(plant.begin, plant.end + 1)
@@ -216,7 +216,7 @@ def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float
         ok = (np.hypot(*way.T) <= reach[frames]) & (across > -_CROSSED) | (frames <= sure)
         if not ok.any():
             continue
-        # The longest run of frames within reach, or the one that has begun.
+        # The longest run of frames within reach, or the current one.
         edges = np.flatnonzero(np.diff(np.r_[0, ok.astype(np.int8), 0]))
         runs = edges.reshape(-1, 2)
         first, last = runs[0 if plant.begin <= sure else np.argmax(runs[:, 1] - runs[:, 0])]
@@ -229,12 +229,12 @@ def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float
 
 
 def lifted(plants: tuple[list[Plant], list[Plant]], slips: Bools, done: int) -> bool:
-    """Lift feet before they slip, and put them down where they no longer do; whether any had to be.
+    """Lift feet before they slip and plant them later; returns whether any plant changed.
 
     Args:
         plants: of the left and of the right foot, shortened in place.
         slips: ``[2, F - done]`` whether a foot slips, in frames from ``done`` on.
-        done: frames that stay as they are.
+        done: number of unchanged frames.
     """
     shortened = False
     for foot in (LEFT, RIGHT):
@@ -255,10 +255,10 @@ def move(plants: tuple[list[Plant], list[Plant]], air: F64, frames: int, fps: in
 
     Args:
         plants: of the left and of the right foot.
-        air: ``[F]`` how high the feet are off the floor in jumps [m].
+        air: ``[F]`` height of the feet in jumps [m].
         frames: F.
         fps: frames a second.
-        done: frames that are known from elsewhere; swings that are over by then are left out.
+        done: number of known frames; earlier swings are omitted.
     """
     ball, yaw = np.zeros((2, frames, 3)), np.zeros((2, frames))
     pitch, planted = np.zeros((2, frames)), np.zeros((2, frames), dtype=bool)
@@ -288,6 +288,6 @@ def _swing(here: Plant, there: Plant, ball: F64, yaw: F64, pitch: F64, air: F64,
     turn = (there.yaw - here.yaw + np.pi) % (2 * np.pi) - np.pi
     yaw[rows] = here.yaw + ease * turn
     there.yaw = here.yaw + turn
-    # The heel leaves first and lands last; a long stride lands on the heel, with the toes up.
+    # The heel lifts off first; a long stride lands on the heel, with the toes up.
     up, down = np.sin(np.pi * np.clip(u / 0.7, 0, 1)), np.sin(np.pi * np.clip((u - 0.55) / 0.45, 0, 1))
     pitch[rows] = min(1.0, far / 0.6) * (0.60 * up - 0.22 * down) + np.where(air[rows] > 0.02, 0.45, 0.0)

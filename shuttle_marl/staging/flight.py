@@ -1,4 +1,4 @@
-"""The flight of a shuttle: quadratic drag, and the launch that brings it to a point at a time.
+"""Flight of a shuttle with quadratic drag, and the launch that reaches a point at a given time.
 
     dv/dt = -g - |v| v / L,    L = U² / g
 
@@ -31,7 +31,7 @@ class Flights:
     """N flights, each known at K instants from its launch.
 
     Attributes:
-        start: ``[N, 3]`` where each begins [m].
+        start: ``[N, 3]`` start of each flight [m].
         heading: ``[N, 2]`` unit direction on the floor.
         time: ``[N, K]`` instants since the launch [s].
         along: ``[N, K]`` distance along the floor [m].
@@ -61,7 +61,7 @@ class Flights:
         return position, np.stack([heading[0] * v_along, heading[1] * v_along, v_up], axis=-1)
 
     def velocity(self, flight: int, instant: int) -> F64:
-        """``[3]`` velocity of one flight in one of the instants, 0 for its launch and -1 for its end [m/s]."""
+        """``[3]`` velocity of one flight at one of its instants, 0: launch, -1: end [m/s]."""
         along, up = self.speed_along[flight, instant], self.speed_up[flight, instant]
         return np.array([*(self.heading[flight] * along), up])
 
@@ -98,7 +98,7 @@ def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
         start: ``[N, 3]`` [m].
         end: ``[N, 3]`` [m].
         time: ``[N]`` [s], positive.
-        steps: instants at which the flights are kept.
+        steps: number of time steps.
 
     Returns:
         The flights; they miss ``end`` by less than a millimetre.
@@ -113,7 +113,7 @@ def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
     todo = np.arange(len(t))
     for _ in range(12):
         u, a = log_speed[todo], angle[todo]
-        # The flight itself, and two whose launch differs a little in speed and in angle, in one go.
+        # Finite differences: the flight itself and two perturbed launches, integrated together.
         e = 1e-5
         speed, aim = np.exp(np.concatenate([u, u + e, u])), np.concatenate([a, a, a + e])
         _, px, py, _, _ = _integrate(speed * np.cos(aim), speed * np.sin(aim), np.tile(t[todo], 3), _STEPS)
@@ -148,7 +148,7 @@ def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
         start: ``[N, 3]`` [m].
         velocity: ``[N, 3]`` [m/s].
         time: ``[N]`` [s].
-        steps: instants at which the flights are kept.
+        steps: number of time steps.
     """
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]

@@ -1,7 +1,7 @@
-"""Habits of players: they breathe, shift their weight, and turn the racket in the hand; tired ones breathe harder.
+"""Idle movements of players: breathing, shifts of weight, turning the racket in the hand; fatigue deepens the breath.
 
-It is added to the pose between key poses, and vanishes at the player's own contacts, where the racket has to meet the shuttle.
-All of it is a function of the time and of what has happened until then, so that a continued motion goes through it evenly.
+They are added to the pose between key poses, and vanish at the player's own contacts. They depend on the time and on the past
+only, so that continued motions are smooth.
 """
 
 import dataclasses
@@ -16,23 +16,22 @@ from shuttle_marl.staging.skeleton import HIPS_ROLL, HIPS_YAW, SPINE_PITCH, SPIN
 from shuttle_marl.staging.trajectory import Trajectory
 
 _CLEAR: Final = 0.06
-"""Seconds around an own contact in which nothing is added."""
+"""Half width of the window around an own contact without idle movement [s]."""
 _COMING: Final = 0.20
-"""Seconds before that in which habits fade: a contact must not be felt before the opponent has struck, the branch of a
-continued motion."""
+"""Fade-out before that window [s]: no effect before the opponent's contact, the branch of a continued motion."""
 _IN_PLAY: Final = 0.4
-"""Share of the habits while the rally lasts."""
+"""Amplitude during the rally, as a fraction."""
 _CALM: Final = 0.5
-"""Seconds in which a player comes to rest or gets ready [s]."""
+"""Duration of the transition between rest and play [s]."""
 _BREATH: Final = (3.4, 1.7)
-"""Seconds of a breath, rested and tired."""
+"""Duration of a breath, rested and tired [s]."""
 _MOST_EFFORT: Final = 6
-"""Attacks in a rally after which a player is as tired as can be."""
+"""Number of attacks in a rally until full fatigue."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Habits:
-    """Movement added over F frames, for a player in their own frame, as a right-hander.
+    """Idle movement over F frames, in the player's own frame, as a right-hander.
 
     Attributes:
         pose: ``[F, 27]`` to trunk and arms [rad].
@@ -44,12 +43,12 @@ class Habits:
 
 
 def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int) -> Habits:
-    """Habits of a player.
+    """Idle movements of a player.
 
     Args:
         trajectory: the rally.
         seat: 0 or 1.
-        rhythm: names the rhythm of both players, 0 or more.
+        rhythm: random seed of the phases of both players, 0 or more.
         frames: F.
         fps: frames a second.
     """
@@ -88,7 +87,7 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
 
 
 def _tiredness(trajectory: Trajectory, seat: int, time: F64) -> F64:
-    """``[F]`` 0 to 1: the attacks of a player in this rally until now; the last one tells within a second."""
+    """``[F]`` fatigue from 0 to 1, from the number of attacks of a player so far."""
     rally = trajectory.rally
     attacks = trajectory.time[(rally.striker == seat) & rally.catalogue.is_attack[rally.stroke]]
     done = _ease(time[:, None] - attacks).sum(axis=1)
@@ -96,7 +95,7 @@ def _tiredness(trajectory: Trajectory, seat: int, time: F64) -> F64:
 
 
 def _twirl(time: F64) -> F64:
-    """The racket turned in the fingers and back, now and then."""
+    """``[F]`` periodic turn of the racket in the fingers, 0 to 1."""
     since = time % 2.6
     return np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
 

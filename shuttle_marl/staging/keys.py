@@ -40,7 +40,7 @@ _AT_CONTACT: Final[dict[int, tuple[tuple[float, float, float], tuple[float, floa
     DEFENCE: ((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT),
     DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
 }
-"""Left and right foot (x, y, heading in degrees), and which lands last."""
+"""Left and right foot (x, y, heading in degrees), and the foot that lands last."""
 _LANDING: Final = ((-0.16, -0.26, 22), (0.14, 0.26, -6))
 """After a jump: the legs have scissored, the racket foot lands in front."""
 _SPLIT: Final = ((-0.29, 0.03, 14), (0.29, 0.00, -14))
@@ -73,16 +73,16 @@ class Hit:
     """One contact of this player.
 
     Attributes:
-        key: which key pose it is.
-        frame: when.
-        stroke: which stroke of the rally.
-        stance: how it is met, mirrored for a left-hander.
-        point: ``[3]`` where the shuttle is [m].
-        normal: ``[3]`` where the strings face.
-        shaft: ``[3]`` direction of the shaft that suits the motion.
-        elbow: ``[3]`` direction from the shoulder to the elbow that does.
-        swing: ``[3]`` velocity that the strings shall have [m/s].
-        soft: share of the way from the take-back to the contact that the racket has made when it is loaded: 0 for full swings.
+        key: index of the key pose.
+        frame: frame of the contact.
+        stroke: number of the stroke in the rally.
+        stance: stance, mirrored for a left-hander.
+        point: ``[3]`` position of the shuttle [m].
+        normal: ``[3]`` direction that the strings face.
+        shaft: ``[3]`` preferred direction of the shaft.
+        elbow: ``[3]`` preferred direction from shoulder to elbow.
+        swing: ``[3]`` target velocity of the strings [m/s].
+        soft: fraction of the way from take-back to contact completed at the load; 0 for full swings.
     """
 
     key: int
@@ -99,12 +99,12 @@ class Hit:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Keys:
-    """Key poses of a player, solved: K of them.
+    """K solved key poses of a player.
 
     Attributes:
-        frame: ``[K]`` when each is taken, ascending.
+        frame: ``[K]`` frame of each pose, ascending.
         pose: ``[K, 27]`` the poses.
-        slope: ``[K, 27]`` how fast they change there, for each frame.
+        slope: ``[K, 27]`` slopes per frame.
     """
 
     frame: I64
@@ -114,13 +114,13 @@ class Keys:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Past:
-    """Part of the movements of a player that stays as it is.
+    """Unchanged part of the plan of a player.
 
     Attributes:
-        frame: the last frame that does.
-        strokes: how many strokes of the rally have been struck by then.
+        frame: last unchanged frame.
+        strokes: number of strokes struck by then.
         keys: key poses up to that frame, the last one in it.
-        stand: where the feet stand then, or land next.
+        stand: current or next stand of the feet.
         lift: ``[F]`` height of the hips in the jumps that were planned, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in those jumps [m].
     """
@@ -138,9 +138,9 @@ class Timeline:
     """Movements of a player over F frames.
 
     Attributes:
-        frame: ``[K]`` when each key pose is taken, ascending.
+        frame: ``[K]`` frame of each key pose, ascending.
         pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
-        known: the first of them, which are solved already.
+        known: the first of them, already solved.
         hits: the contacts.
         lift: ``[F]`` height of the hips in jumps, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in jumps [m].
@@ -162,9 +162,9 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
     Args:
         motion: kind of motion.
         root: ``[2]`` the hips over the floor [m].
-        heading: how far the stroke frame is turned to the left [rad].
-        reach: 0 to 1, how far the player has to stretch sideways.
-        high: how much higher than is natural the shuttle is met, which makes a lunge shorter [m].
+        heading: rotation of the stroke frame to the left [rad].
+        reach: lateral stretch, 0 to 1.
+        high: height of the contact above the natural one, which shortens a lunge [m].
     """
     left, right, last = _AT_CONTACT[motion]
     spots = np.array([left, right])
@@ -190,7 +190,7 @@ def split(root: F64, heading: float) -> tuple[F64, F64]:
 
 
 def waiting(root: F64, heading: float) -> tuple[F64, F64]:
-    """Feet of the receiver before the serve: the free foot in front."""
+    """Feet of the receiver before the serve, the free foot in front."""
     return _placed(np.array(_WAIT), root, heading)
 
 

@@ -1,4 +1,4 @@
-"""The legs: from hips and feet to bones. Heels rise and hips sink as far as the legs need to reach the planted feet."""
+"""Legs: bones from hips and feet. Heels rise and hips sink so that the legs reach the planted feet."""
 
 import dataclasses
 import functools
@@ -14,7 +14,7 @@ from shuttle_marl.staging.rotation import apply, frame
 from shuttle_marl.staging.skeleton import Skeleton
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
-"""Least and greatest bend of the knee [rad]."""
+"""Limits of the bend of the knee [rad]."""
 HIP_LIMITS: Final = np.radians([(-45, 130), (-45, 65), (-65, 65)])
 """``[3, 2]`` thigh forward, outward, turned outward against the hips [rad]."""
 ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])
@@ -23,9 +23,9 @@ TOE_LIMITS: Final = np.radians((-25.0, 70.0))
 """Toes bent up against the foot [rad]."""
 _ROUNDS: Final = 4
 _DROP: Final = 8
-"""Frames over which the hips sink towards a foot that is far away."""
+"""Half width of the window over which the hips sink towards a distant foot [frames]."""
 _STRETCH: Final = 0.985
-"""Share of the length of a leg that is used: knees never lock."""
+"""Used fraction of the length of a leg: knees never lock."""
 _HEEL: Final = np.radians(62)
 _TURN: Final = np.radians(48)
 
@@ -80,7 +80,7 @@ class FootPath(NamedTuple):
 
 
 def reach_of(skeleton: Skeleton, height: F64) -> F64:
-    """``[F]`` how far from the hips the ball of a foot can stand, for heights of the hips, without pulling them down [m]."""
+    """``[F]`` largest horizontal distance of the ball of a foot from the hips at heights ``[F]`` of the hips [m]."""
     size = skeleton.scale
     upright = np.maximum(height - 0.17 * size, 0.2 * size)
     return np.sqrt(np.maximum((_STRETCH * sum(skeleton.leg)) ** 2 - upright**2, 0.04)) + 0.09 * size
@@ -91,7 +91,7 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
 
     Args:
         skeleton: the athlete.
-        hips: ``[F, 3]`` where the hips are [m].
+        hips: ``[F, 3]`` position of the hips [m].
         root: ``[F, 3, 3]`` rotation of the hips.
         feet: the feet, the heels of planted ones down.
 
@@ -100,7 +100,7 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     """
     from shuttle_marl.staging.compiled.bodies import raise_heels, stand_ankles  # noqa: PLC0415  numba is slow to import
 
-    limit, heel, above = _STRETCH * sum(skeleton.leg), _arm(skeleton), _above(skeleton)
+    limit, heel, above = _STRETCH * sum(skeleton.leg), _heel(skeleton), _toe_height(skeleton)
     needed, ankle = np.empty(len(hips)), np.empty((len(hips), 3))
     yaw = feet.yaw.copy()
     heading = np.arctan2(root[:, 1, 1], root[:, 0, 1]) - np.pi / 2
@@ -108,7 +108,7 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     drop = np.zeros(len(hips))
     angles = np.linspace(0, _HEEL, 9)
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
-        # A planted foot turns on its ball when the hips have turned too far for the hip joint.
+        # A planted foot pivots on its ball when the hips turn beyond the range of the hip joint.
         toe_out = 0.25 if foot == LEFT else -0.25
         off = (yaw[foot] - heading - toe_out + np.pi) % (2 * np.pi) - np.pi
         yaw[foot] = heading + toe_out + np.clip(off, -_TURN, _TURN)
@@ -120,7 +120,7 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
         flat = np.minimum(np.hypot(*(ankle - joint)[:, :2].T), 0.97 * limit)
         height = ankle[:, 2] + np.sqrt(limit**2 - flat**2)
         drop = np.where(feet.planted[foot], np.maximum(drop, joint[:, 2] - height), drop)
-    # As wide as the mean is, so that it is nowhere less than needed.
+    # The maximum filter is as wide as the mean, so that the drop is nowhere too small.
     drop = smooth(widen(drop, _DROP), _DROP)
     lowered = hips.copy()
     lowered[:, 2] -= drop
@@ -128,9 +128,9 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
 
 
 def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
-    """Bones of both legs; knees bend forwards, over the toes.
+    """Bones of both legs; knees bend forward over the toes.
 
-    The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball, which stays.
+    The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball.
     """
     from shuttle_marl.staging.compiled.bodies import solve_legs  # noqa: PLC0415  numba is slow to import
 
@@ -143,9 +143,9 @@ def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
 
 
 def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
-    """``[2, F]`` how far the joints of a leg keep the ball of its foot from its place on the floor [m]."""
-    found = legs(skeleton, hips, root, feet)
-    ball = found.position[:, 2] - apply(found.rotation[:, 2], _arm(skeleton))
+    """``[2, F]`` distance of the ball of each foot from its place on the floor, because of the limits of the leg [m]."""
+    solved = legs(skeleton, hips, root, feet)
+    ball = solved.position[:, 2] - apply(solved.rotation[:, 2], _heel(skeleton))
     return np.asarray(np.linalg.norm((ball - feet.ball)[..., :2], axis=-1))
 
 
@@ -159,7 +159,7 @@ def _leg_constants(skeleton: Skeleton, side: str) -> LegConstants:
         thigh=thigh,
         shank=shank,
         longest=_STRETCH * (thigh + shank),
-        toe_height=_above(skeleton),
+        toe_height=_toe_height(skeleton),
         sign=1.0 if side == "Right" else -1.0,
         hip_limits=HIP_LIMITS,
         ankle_limits=ANKLE_LIMITS,
@@ -167,12 +167,12 @@ def _leg_constants(skeleton: Skeleton, side: str) -> LegConstants:
     )
 
 
-def _above(skeleton: Skeleton) -> float:
-    """Height over the floor of the joint of the toes, about which heels turn [m]."""
+def _toe_height(skeleton: Skeleton) -> float:
+    """Height of the joint of the toes above the floor, the pivot of the heel [m]."""
     return float(skeleton.at("RightToeBase")[2])
 
 
-def _arm(skeleton: Skeleton) -> F64:
-    """From the joint of the toes to the ankle, of a foot that points forward."""
-    arm = skeleton.at("RightFoot") - skeleton.at("RightToeBase")
-    return arm * np.array([0.0, 1.0, 1.0])
+def _heel(skeleton: Skeleton) -> F64:
+    """``[3]`` from the joint of the toes to the ankle, for a foot that points forward [m]."""
+    heel = skeleton.at("RightFoot") - skeleton.at("RightToeBase")
+    return heel * np.array([0.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""The key poses of :mod:`shuttle_marl.staging.motions` as joint angles of one athlete; solved once, then kept."""
+"""Key poses of :mod:`shuttle_marl.staging.poses` as joint angles of an athlete; solved once and cached."""
 
 import dataclasses
 import functools
@@ -40,24 +40,24 @@ TRUNK: Final = slice(0, N_TRUNK)
 RACKET_ARM: Final = slice(N_TRUNK, N_TRUNK + N_ARM)
 FREE_ARM: Final = slice(N_TRUNK + N_ARM, N_TRUNK + 2 * N_ARM)
 N_POSE: Final = N_TRUNK + 2 * N_ARM
-"""Numbers of a pose without legs and head: trunk, racket arm, free arm."""
+"""Size of a pose without legs and head: trunk, racket arm, free arm."""
 FLIP: Final = np.array([-1.0, 1.0, 1.0])
 
 
 NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
-"""Heights above the natural one for which each motion is solved [m]."""
+"""Contact heights above the natural one at which each motion is solved [m]."""
 _CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
     "overhead": (0.55, -0.16, 0.0, 0.0),
     "lunge": (0.48, -0.10, 0.21, 40.0),
     "defence": (0.40, -0.14, 0.14, 36.0),
     "other": (0.35, -0.10, 0.12, 20.0),
 }
-"""Ways of a motion to get lower or higher than is natural: share that the hips take up, least and greatest change of their height
-[m], and how much further the body bows for each metre [degrees]."""
+"""Adaptation of the trunk to the contact height: fraction taken up by the hips, least and greatest change of their height [m],
+and additional pitch per metre [degrees]."""
 
 
 def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
-    """``[N, 7]`` trunks for contacts that are ``need`` metres higher than is natural for a motion."""
+    """``[N, 7]`` trunks for contacts ``need`` metres above the natural one of a motion."""
     kind = "other"
     if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND):
         kind = "overhead"
@@ -75,7 +75,7 @@ def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
 
 
 def pointed(motion: int, need: F64) -> tuple[F64, F64]:
-    """``[N, 3]`` directions of shaft and elbow at contacts that are ``need`` metres higher than is natural for a motion.
+    """``[N, 3]`` directions of shaft and elbow at contacts ``need`` metres above the natural one of a motion.
 
     A player who meets the shuttle high in front of them holds the racket up, the elbow down: the head of the racket is above
     the hand, and the elbow below the shoulder.
@@ -115,7 +115,7 @@ class Library:
     miss: F64
 
     def natural(self, motion: int, z: float) -> F64:
-        """``[3]`` where a motion meets a shuttle of height ``z`` best: in the stroke frame, at its own height [m]."""
+        """``[3]`` natural contact of a motion for a shuttle at height ``z``, in the stroke frame [m]."""
         own = self.contact[motion, 0]
         need = np.clip(z - own[2], NEEDS[0], NEEDS[-1])
         x, y = (float(np.interp(need, NEEDS, self.contact[motion, 1:, k])) for k in (0, 1))
@@ -149,7 +149,7 @@ class Athlete:
 
 @functools.cache
 def library_of(skeleton: Skeleton) -> Library:
-    """All poses of an athlete, scaled to their size."""
+    """Key poses of an athlete, scaled to their size."""
     keys = [*(key for motion in range(len(MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST, *WINS, *LOSES]
     aim = np.zeros((len(keys), 3))
     hit = np.zeros(len(keys), dtype=bool)
@@ -252,7 +252,7 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
 
 
 def in_chest(chest: F64, collar: F64, goal: Goal) -> Goal:
-    """A goal of the frame around, seen from the chest: ``[N, 3, 3]`` its rotation, ``[N, 3]`` where the collar bone begins."""
+    """Transform goals to the frame of the chest, of rotation ``[N, 3, 3]`` and origin ``[N, 3]`` at the collar bone."""
     back = chest.transpose(0, 2, 1)
     return dataclasses.replace(
         goal,

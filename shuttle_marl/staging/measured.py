@@ -1,4 +1,4 @@
-"""Timing and places as measured in the training matches; written by ``experiments/fit_staging.py``."""
+"""Timing and places measured in the training matches; written by ``experiments/fit_staging.py``."""
 
 import dataclasses
 import functools
@@ -13,12 +13,12 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 
 FILE: Final = Path(__file__).parent / "measured.json"
-"""The shipped table; its ``provenance`` says which matches it was measured on."""
+"""Shipped table; its ``provenance`` names the matches."""
 DISTANCES: Final = tuple(float(d) for d in range(14))
 """Edges of the classes of length of a stroke [m]."""
 QUARTILES: Final = (0.25, 0.5, 0.75)
 QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Which quantiles places are described by."""
+"""Quantiles of places."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -49,8 +49,8 @@ RATIO: Final[dict[str, float]] = {
     "block": 0.30,
     "cross-court-net-shot": 0.36,
 }
-"""Speed of the strings that is aimed at, relative to the shuttle's launch: what strings and shuttle give back (about 0.5 to 0.7
-for full strokes; the incoming shuttle gives the rest in soft ones)."""
+"""Target speed of the strings relative to the launch speed of the shuttle (about 0.5 to 0.7 for full strokes; in soft strokes the
+incoming shuttle adds speed)."""
 RATIOS: Final[F64] = np.array([RATIO[shot] for shot in SHOTS])
 
 SOFT: Final[dict[str, float]] = {
@@ -61,30 +61,30 @@ SOFT: Final[dict[str, float]] = {
     "block": 0.75,
     "cross-court-net-shot": 0.7,
 }
-"""Strokes for which the racket is held out early and then hardly moves: share of its way that it has made at the take-back."""
+"""Soft strokes: fraction of the way to the contact that the racket has completed at the take-back."""
 
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
-"""Unwillingness of each joint to turn: collar bone little, shoulder, elbow and forearm most, the grip not at all."""
+"""Cost of the speed of each joint; shoulder, elbow and forearm turn most, the grip does not turn."""
 _FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])
 """Greatest speed of each joint [rad/s]; internal rotation of the shoulder and pronation are the fastest in smashes."""
 _ROOM: Final = 2.2
 
 BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, DEFENCE_BACKHAND})
-"""Motions that strike with the back of the hand ahead."""
+"""Backhand motions."""
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
-"""Share by which the shaft gives way to the direction in which the strings shall face: 1 all the way, 0 not at all. With 1, a net
-shot from a lunge would be played with the head of the racket hanging from a hand held high."""
+"""Fraction by which the shaft yields to the direction that the strings face. With 1, a net shot from a lunge would be played with
+a hanging racket head and a high hand."""
 
 
 def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
-    """``[N, 10]`` speeds of the joints at contacts [rad/s].
+    """``[N, 10]`` speeds of the joints at the contacts [rad/s].
 
     Args:
-        arm: the model.
+        arm: the arm.
         angles: ``[N, 10]`` at the contact.
-        wanted: ``[N, 3]`` velocity of the strings against the chest, in its frame [m/s].
+        wanted: ``[N, 3]`` target velocity of the strings relative to the chest, in its frame [m/s].
         before: ``[N]`` seconds from the load to the contact.
         after: ``[N]`` seconds from the contact to the follow-through.
     """
@@ -108,14 +108,14 @@ def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
 
 
 def slopes_of(timeline: Timeline, poses: F64) -> F64:
-    """``[K, 27]`` slopes at key poses: those known, else such that cubics never overshoot."""
+    """``[K, 27]`` slopes at key poses: the known ones, and those of monotone cubics."""
     out = slopes_through(timeline.frame, poses)
     out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 
 
 def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[Keys, F64]:
-    """The key poses, those at contacts bent so that the strings are where the shuttle is; and what still misses."""
+    """Key poses with solved contacts, and the remaining ``[H, 3]`` vectors from strings to shuttle [m]."""
     poses = timeline.pose.copy()
     if not timeline.hits:
         return Keys(frame=timeline.frame, pose=poses, slope=slopes_of(timeline, poses)), np.zeros((0, 3))
@@ -127,7 +127,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
     normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
     shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
-    # The motion says where the shaft points, the flight where the strings face; each gives way until they are at right angles.
+    # The motion prefers a direction of the shaft, the flight one of the strings; both yield until they are orthogonal.
     shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
     normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
     n = len(rows)
@@ -136,7 +136,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
 
     def goal(weight: tuple[float, float, float, float], some: Intp) -> Goal:
-        """The goals of some hits, in the frame of the chest."""
+        """Goals of some hits in the frame of the chest."""
         chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
         found = Goal(
             point=point[some],
@@ -157,7 +157,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     short = _strings(arm, angles) - exact.point
     far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
     if len(far):
-        # Caught between limits: begin again from other poses of the same stroke.
+        # Local minimum at the limits: restart from other poses of the same stroke.
         starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
         starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
         again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
@@ -172,7 +172,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
 
 
 def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps: int) -> Keys:
-    """The key poses with the speed of the arm at the contacts, and loads and follow-throughs that suit it."""
+    """Key poses with the speed of the arm at the contacts, and matching loads and follow-throughs."""
     arm, frame = arm_of(skeleton), timeline.frame
     rows = np.array([hit.key for hit in timeline.hits])
     before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
@@ -194,7 +194,7 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps:
 
 
 def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slopes: F64, rows: I64, fps: int) -> F64:
-    """``[H, 3]`` velocity that hips and trunk give the strings at the contacts [m/s]."""
+    """``[H, 3]`` velocity of the strings at the contacts due to hips and trunk [m/s]."""
     arm, frame, d = arm_of(skeleton), timeline.frame[rows], 0.05
     strings = _strings(arm, poses[rows, RACKET_ARM])
     drift = (place[np.minimum(frame + 1, len(place) - 1)] - place[frame - 1]) / 2
@@ -239,8 +239,8 @@ def _chest(skeleton: Skeleton, hips: F64, poses: F64) -> tuple[F64, F64]:
 
 
 def _leant(skeleton: Skeleton, hips: F64, poses: F64, lean0: F64, seen: F64, point: F64) -> F64:
-    """Poses whose spine takes up part of what the arm misses; ``seen``: the strings in the frame of the chest."""
-    # The pose itself, and three whose spine is bent a little more about one axis, in one go.
+    """Bend the spine to reduce the distance to ``point``; ``seen``: the strings in the frame of the chest."""
+    # Finite differences: the pose itself and three with one perturbed angle of the spine, evaluated together.
     many = np.tile(poses, (4, 1, 1))
     for k in range(3):
         many[1 + k, :, SPINE_YAW + k] += 1e-4

@@ -1,4 +1,4 @@
-"""A staged rally: the path of the shuttle and the bones of both players; and its packed form."""
+"""Staged rally: path of the shuttle, bones of both players, and the packed form."""
 
 import dataclasses
 import functools
@@ -29,9 +29,9 @@ class Motion:
     """A rally as motion: F frames, two players, 23 bones. Metres, seconds; the frame of the court.
 
     The origin lies on the floor under the middle of the net, x along the net, y along the court, z up. Seat 0 plays from
-    y < 0 and looks towards +y, seat 1 from y > 0. A bone's rotation is how far it has turned since the rest pose of its
+    y < 0 and looks towards +y, seat 1 from y > 0. A bone's rotation is relative to the rest pose of its
     skeleton, in which all bones are aligned with the axes and the athlete looks towards +y; so a vertex ``v`` of the rest
-    pose that hangs on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
+    pose on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
 
     Attributes:
         fps: frames a second.
@@ -45,7 +45,7 @@ class Motion:
         skeletons: of seats 0 and 1.
         handedness: ``right`` or ``left``, of seats 0 and 1.
         trajectory: points, times and flights.
-        players: how both players move, from which the motion can be continued; none of an unpacked motion.
+        players: state of both players for :func:`~shuttle_marl.staging.continue_motion`; None in an unpacked motion.
     """
 
     fps: int
@@ -74,7 +74,7 @@ class Motion:
         return self.skeletons[seat].parents(right_handed=self.handedness[seat] == "right")
 
     def rest(self, seat: int) -> F64:
-        """``[23, 3]`` where every bone of a player begins at rest [m]."""
+        """``[23, 3]`` start of every bone of a player at rest [m]."""
         return self.skeletons[seat].rest_pose(right_handed=self.handedness[seat] == "right")
 
     def racket(self, seat: int) -> tuple[F64, F64]:
@@ -82,10 +82,10 @@ class Motion:
         return self.skeletons[seat].racket(right_handed=self.handedness[seat] == "right")
 
     def pack(self, first: int = 0) -> bytes:
-        """The motion in few bytes, for pages and files; ``docs/motion_format.md`` describes them.
+        """Pack the motion; ``docs/motion_format.md`` describes the format.
 
         Args:
-            first: frame from which on it is packed, the frames before being known to the reader already.
+            first: first packed frame; the reader has the previous frames.
 
         Raises:
             StagingError: there is no such frame.
@@ -117,14 +117,14 @@ class Motion:
 
     @classmethod
     def unpack(cls, content: bytes, before: "Motion | None" = None) -> "Motion":
-        """A motion from its packed form; its catalogue has the strokes of this rally only.
+        """Unpack a motion; its catalogue has only the strokes of this rally.
 
         Args:
-            content: what :meth:`pack` returned.
-            before: the motion that has the frames before the first one packed, where that is not frame 0.
+            content: result of :meth:`pack`.
+            before: motion with the frames before the first packed one, if that is not frame 0.
 
         Raises:
-            StagingError: not a packed motion, a damaged one, or one that needs another motion before it.
+            StagingError: not a packed motion, damaged, or ``before`` is missing.
         """
         head, data = packing.read_head(content)
         try:

@@ -1,8 +1,7 @@
-"""Contacts of strokes: their kinds, their heights, and where the body stands to meet the shuttle.
+"""Kinds of stroke motions, heights of contacts, and stances.
 
 The matches say whether a contact was above or below the net, not how high. The heights below are choices within that:
-clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), the rest where players are
-seen to meet the shuttle.
+clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), other strokes at typical heights.
 
 A *stroke frame* has its origin on the floor under the hips; y points where the player strides or faces (the net, but for strides
 into a corner), x to the right. All is written for a right-hander of 1.79 m; other athletes scale, and a left-hander is the mirror
@@ -54,34 +53,34 @@ _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
 """Range of the contact height [m] below and above the net."""
 
 _LOWER: Final = (0.0, 0.14, 0.05)
-"""Height by which an overhead stroke is met lower than with the forehand [m], by technique."""
+"""Contact height of overhead strokes below that of the forehand [m], by technique."""
 
 OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})
-"""Motions that are played from a jump where there is time for one."""
+"""Motions that may be played from a jump."""
 HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
     SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
     SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
 }
-"""Serves: where the palm holds the shuttle, seen from the contact [m], and how long before it is let go [s]."""
+"""Serves: position of the palm relative to the contact [m], and time of release before the contact [s]."""
 STRIDES: Final = frozenset({KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND})
 """Motions whose stroke frame turns towards the shuttle."""
 _WIDEST_STRIDE: Final = np.radians(55)
 OVERHEAD_FROM: Final = 2.1
-"""Contacts above this height [m] are met overhead."""
+"""Height of the contact above which a stroke is overhead [m]."""
 _NET_ZONE: Final = 2.7
-"""Distance from the net within which a low shuttle is met with a lunge forward [m]."""
+"""Distance from the net below which a low contact is a lunge [m]."""
 _ABOVE_FROM: Final = 1.55
 
 
 @dataclasses.dataclass(frozen=True)
 class Stance:
-    """Place and motion of a player who strikes.
+    """Place and motion of the striker.
 
     Attributes:
         motion: index into :data:`MOTIONS`.
-        heading: how far the stroke frame is turned to the left of the player's own [rad].
-        root: ``[2]`` the hips over the floor, in the player's own frame [m].
-        reach: 0 to 1, how far the player has to stretch sideways.
+        heading: rotation of the stroke frame to the left against the player's own frame [rad].
+        root: ``[2]`` position of the hips over the floor, in the player's own frame [m].
+        reach: lateral stretch, 0 to 1.
     """
 
     motion: int
@@ -103,7 +102,7 @@ def height_range(shot: int, height: int, technique: int) -> tuple[float, float]:
 
 
 def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
-    """Kind of motion for a stroke that is met at height ``z``, ``from_net`` metres from the net."""
+    """Kind of motion for a contact at height ``z`` [m], ``from_net`` metres from the net."""
     backhand = TECHNIQUES[technique] == "backhand"
     if shot < 2:
         return SERVE_BACKHAND if backhand else SERVE_FOREHAND
@@ -121,14 +120,14 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
 
 
 def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural: F64) -> Stance:
-    """Place of the hips when a player who comes from ``base`` meets the shuttle.
+    """Stance of a player who comes from ``base`` at a contact.
 
     Args:
         motion: index into :data:`MOTIONS`.
-        contact: ``[3]`` where the shuttle is met, in the player's own frame [m].
-        base: ``[2]`` where the player was when the opponent struck [m].
+        contact: ``[3]`` position of the shuttle, in the player's own frame [m].
+        base: ``[2]`` position of the player at the opponent's contact [m].
         right_handed: the other hand mirrors the stroke frame.
-        natural: ``[3]`` where this motion meets the shuttle best, in the stroke frame of a right-hander [m].
+        natural: ``[3]`` natural contact of this motion, in the stroke frame of a right-hander [m].
     """
     way = contact[:2] - base
     far = float(np.clip((np.hypot(*way) - 0.9) / 1.3, 0, 1))

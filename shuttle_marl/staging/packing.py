@@ -1,9 +1,8 @@
-"""The packed form of a motion, for pages and files: about 5 KB for each second. ``docs/motion_format.md`` describes it.
+"""Packed form of a motion, about 5 KB per second; ``docs/motion_format.md`` describes the format.
 
-Rotations are kept against the parent bone, three components of each quaternion; rotations, places of the hips, and places of
-the shuttle outside flights are whole numbers, kept as second differences, byte by byte, and deflated. What is known once a
-rally or once a stroke stands in front as JSON. Positions of bones follow from hips and rotations, positions of a flying
-shuttle from its launch.
+Rotations relative to the parent bone (three components of each quaternion), positions of the hips, and positions of the shuttle
+outside flights are quantised and stored as second differences, byte by byte, then deflated. A JSON header holds the data of the
+rally and of each stroke. Positions of bones follow from hips and rotations, positions of a flying shuttle from its launch.
 """
 
 import dataclasses
@@ -25,9 +24,9 @@ HIPS_STEP: Final = 2.5e-4
 """Step of the places of the hips [m]."""
 SHUTTLE_STEP: Final = 5e-4
 """Step of the places of the shuttle outside flights [m]."""
-_KEPT: Final = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+_OTHERS: Final = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _LARGEST: Final = 1 << 26
-"""Bytes that a packed motion may take when inflated, at most: about an hour."""
+"""Maximum size of an inflated motion in bytes: about an hour."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,10 +34,10 @@ class Frames:
     """Numbers packed for every frame: F frames, two players.
 
     Attributes:
-        hips: ``[F, 2, 3]`` where the hips are [m].
+        hips: ``[F, 2, 3]`` positions of the hips [m].
         local: ``[F, 2, 23, 4]`` quaternions (x, y, z, w) of the bones against their parents.
         planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
-        loose: ``[L, 3]`` where the shuttle is in the frames outside its flights [m].
+        loose: ``[L, 3]`` positions of the shuttle in frames outside its flights [m].
     """
 
     hips: F64
@@ -48,11 +47,11 @@ class Frames:
 
 
 def write(head: dict[str, Any], frames: Frames) -> bytes:
-    """Pack.
+    """Pack a motion.
 
     Args:
-        head: what stands in front, plain JSON.
-        frames: what is known of every frame.
+        head: JSON header.
+        frames: data of every frame.
     """
     about = json.dumps(head, ensure_ascii=True, separators=(",", ":"), allow_nan=False).encode()
     parts = [len(about).to_bytes(4, "little"), about]
@@ -68,7 +67,7 @@ def write(head: dict[str, Any], frames: Frames) -> bytes:
 
 
 def read_head(content: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Head of a packed motion, and the bytes behind it.
+    """Header of a packed motion, and the remaining bytes.
 
     Raises:
         StagingError: not a packed motion, of another version, cut off or damaged.
@@ -98,9 +97,9 @@ def read_frames(data: memoryview, count: int, loose: int) -> Frames:
     """The frames of a packed motion.
 
     Args:
-        data: the bytes behind the head.
-        count: how many frames there are.
-        loose: in how many of them the shuttle is in no flight.
+        data: bytes after the header.
+        count: number of frames.
+        loose: number of frames without a flight.
 
     Raises:
         StagingError: the wrong number of bytes.
@@ -133,7 +132,7 @@ def read_frames(data: memoryview, count: int, loose: int) -> Frames:
 
 
 def against_parents(rotation: Floats, parents: I64) -> F64:
-    """``[F, 23, 4]`` rotations against the parent bones, from those since the rest pose."""
+    """``[F, 23, 4]`` rotations relative to the parent bones, from rotations relative to the rest pose."""
     turn = matrix(rotation)
     carried = turn.copy()
     for bone, parent in enumerate(parents):
@@ -146,13 +145,13 @@ def from_parents(hips: F64, local: F64, parents: I64, rest: F64) -> tuple[F64, F
     """Forward kinematics.
 
     Args:
-        hips: ``[F, 3]`` where the hips are [m].
+        hips: ``[F, 3]`` positions of the hips [m].
         local: ``[F, 23, 4]`` quaternions against the parent bones.
         parents: ``[23]`` parent of every bone, -1 for the hips, parents before children but for the racket.
-        rest: ``[23, 3]`` where every bone begins at rest [m].
+        rest: ``[23, 3]`` start of every bone at rest [m].
 
     Returns:
-        ``[F, 23, 4]`` rotations since the rest pose, and ``[F, 23, 3]`` positions [m].
+        ``[F, 23, 4]`` rotations relative to the rest pose, and ``[F, 23, 3]`` positions [m].
     """
     own = matrix(local)
     turn, place = np.empty_like(own), np.empty((len(own), N_BONES, 3))
@@ -166,15 +165,15 @@ def from_parents(hips: F64, local: F64, parents: I64, rest: F64) -> tuple[F64, F
 
 
 def _three(q: F64) -> tuple[I64, F64]:
-    """``[F, 23]`` which component is the largest, and ``[F, 23, 3]`` the others, of the quaternion in which it is positive."""
+    """``[F, 23]`` index of the largest component, and ``[F, 23, 3]`` the others, signed so that it is positive."""
     largest = np.abs(q).argmax(axis=-1)
     sign = np.where(np.take_along_axis(q, largest[..., None], axis=-1) < 0, -1.0, 1.0)
-    return largest, np.take_along_axis(sign * q, _KEPT[largest], axis=-1)
+    return largest, np.take_along_axis(sign * q, _OTHERS[largest], axis=-1)
 
 
 def _four(largest: Ints, rest: F64) -> F64:
     q = np.empty((*rest.shape[:-1], 4))
-    np.put_along_axis(q, _KEPT[largest], rest, axis=-1)
+    np.put_along_axis(q, _OTHERS[largest], rest, axis=-1)
     missing = np.sqrt(np.maximum(1 - (rest**2).sum(axis=-1, keepdims=True), 0.0))
     np.put_along_axis(q, largest[..., None].astype(np.int64), missing, axis=-1)
     return q
@@ -189,7 +188,7 @@ def _deltas(values: F64) -> bytes:
 
 
 def _summed(data: memoryview, n: int) -> F64:
-    """``[n, 3]`` what :func:`_deltas` packed."""
+    """``[n, 3]`` inverse of :func:`_deltas`."""
     planes = np.frombuffer(data, dtype=np.uint8).reshape(3, 2, n).astype(np.uint16)
     zigzag = planes[:, 0] | (planes[:, 1] << np.uint16(8))
     change = (zigzag >> np.uint16(1)).astype(np.int16) ^ -(zigzag & np.uint16(1)).astype(np.int16)

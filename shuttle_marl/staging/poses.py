@@ -1,4 +1,4 @@
-"""Key poses of strokes and of what lies between them: what the body does before, at and after each kind of contact.
+"""Key poses of strokes, of waiting and of reactions.
 
 Every key pose gives hips and spine as angles, and both hands as places and directions in the *facing frame* (origin on the floor
 under the hips, y where the hips face, x to their right), for a right-hander of 1.79 m as in :mod:`shuttle_marl.staging.motions`.
@@ -27,7 +27,7 @@ from shuttle_marl.staging.motions import (
 Triple = tuple[float, float, float]
 
 PHASES: Final = ("prepare", "take back", "load", "contact", "follow through", "finish")
-"""The key poses of every stroke; the one at the contact has no place for the racket, because the shuttle gives it."""
+"""Key poses of every stroke; the pose at the contact has no grip position, which follows from the shuttle."""
 CONTACT: Final = 3
 
 
@@ -93,14 +93,14 @@ WINS: Final = (
     Key(hips=(0.985, 0, -2, 0), spine=(-6, -10, 0), grip=(0.36, 0.12, 1.80), shaft=(0.05, 0.05, 1.00),
         elbow=(0.78, 0.25, 0.57), free=(-0.44, 0.10, 1.02), free_elbow=(-0.75, -0.2, -0.6)),
 )  # fmt: skip
-"""After a point that was won: a fist in front of the face, the racket raised."""
+"""After a won point: a fist in front of the face; the racket raised."""
 LOSES: Final = (
     Key(hips=(0.90, 0, 24, 0), spine=(0, 38, 0), grip=(0.24, 0.46, 0.66), shaft=(-0.35, 0.75, -0.45),
         elbow=(0.62, -0.15, -0.77), free=(-0.24, 0.44, 0.64), free_elbow=(-0.62, -0.15, -0.77)),
     Key(hips=(0.97, 6, 4, 2), spine=(6, 16, 0), grip=(0.10, 0.40, 1.16), shaft=(-0.62, 0.28, 0.73),
         elbow=(0.60, 0.05, -0.80), free=(-0.20, 0.46, 1.36), free_elbow=(-0.62, 0.2, -0.75)),
 )  # fmt: skip
-"""After a point that was lost: bent over, the hands at the knees; a look at the strings."""
+"""After a lost point: bent over, the hands at the knees; a look at the strings."""
 
 AIM: Final[dict[int, Triple]] = {
     SERVE_BACKHAND: (0.05, 0.70, 1.04),
@@ -117,7 +117,7 @@ AIM: Final[dict[int, Triple]] = {
     DEFENCE: (0.96, 0.66, 0.80),
     DEFENCE_BACKHAND: (-0.56, 0.86, 0.80),
 }
-"""Roughly where each motion meets the shuttle, in the stroke frame [m]; the arm then settles where it is comfortable."""
+"""Approximate contact of each motion in the stroke frame [m]; the solver moves it within the comfort of the arm."""
 
 KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
     OVERHEAD: (

@@ -1,7 +1,7 @@
 """Skeletons of the athletes: bones, rest pose, limits of the joints and the trunk; dimensions of racket and shuttle.
 
 Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
-aligned with these axes at rest, so the rotation of a bone is how far it has turned since then. The bones are those of the
+aligned with these axes at rest, so the rotation of a bone is relative to its rest pose. The bones are those of the
 ``.glb`` files (Mixamo's names) without the fingers, and one for the racket.
 """
 
@@ -38,7 +38,7 @@ N_BONES: Final = len(BONES)
 BONE: Final = {name: i for i, name in enumerate(BONES)}
 """Index of each bone."""
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
-"""``[23]`` the bone on the other side."""
+"""``[23]`` index of the bone on the other side."""
 
 ATHLETES: Final = ("male", "female")
 FOLDER: Final = Path(__file__).parent / "athletes"
@@ -57,7 +57,7 @@ _REFERENCE: Final = 1.787
 RACKET_LENGTH: Final = 0.675
 """Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
 RACKET_BUTT: Final = -0.10
-"""Its lower end along its shaft, seen from the middle of the grip [m]."""
+"""Position of the lower end along the shaft, from the middle of the grip [m]."""
 SWEET_SPOT: Final = 0.45
 """Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
 RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
@@ -74,9 +74,9 @@ distance behind the middle of the cork [m]."""
 
 HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
 N_TRUNK = 7
-"""Numbers that describe the trunk: height of the hips [m] and six angles [rad], in this order."""
+"""Size of a trunk pose: height of the hips [m] and six angles [rad], in this order."""
 SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])
-"""``[3, 2]`` how far the chest turns left, bows, and leans right against the hips [rad] (thoracic and lumbar spine)."""
+"""``[3, 2]`` limits of yaw, pitch and roll of the chest against the hips [rad] (thoracic and lumbar spine)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +87,7 @@ class Skeleton:
         name: of the athlete.
         height: from the floor to the top of the head [m].
         parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
-        rest: ``[23, 3]`` where each bone begins at rest [m].
+        rest: ``[23, 3]`` start of each bone at rest [m].
         grip_axis: ``[3]`` direction of the shaft at rest, from the right hand.
         grip_normal: ``[3]`` the side of the strings that a forehand strikes with, at rest.
     """
@@ -101,21 +101,21 @@ class Skeleton:
 
     @property
     def scale(self) -> float:
-        """Size relative to the athlete for whom the motions were written."""
+        """Size relative to the reference athlete of the motions."""
         return self.height / _REFERENCE
 
     def at(self, bone: str) -> F64:
-        """``[3]`` where a bone begins at rest [m]."""
+        """``[3]`` start of a bone at rest [m]."""
         return self.rest[BONE[bone]]
 
     def parents(self, *, right_handed: bool) -> I64:
-        """``[23]`` parents, with the racket in the hand that plays."""
+        """``[23]`` parents, with the racket in the playing hand."""
         out = self.parent.copy()
         out[BONE["Racket"]] = BONE["RightHand" if right_handed else "LeftHand"]
         return out
 
     def rest_pose(self, *, right_handed: bool) -> F64:
-        """``[23, 3]`` where each bone begins at rest, the racket in the hand that plays [m]."""
+        """``[23, 3]`` start of each bone at rest, with the racket in the playing hand [m]."""
         return self.rest if right_handed else self.rest[MIRROR] * np.array([-1.0, 1.0, 1.0])
 
     def racket(self, *, right_handed: bool) -> tuple[F64, F64]:
@@ -175,11 +175,11 @@ def model_file(name: str) -> Path:
 
 
 def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
-    """Bend of the fingers of an athlete's model, all the time.
+    """Constant bend of the fingers of an athlete's model.
 
     Args:
         name: the athlete.
-        right_handed: which hand is closed around the handle; the other one is open.
+        right_handed: the closed hand; the other hand is open.
 
     Returns:
         Quaternions (x, y, z, w) by bone of the ``.glb`` file, against the parent bone, in the axes of the staging.
@@ -207,7 +207,7 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
 
     Args:
         skeleton: the athlete.
-        hips: ``[N, 3]`` where the hips are.
+        hips: ``[N, 3]`` position of the hips [m].
         angles: ``[N, 7]``; the height is not used.
 
     Returns:
@@ -222,5 +222,5 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
 
 
 def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Right") -> F64:
-    """``[N, 3]`` where the collar bone of a side begins, from rotation and position of Spine2."""
+    """``[N, 3]`` start of the collar bone of a side, from rotation and position of Spine2 [m]."""
     return position + apply(rotation, skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2"))

@@ -1,6 +1,6 @@
 """Timeline of a player: key poses, jumps and stands of the feet, on the clock of a rally.
 
-All is in the player's own frame, mirrored for a left-hander, so that all play right-handed here.
+All values are in the player's own frame, mirrored for a left-hander.
 """
 
 import dataclasses
@@ -22,37 +22,37 @@ from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
 from shuttle_marl.staging.trajectory import RETURN, Trajectory
 
 _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
-"""Seconds before the contact, and share of the shuttle's flight, at which a stroke is prepared, taken back, loaded."""
+"""Times of preparation, take-back and load: seconds before the contact, and limit as a fraction of the flight."""
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _SPLIT_HOP: Final = 0.035
 _WAY_TO_SPLIT: Final = 0.25
-"""A split step begins from where the feet are, if the hips are no further from there [m]."""
+"""Distance of the hips from the feet below which a split step begins without a step [m]."""
 _HIGHEST_JUMP: Final = 0.48
 _LEAST_JUMP: Final = 0.12
 """Height of the jump for an attack that could be played from the floor [m]."""
 _TIME_TO_JUMP: Final = 0.6
-"""Seconds since the opponent's contact from which an attack is jumped [s]."""
+"""Time since the opponent's contact above which an attack is jumped [s]."""
 _STRETCH: Final = 0.08
-"""Height gained in an overhead that is met from the toes [m]."""
+"""Height gained by standing on the toes in an overhead stroke [m]."""
 _SINK: Final = 0.14
 """Depth to which the hips sink after a jumped stroke [m]."""
 _LEANT: Final = 2.0
-"""Lean of the racket in an overhead, for each sine of the angle at which the shuttle leaves upwards."""
+"""Backward lean of the racket in an overhead stroke per sine of the launch angle."""
 _FULL_SWING: Final = 38.0
-"""Speed of the shuttle from which on a stroke is swung in full [m/s]."""
+"""Launch speed of the shuttle above which the swing is full [m/s]."""
 
 
 class TimelineBuilder:
-    """Writes the timeline of one player.
+    """Builder of the timeline of one player.
 
     Args:
         trajectory: the rally.
         athlete: the player.
-        hips: ``[F, 2]`` the hips over the floor, mirrored for a left-hander [m].
-        higher: ``[n]`` how much higher the hips shall be at each stroke than the pose has them [m].
+        hips: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander [m].
+        higher: ``[n]`` additional height of the hips at each stroke [m].
         fps: frames a second.
-        mood: which of the two reactions to the end of the rally is shown, and how much of it, 0 to 1.
-        past: what stays as it is.
+        mood: index of the reaction to the end of the rally, and its strength from 0 to 1.
+        past: unchanged part of a continued motion.
     """
 
     def __init__(
@@ -84,12 +84,12 @@ class TimelineBuilder:
                 new[: past.frame + 1] = old[: past.frame + 1]
 
     def timeline(self) -> Timeline:
-        """All of it."""
+        """Build the timeline."""
         trajectory, hits = self.trajectory, []
         rally = trajectory.rally
         over = round(trajectory.end_time[-1] * self.fps) if len(rally) else self.frames - 1
         self._begin()
-        # A jump in which the last stroke was struck lasts, so it is written again.
+        # The jump of the last stroke may still last, so it is written again.
         for i in range(max(self.past.strokes - 3, 0) if self.past else 0, len(rally)):
             frame = int(self.clock[i])
             following = self.clock[i + 1] if i + 1 < len(self.clock) else over
@@ -119,7 +119,7 @@ class TimelineBuilder:
         )
 
     def _key(self, frame: int, pose: F64, *, fixed: bool = False) -> None:
-        """Add a key pose; one that stands closer than two frames to a fixed one gives way."""
+        """Add a key pose, unless a fixed one is within two frames."""
         if frame <= self.done:
             return
         frame = min(max(frame, 0), self.frames - 1)
@@ -134,7 +134,7 @@ class TimelineBuilder:
             self.fixed.add(frame)
 
     def _stand(self, begin: int, end: int, feet: tuple[F64, F64], last: int = 1, hop: bool = False) -> None:
-        """Add a stand, moved behind the one before."""
+        """Add a stand after the previous one."""
         if begin <= self.done:
             return
         if self.stands:
@@ -153,7 +153,7 @@ class TimelineBuilder:
         return int(np.floor(peak - half)), int(np.ceil(peak + half))
 
     def _facing(self, frame: int) -> float:
-        """Angle to the left at which the player faces where the shuttle is struck next [rad]."""
+        """Heading towards the next contact, positive to the left [rad]."""
         i = int(np.clip(np.searchsorted(self.clock, frame), 0, len(self.clock) - 1))
         way = (self.trajectory.contact[i] * self.sign)[:2] - self.hips[min(max(frame, 0), self.frames - 1)]
         return float(0.7 * np.arctan2(-way[0], max(way[1], 1.5)))
@@ -165,11 +165,11 @@ class TimelineBuilder:
         return pose
 
     def _begin(self) -> None:
-        """Both wait for the serve: the server in its first pose, the receiver with a foot in front."""
+        """Waiting for the serve: the server in the first pose, the receiver with a foot in front."""
         trajectory = self.trajectory
         first = int(self.clock[0]) if len(self.clock) else self.frames
         if self.past and not self.past.strokes and len(self.clock):
-            # They walk from where they have waited to where they stand for the serve.
+            # Both walk from their waiting positions to the serve.
             self._serve_stand(first - round(0.45 * self.fps), first)
         if trajectory.rally.server == self.seat:
             self._serve_stand(0, first)
@@ -185,7 +185,7 @@ class TimelineBuilder:
         self._serve_stand(0, first)
 
     def _serve_stand(self, begin: int, first: int) -> None:
-        """Both feet before a serve in frame ``first``, from frame ``begin`` on."""
+        """Stand before a serve in frame ``first``, from frame ``begin``."""
         hips = self.hips[begin]
         if self.trajectory.rally.server != self.seat:
             self._stand(begin, first - round(0.08 * self.fps), waiting(hips, 0.0))
@@ -195,13 +195,13 @@ class TimelineBuilder:
         self._stand(begin, first + round(0.12 * self.fps), (place, yaw))
 
     def _await(self, over: int) -> None:
-        """The next stroke is not chosen yet: who strikes next is on the way, the other one recovers."""
+        """Open rally: the next striker is on the way, the other player recovers."""
         if len(self.clock):
             self._key(over, self._ready(over), fixed=True)
             self._stand(over - 1, over, split(self.hips[-1], self._facing(over)))
 
     def _split(self, i: int, frame: int, following: int) -> None:
-        """The opponent strikes: a small hop, landing wide, ready to go either way."""
+        """Split step at the opponent's contact: a small hop that lands wide."""
         fps = self.fps
         self._key(frame - round(0.12 * fps), self._ready(frame, 0.01))
         self._key(frame + round(0.08 * fps), self._ready(frame, 0.05))
@@ -212,18 +212,18 @@ class TimelineBuilder:
             if i and room > 0.34 * fps and self._away(up) > _WAY_TO_SPLIT:
                 self._stand(up - 1, up, split(self.hips[up], heading), last=i % 2)
             elif self.stands[-1].end < up:
-                # No time for a step: the hop begins from where the feet are.
+                # No time for a step: the hop begins at the current stand.
                 self.stands[-1] = dataclasses.replace(self.stands[-1], end=max(self.stands[-1].end, up))
             self._stand(down, down + 2, split(self.hips[min(down + 1, self.frames - 1)], heading), hop=True)
         elif following - frame > 0.5 * fps:
             self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
 
     def _away(self, frame: int) -> float:
-        """From the middle between the feet, as they stand, to the hips in a frame [m]."""
+        """Distance from the middle between the feet to the hips in a frame [m]."""
         return float(np.hypot(*(self.stands[-1].place.mean(axis=0) - self.hips[frame])))
 
     def _mirrored(self, stance: Stance | None) -> Stance:
-        """The stance, mirrored for a left-hander."""
+        """Stance, mirrored for a left-hander."""
         assert stance is not None
         if self.right_handed:
             return stance
@@ -255,7 +255,7 @@ class TimelineBuilder:
         facing = turned(keys[CONTACT, HIPS_YAW])
         shaft, elbow = (facing @ direction[0] for direction in pointed(motion, need))
         if motion in OVERHEADS:
-            # Strings move across the line from the shoulder: to strike upwards, that line leans back.
+            # The strings move across the line from the shoulder: this line leans back to strike upwards.
             up = max(float(unit(self.trajectory.flight.velocity(i, 0))[2]), 0.0)
             shaft = unit(shaft - np.array([0.0, _LEANT * up, 0.0]))
         rally = self.trajectory.rally
@@ -274,7 +274,7 @@ class TimelineBuilder:
         )
 
     def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
-        """Lower or raise the hips for the height of the contact; frames of take-off and landing if it takes a jump."""
+        """Lower or raise the hips for the height of the contact; returns the frames of take-off and landing of a jump."""
         motion, higher = stance.motion, float(self.higher[i])
         need = float(self.trajectory.contact[i, 2] - self.library.contact[motion, 0, 2])
         air, raised = None, higher
@@ -314,20 +314,20 @@ class TimelineBuilder:
         self._stand(down, down + round(0.08 * fps), landing(after, 0.5 * stance.heading), hop=True)
 
     def _normal(self, i: int) -> F64:
-        """Direction that the strings face: between where the shuttle comes from and where it goes."""
+        """Direction that the strings face: between the incoming and the outgoing flight."""
         n = unit(self.trajectory.flight.velocity(i, 0))
         if i:
             n = n - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
         return unit(n) * self.sign
 
     def _swing(self, i: int) -> F64:
-        """Velocity that the strings shall have: a share of the shuttle's launch, by shot type."""
+        """Target velocity of the strings: a fraction of the launch velocity, by shot type."""
         rally = self.trajectory.rally
         ratio = float(RATIOS[rally.catalogue.shot[rally.stroke[i]]])
         return ratio * self.trajectory.flight.velocity(i, 0) * self.sign
 
     def _finish(self, over: int) -> None:
-        """After the rally one is glad and the other is not, then both let the racket sink."""
+        """Reactions of winner and loser after the rally, then both lower the racket."""
         fps, (which, much) = self.fps, self.mood
         rally = self.trajectory.rally
         last = max(over, int(self.clock[-1]) + round(0.4 * fps))
@@ -340,7 +340,7 @@ class TimelineBuilder:
         felt = rest + much * (shown - rest)
         for pose in (rest, felt):
             pose[HIPS_YAW] += turn
-        # Joy comes at once and passes, disappointment comes slowly and stays.
+        # Joy is immediate and passes; disappointment comes slowly and stays.
         for seconds in (0.5, 1.0) if won else (0.9, 1.7):
             self._key(last + round(seconds * fps), felt)
         self._key(self.frames - 1, rest if won else felt, fixed=True)

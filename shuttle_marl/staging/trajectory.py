@@ -15,7 +15,7 @@ LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
 RETURN, WIN, OUT, NET, OPEN = range(5)
 ENDS: Final = ("returned", "winner", "out", "net", "open")
-"""Ends of a stroke in the staging; *open*: it will be returned, but the reply is not chosen yet."""
+"""Ends of a stroke; *open*: it will be returned, but the reply is not chosen yet."""
 
 _REST: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
@@ -24,21 +24,21 @@ _BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """A rally in time and space; n strokes, in the frame of the court.
+    """Times, places and flights of a rally of n strokes, in the frame of the court.
 
     Attributes:
-        rally: what was played.
-        time: ``[n]`` when each stroke is struck [s], on the grid of frames.
-        contact: ``[n, 3]`` where the shuttle is then [m].
+        rally: finished or open rally.
+        time: ``[n]`` time of each contact, on the grid of frames [s].
+        contact: ``[n, 3]`` position of the shuttle at each contact [m].
         end: ``[n]`` index into :data:`ENDS`.
-        end_time: ``[n]`` when the flight ends: at the receiver's racket, on the floor, or in the net [s].
-        chosen_point: ``[n, 3]`` where it shall end, as drawn [m].
-        end_point: ``[n, 3]`` where it ends [m]: the chosen point, unless the receiver's racket does not get there.
+        end_time: ``[n]`` end of the flight at the receiver's racket, on the floor, or in the net [s].
+        chosen_point: ``[n, 3]`` drawn end point of each flight [m].
+        end_point: ``[n, 3]`` end point [m]: the chosen point, unless the receiver's racket does not reach it.
         flight: the n flights.
         stance: n stances, each in its striker's own frame.
-        base: ``[n, 2, 2]`` where seats 0 and 1 wait when each stroke is struck, each in their own frame [m].
-        before: ``[2, 2]`` where seats 0 and 1 stand before the serve, each in their own frame [m].
-        reply: while the rally is open, the stance in which the next striker is expected.
+        base: ``[n, 2, 2]`` base positions of seats 0 and 1 at each stroke, each in their own frame [m].
+        before: ``[2, 2]`` positions of seats 0 and 1 before the serve, each in their own frame [m].
+        reply: expected stance of the next striker in an open rally.
     """
 
     rally: Rally
@@ -56,11 +56,11 @@ class Trajectory:
 
 
 def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajectory:
-    """The same rally, in which some strokes are met elsewhere, at the same time; the flights to and from there follow.
+    """Move some contacts, at the same times, and the flights to and from them.
 
     Args:
         trajectory: the rally.
-        by: ``[3]`` in the frame of the court, by number of the stroke [m].
+        by: displacement ``[3]`` in the frame of the court, by number of the stroke [m].
     """
     contact, end_point = trajectory.contact.copy(), trajectory.end_point.copy()
     for k, change in by.items():
@@ -76,7 +76,7 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajector
 
 
 def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
-    """The first strokes of one trajectory, and another one behind them."""
+    """Concatenate the first strokes of one trajectory and another one."""
 
     def whole(a: F64, b: F64) -> F64:
         return np.concatenate([a[:first], b])
@@ -92,7 +92,7 @@ def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
 
 
 def facing(seat: int) -> float:
-    """+1 or -1: what turns x and y of a seat's own frame into those of the court, and back."""
+    """Sign, +1 or -1, of x and y between the frame of a seat and the frame of the court."""
     return 1.0 - 2.0 * seat
 
 
@@ -102,24 +102,24 @@ def net_height(x: F64 | float) -> F64:
 
 
 def own_frame(seat: int, right_handed: bool) -> F64:
-    """``[3]`` signs that turn the frame of the court into the player's own, mirrored for a left-hander, and back."""
+    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander."""
     sign = facing(seat)
     return np.array([sign if right_handed else -sign, sign, 1.0])
 
 
 def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[F64, F64]:
-    """``[F, 3]`` position and ``[F, 3]`` velocity; before the serve it waits where it will be struck.
+    """``[F, 3]`` position and ``[F, 3]`` velocity of the shuttle; before the serve it is at the contact of the serve.
 
     Args:
         trajectory: the rally.
         frames: F.
         fps: frames a second.
-        first: number of the first stroke whose flight is wanted.
+        first: number of the first stroke with a flight.
     """
     time = np.arange(frames) / fps
     position, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
     if not len(trajectory.time):
-        # In front of the server, who holds it.
+        # In front of the server.
         position[:] = (*(trajectory.before[trajectory.rally.server] * facing(trajectory.rally.server)), 1.0)
         return position, velocity
     position[:] = trajectory.contact[0]
@@ -144,7 +144,7 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
 
 
 def held(position: F64, palm: F64, contacts: I64, trajectory: Trajectory, fps: int) -> None:
-    """Put the shuttle into the server's hand: until the hand opens it is at the palm, then it drops to the racket.
+    """Place the shuttle in the server's hand: at the palm until the release, then it drops to the racket.
 
     Args:
         position: ``[F, 3]`` path of the shuttle, changed in place.
@@ -167,7 +167,7 @@ def held(position: F64, palm: F64, contacts: I64, trajectory: Trajectory, fps: i
 
 
 def _roll(position: F64, velocity: F64, first: int, start: F64, into: F64, time: F64) -> None:
-    """From frame ``first`` on: one small bounce, then a short slide to rest."""
+    """One small bounce from frame ``first``, then a short slide to rest."""
     rows = slice(first, None)
     since = time[rows] - time[first] + 0.5 * (time[1] - time[0])
     up = min(0.18 * abs(float(into[2])), 1.0)

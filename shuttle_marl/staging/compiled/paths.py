@@ -156,16 +156,16 @@ def _copy(x: F64, share: float, out: F64) -> None:
 
 
 @compiled
-def _project(now: F64, limit: float, kept: F64, scaled: F64, relax: float) -> float:
-    """One step of the multipliers for vectors ``[N, 2]`` that shall be no longer than ``limit``; returns the longest one now."""
+def _project(now: F64, limit: float, projected: F64, scaled: F64, relax: float) -> float:
+    """Update the multipliers of ``[N, 2]`` vectors limited to length ``limit``; returns the greatest current length."""
     longest = 0.0
     for i in range(len(now)):
         x, y = now[i, 0], now[i, 1]
         longest = max(longest, x * x + y * y)
-        x, y = relax * x + (1 - relax) * kept[i, 0] + scaled[i, 0], relax * y + (1 - relax) * kept[i, 1] + scaled[i, 1]
+        x, y = relax * x + (1 - relax) * projected[i, 0] + scaled[i, 0], relax * y + (1 - relax) * projected[i, 1] + scaled[i, 1]
         share = min(1.0, limit / max(math.sqrt(x * x + y * y), 1e-9))
-        kept[i, 0], kept[i, 1] = share * x, share * y
-        scaled[i, 0], scaled[i, 1] = x - kept[i, 0], y - kept[i, 1]
+        projected[i, 0], projected[i, 1] = share * x, share * y
+        scaled[i, 0], scaled[i, 1] = x - projected[i, 0], y - projected[i, 1]
     return math.sqrt(longest)
 
 
