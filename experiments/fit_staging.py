@@ -1,9 +1,9 @@
-"""Measures timing and places in annotated matches, and writes the table from which rallies are staged.
+"""Measure timing and places in annotated matches and write the table of the staging.
 
     python -m experiments.fit_staging --data FOLDER [--out FILE]
 
-The matches tell when each stroke was struck (frames of the video), where the shuttle was met, where the players
-stood, and how faults ended. They do not tell how high a contact was, other than above or below the net; see
+The matches contain the time (video frame) and place of each contact, the positions of the players, and the reasons of faults.
+The height of a contact is known only as above or below the net; see
 :mod:`shuttle_marl.staging.motions`. Only the training matches are used.
 """
 
@@ -29,11 +29,11 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.staging.measured import DISTANCES, FILE, QUANTILES, QUARTILES
 
 _ENOUGH: Final = 40
-"""Strokes that a cell of a table needs; with fewer it takes the numbers of the next coarser one."""
+"""Minimum number of strokes in a cell of a table; cells with fewer use the next coarser cell."""
 _LONGEST: Final = 3.5
-"""Longest time between two strokes that is believed [s]."""
+"""Longest plausible time between two strokes [s]."""
 _REACH: Final = 0.45
-"""Distance in front of the server at which a serve is struck [m], for its length: the matches do not tell."""
+"""Assumed distance of the contact of a serve in front of the server [m]; not in the data."""
 
 
 def fit(data: Path, out: Path | None = None) -> dict[str, Any]:
@@ -41,10 +41,10 @@ def fit(data: Path, out: Path | None = None) -> dict[str, Any]:
 
     Args:
         data: folder with the raw files of the matches.
-        out: file to write; default the one that the package reads.
+        out: output file; default: the file of the package.
 
     Returns:
-        What was written.
+        The table.
 
     Raises:
         DataError: the folder holds no matches.
@@ -100,7 +100,7 @@ def _following(c: dict[str, npt.NDArray[Any]]) -> Bools:
 
 
 def _frames_per_second(c: dict[str, npt.NDArray[Any]]) -> F64:
-    """``[N]`` frames a second of each row's video: the slope of its frame numbers over its clock."""
+    """``[N]`` frame rate of the video of each row: slope of frame numbers over the clock [Hz]."""
     out = np.full(len(c["match"]), np.nan)
     for match in np.unique(c["match"]):
         rows = np.flatnonzero(c["match"] == match)
@@ -111,7 +111,7 @@ def _frames_per_second(c: dict[str, npt.NDArray[Any]]) -> F64:
 
 
 def _flight_times(shot: I64, next_height: I64, length: F64, seconds: F64) -> dict[str, Any]:
-    """Quartiles by shot type, height at which the shuttle is met, and length; thin cells take coarser ones."""
+    """Quartiles by shot type, height of the next contact, and length; sparse cells use coarser ones."""
     bins = np.clip(np.searchsorted(DISTANCES, length, side="right") - 1, 0, len(DISTANCES) - 2)
     out: dict[str, Any] = {}
     for s in range(N_SHOTS):
@@ -126,7 +126,7 @@ def _flight_times(shot: I64, next_height: I64, length: F64, seconds: F64) -> dic
 
 
 def _places(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], returned: Bools) -> dict[str, Any]:
-    """Quantiles of where the receiver met the shuttle, in the striker's frame, by shot type and area."""
+    """Quantiles of the receiver's contact in the striker's frame, by shot type and area."""
     xy = np.stack([c["landing_x"], c["landing_y"]], axis=1).astype(np.float64)
     ok = returned & np.isfinite(xy).all(axis=1) & c["in_court"].astype(bool)
     out: dict[str, Any] = {}
@@ -140,7 +140,7 @@ def _places(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], returned: Bool
 
 
 def _bases(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], following: Bools) -> dict[str, Any]:
-    """Median place of a striker, in their own frame, when the opponent answers; by the stroke they had played."""
+    """Median position of a striker in their own frame at the opponent's reply, by their own stroke."""
     rows = np.flatnonzero(following)
     xy = -np.stack([c["receiver_x"], c["receiver_y"]], axis=1).astype(np.float64)[rows + 1]
     ok = np.isfinite(xy).all(axis=1)
@@ -161,7 +161,7 @@ def _faults(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
     fault = c["outcome"] == Outcome.FAULT
     net = np.isin(c["reason"], [REASONS.index("net"), REASONS.index("short")])
     out = c["reason"] == REASONS.index("out")
-    # One of each kind is added, so that a rare fault keeps both.
+    # Add-one smoothing: rare faults keep both kinds.
     return {
         SHOTS[s]: round(float((1 + (fault & net & (shot == s)).sum()) / (2 + (fault & (net | out) & (shot == s)).sum())), 3)
         for s in range(N_SHOTS)
@@ -177,7 +177,7 @@ def _out_by(c: dict[str, npt.NDArray[Any]]) -> dict[str, list[float]]:
 
 
 def _serves(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Quantiles of where server and receiver stand, ``[|x|, distance to the net]``, by serve."""
+    """Quantiles of the positions of server and receiver, ``[|x|, distance to the net]``, by serve."""
     out: dict[str, Any] = {}
     for s in range(N_SERVES):
         rows = (shot == s) & np.isfinite(c["striker_y"].astype(np.float64)) & np.isfinite(c["receiver_y"].astype(np.float64))
@@ -193,11 +193,11 @@ def _round(values: F64) -> list[float]:
 
 
 def fit_staging(*, data: Path, out: Path | None = None) -> None:
-    """Measure flight times and places in the training matches and write the table that the package reads.
+    """Measure flight times and places in the training matches and write the table of the package.
 
     Args:
         data: folder with the raw files of the matches.
-        out: file to write; by default the one inside the package.
+        out: output file; default: the file of the package.
     """
     table = fit(data, out)
     sys.stdout.write(f"{table['timed']:,} timed strokes of {table['matches']} matches written to {out or FILE}\n")

@@ -1,9 +1,9 @@
-"""Does simulated play look like the matches? Behaviour cloning against itself beside the validation matches.
+"""Compare behaviour cloning in self-play with the validation matches.
 
     python -m experiments.realism --data DATA [--split validation] [--json]
 
-Simulated figures are exact (expected visits of every state), so they carry no noise; the intervals are those of the
-matches, by a bootstrap over matches.
+Simulated figures are exact (expected visits of every state) and have no noise; the intervals are bootstrap intervals over
+matches.
 """
 
 import json as json_format
@@ -34,14 +34,14 @@ RESAMPLES: Final = 2000
 def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
     """Figures of real matches, each with its value and 95 % interval.
 
-    A rally's length is the number of its last stroke; rallies whose end was not kept do not count. A stroke's shares are
-    of the kept strokes of known outcome. Serves that the cameras missed are few but not at random: the share of serves is
-    taken of rallies, not of strokes.
+    The length of a rally is the number of its last stroke; rallies without a recorded end do not count. Shares of strokes refer
+    to recorded strokes of known outcome. Few serves were missed by the cameras, but not at random: their share refers to
+    rallies, not to strokes.
     """
     ended = (rows.outcome == Outcome.FAULT) | (rows.outcome == Outcome.WINNER)
     known = rows.outcome != Outcome.UNKNOWN
     n = len(rows.matches)
-    # Strokes before a kept one that were dropped (nearly always serves) count towards the length.
+    # Dropped strokes (nearly always serves) before a recorded one count towards the length.
     total = np.bincount(rows.match[ended], rows.stroke[ended], n).astype(np.float64)
     per_match: dict[str, tuple[F64, F64]] = {
         "mean rally": (total, np.bincount(rows.match[ended], minlength=n).astype(np.float64)),

@@ -29,25 +29,11 @@ _ROWS: Final = 12
 
 
 class _ArmFrames(NamedTuple):
-    """One arm in the frame of the chest: ``[3, 3]`` rotations, ``[3]`` points, and scratch space.
+    """One arm in the frame of the chest: ``[3, 3]`` rotations and ``[3]`` vectors.
 
-    Attributes:
-        collar: rotation of the collar bone.
-        upper: rotation of the upper arm.
-        forearm: rotation of the forearm, half of the pronation included.
-        hand: rotation of the hand.
-        racket: rotation of the racket.
-        axes: ``[10, 3]`` axis of each angle.
-        pivots: ``[10, 3]`` a point on each axis; the first is the origin, the last the middle of the grip.
-        shoulder: where the upper arm begins.
-        elbow: where the forearm begins.
-        wrist: where the hand begins.
-        swing: rotation vector of the shoulder.
-        joint: scratch, rotation of one joint.
-        chain: scratch, product of rotations.
-        chain_2: scratch, product of rotations.
-        vector: scratch.
-        vector_2: scratch.
+    Rotations: ``collar`` bone, ``upper`` arm, ``forearm`` (with half of the pronation), ``hand`` and ``racket``; the others are
+    scratch. ``[10, 3]`` ``axes`` of the angles and a point on each, ``pivots``: the first is the origin, the last the middle
+    of the grip. ``shoulder``, ``elbow`` and ``wrist`` are positions, ``swing`` is the rotation vector of the shoulder.
     """
 
     collar: F64

@@ -117,17 +117,9 @@ def _clip(x: float, limits: F64) -> float:
 class _HipWorkspace(NamedTuple):
     """Scratch of the hip joint: ``[3, 3]`` rotations and ``[3]`` vectors.
 
-    Attributes:
-        relative: rotation of the thigh against the hips.
-        swing: its shortest rotation from rest.
-        twist: rotation about the thigh.
-        product: product of two of them.
-        way: direction of the thigh.
-        side: axis across the thigh at rest.
-        turned: that axis under ``relative``.
-        swung: that axis under ``swing``.
-        axis: axis of the swing.
-        normal: cross product of ``swung`` and ``turned``.
+    Rotations of the thigh against the hips: ``relative``, its shortest part ``swing`` and the rest ``twist``; ``product`` of
+    two of them. Vectors: direction of the thigh ``way``, an axis ``side`` across it at rest, that axis ``turned`` by
+    ``relative`` and ``swung`` by ``swing``, ``axis`` of the swing, and ``normal`` to the two.
     """
 
     relative: F64
@@ -145,28 +137,11 @@ class _HipWorkspace(NamedTuple):
 class _LegWorkspace(NamedTuple):
     """One leg in one frame: ``[3, 3]`` rotations and ``[3]`` vectors.
 
-    Attributes:
-        thigh: rotation of the thigh.
-        shank: rotation of the shank.
-        sole: rotation of the sole.
-        floor: rotation of a sole that follows the floor.
-        limited: rotation of the sole within the range of the ankle.
-        knee: where the shank begins.
-        ankle: where the foot begins.
-        target: where the ankle shall be.
-        heel: from the joint of the toes to the ankle at rest.
-        toes: from the ankle to the toes.
-        frame: frame of a bone.
-        bend: rotation of the shank against the thigh.
-        joint: scratch rotation of the ankle.
-        down: direction from hip to ankle.
-        aim: direction in which the knee points.
-        upper: from hip to knee.
-        lower: from knee to ankle.
-        hinge: axis of the knee.
-        rest: direction of the thigh at rest.
-        normal: normal of the floor against the shank.
-        hip: scratch of the hip joint.
+    Rotations: ``thigh``, ``shank`` and ``sole``; ``floor``, a sole that follows the floor, and ``limited``, that sole within the
+    range of the ankle; scratch: ``frame`` of a bone, ``bend`` of the knee, ``joint`` of the ankle. Positions: ``knee``, ``ankle``
+    and its ``target``. Vectors: ``heel`` from the joint of the toes to the ankle and ``toes`` back; from hip to ankle ``down``,
+    to knee ``upper``, from there ``lower``; ``aim`` and ``hinge`` of the knee, ``rest`` direction of the thigh, ``normal`` of
+    the floor.
     """
 
     thigh: F64
