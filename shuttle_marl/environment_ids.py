@@ -1,4 +1,4 @@
-"""Tells Gymnasium and PettingZoo the ids of the environments, as soon as they and this package are imported, in either order.
+"""Registration of the environment ids with Gymnasium and PettingZoo, when both are imported, in either order.
 
 Gymnasium 1.0 stopped reading entry points, so a package registers its environments when it is imported. Importing a library
 for that would make ``import shuttle_marl`` ten times slower; instead the registration waits until another module does.

@@ -1,4 +1,4 @@
-"""Exact values: minimax, robust and human play, best responses, cross-play, regret, holes, visits. See ``docs/exact.md``.
+"""Exact values: minimax, robust and regularised play, best responses, cross-play, regret, holes, visits. See ``docs/exact.md``.
 
 Names are imported when first used, because the solvers need numba, which takes longer to import than a command's help.
 """

@@ -1,4 +1,4 @@
-"""The game: court, strokes, the rules of a rally and of a match, draws, and the contract of a policy.
+"""The game: court, strokes, rules of a rally and of a match, random numbers, and the interface of a policy.
 
 The names that users need, imported when first used::
 

@@ -1,1 +1,1 @@
-"""The game in the words of other libraries, each in a module of its own that needs that library."""
+"""Adapters to other libraries; each module needs its library."""

@@ -1,4 +1,4 @@
-"""The game compiled to machine code: rallies by the thousand, against tabulated opponents, and whole tournaments.
+"""The game compiled by numba: batches of rallies, tabulated opponents, and tournaments.
 
 Names are imported when first used, because numba takes longer to import than a command's help.
 """

@@ -1,1 +1,1 @@
-"""Played rallies: the two types that hold them, playing one stroke at a time, and the analysis of one rally."""
+"""Played rallies: records as columns and as single rallies, and a stepper that plays one stroke at a time."""

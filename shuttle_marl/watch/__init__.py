@@ -1,7 +1,7 @@
-"""The live 3D court: a page to watch, analyse and play rallies, and the server behind it. See ``docs/watch.md``.
+"""The live 3D court: a page to watch, analyse and play matches, and its server. See ``docs/watch.md``.
 
-The server plays (:mod:`~shuttle_marl.watch.match`), stages and measures; the page under ``page/`` draws what it is sent, and
-holds no rules of the game.
+The server plays (:mod:`~shuttle_marl.watch.match`), stages and evaluates; the page under ``page/`` draws what it receives and
+contains no rules of the game.
 """
 
 from shuttle_marl.errors import ShuttleError
@@ -10,4 +10,4 @@ __all__ = ["WatchError"]
 
 
 class WatchError(ShuttleError):
-    """A match, a rally or a request that cannot be shown, or an unknown option."""
+    """A match, rally or request that cannot be answered, or an invalid option."""
