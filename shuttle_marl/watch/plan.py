@@ -103,7 +103,8 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def key(self) -> bytes:
         """Equal for equal plans; hashable."""
-        return msgspec.json.encode(self, order="deterministic")
+        chosen = {rally: self.chosen_in(rally) for rally in sorted(self.chosen)}
+        return msgspec.json.encode(msgspec.structs.replace(self, chosen=chosen))
 
     def sides_in(self, rally: int) -> tuple[Side, Side]:
         """Players of a rally, seats 0 and 1."""

@@ -75,7 +75,7 @@ def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.Mo
     add_truth(tmp_path / "model", TRUTH)
     text = as_markdown(read_model_card(tmp_path / "model"))
     assert "| smash | +1.25 | -0.50 | -1.00 to +0.10 | 321 |" in text
-    assert "4 games, each without the matches it is compared with" in text
+    assert "4 games, each evaluated on held-out matches" in text
     assert load_game(f"{name}:men").hash
     with pytest.raises(ShuttleError, match="decision_slope missing"):
         add_truth(tmp_path / "model", {key: value for key, value in TRUTH.items() if key != "decision_slope"})

@@ -1,5 +1,6 @@
 """Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
 
+import json
 import re
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from shuttle_marl.game.rules import RETURNED_BELOW, strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.messages import RallyRequest
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies
+from shuttle_marl.watch.stager import Stager
 
 BC = {"policy": "bc"}
 PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
@@ -138,6 +142,32 @@ def test_a_plan_is_read_as_it_was_meant() -> None:
     assert [side.policy for side in plan.sides_in(4)] == ["bc", "bc"]
     assert plan.chosen_in(2) == {0: 3, 1: 7}
     assert plan.chosen_in(3) == {}
+
+
+def test_equal_plans_have_one_key() -> None:
+    first = Plan.parse({**PLAN, "chosen": {"2": {"1": 7, "0": 3}, "0": {"0": 1}}})
+    second = Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3, "1": 7}}})
+    assert first.key == second.key
+    assert first.key != Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3}}}).key
+
+
+def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
+    game, plan = tables.game, Plan.parse(PLAN)
+    answers = Answers(tables, plan, Stager(("male", "male"), ("right", "right")))
+    played = Match(plan, game, tables)
+    number = next(k for k in range(40) if len(played.rally(k)) > 2)
+    rally = played.rally(number)
+    other = next(int(s) for s in game.legal_strokes(int(rally.states(game)[1])) if s != rally.stroke[1])
+    whole = answers(RallyRequest(id=1, plan=plan, rally=number))
+    tried = Plan.parse({**PLAN, "chosen": {str(number): {"1": other}}})
+    branch = answers(RallyRequest(id=2, plan=tried, rally=number))
+    rest = answers(RallyRequest(id=3, plan=tried, rally=number, have=True))
+    strokes = [json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])["rally"]["strokes"] for reply in (whole, branch)]
+    for name in ("stroke", "state", "time", "frame", "contact"):
+        assert strokes[0][0][name] == strokes[1][0][name]
+    assert strokes[1][1]["stroke"] == other
+    assert strokes[1][1]["person"]
+    assert len(rest) < len(branch), "the frames before the branch are left out"
 
 
 def test_a_page_may_not_name_code_or_files(tables: PolicyTables) -> None:
