@@ -44,6 +44,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "league": benchmark_tables.league,
     "league_training": experiment_tables.league_training,
     "next_stroke": experiment_tables.next_strokes,
+    "paths": structure.paths,
     "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,
     "self_play": experiment_tables.self_play,
