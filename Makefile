@@ -58,12 +58,12 @@ lint: $(TEST_STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo --no-cache
 	$(BIN)/python -m docs.tools.wire_types --check
-	cd $(PAGE) && npm ci --silent --no-audit --no-fund && node_modules/.bin/biome check . && node_modules/.bin/tsc -p .
+	cd $(PAGE) && npm ci --silent --no-audit --no-fund --ignore-scripts && node_modules/.bin/biome check . && node_modules/.bin/tsc -p .
 
 format: $(TEST_STAMP)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	cd $(PAGE) && npm ci --silent --no-audit --no-fund && node_modules/.bin/biome check --write .
+	cd $(PAGE) && npm ci --silent --no-audit --no-fund --ignore-scripts && node_modules/.bin/biome check --write .
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
