@@ -85,7 +85,7 @@ def _smaller(game: Game) -> tuple[dict[str, Any], Ints, Ints]:
         kept &= answered
     old = np.append(np.flatnonzero(kept), game.n_strokes)
     catalogue = Catalogue.from_names([game.catalogue.names[k] for k in old[:-1]])
-    replies = game.reply_mask.any(axis=1)[np.ix_(old, old[:-1])]
+    replies = np.asarray(game.reply_mask.any(axis=1))[np.ix_(old, old[:-1])]
     tables = layout(catalogue, replies, duels=game.counts_duels)
     state = np.arange(2 * len(tables["edge_own"]))
     of_state = game.state_of(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.arrays import F64
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import matches_of
@@ -100,7 +101,11 @@ def test_shifts_are_shrunk_and_move_the_ranges() -> None:
     found = []
     for number in (20, 20_000):
         label = rng.random(number) < sigmoid(np.full(number, -1.5 + 0.8))
-        found.append(_shift(lambda b, number=number: sigmoid(np.full(number, -1.5 + b)), label))
+
+        def probability(shift: float, number: int = number) -> F64:
+            return sigmoid(np.full(number, -1.5 + shift))
+
+        found.append(_shift(probability, label))
     assert found[1] == pytest.approx(0.8, abs=0.06)
     assert _shift(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx(0, abs=1e-4)
     nothing = np.zeros(2)

@@ -116,7 +116,8 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> No
     for stroke in (wrong, torch.full_like(action, -1)):
         with pytest.raises(IllegalStrokeError, match=r"row [05]: "):
             env.step(now.clone().set("action", stroke))
-    assert all(np.array_equal(a, b) for a, b in zip(before, env._batch.rows, strict=True))
+    after: tuple[np.ndarray, ...] = env._batch.rows
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
     env.step(now.set("action", action))
 
 

@@ -1,7 +1,7 @@
 """Libraries as they come, unmodified, on the environments: sb3-contrib, TorchRL's wrappers."""
 
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -54,7 +54,7 @@ def test_maskable_ppo_learns_to_beat_random_by_far() -> None:
     random = probability_against_bc(resolve("random", GAME))
     assert probability_against_bc(Learned(masked_scores(model), GAME)) > random + 0.06
     reward, _ = evaluate_policy(model, gymnasium.make(NAMES[0]), n_eval_episodes=50, deterministic=False, warn=False)
-    assert -1 <= reward <= 1
+    assert -1 <= cast(float, reward) <= 1
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -120,7 +120,8 @@ def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
             raw: Any = env.unwrapped
             batch = {key: torch.from_numpy(value[None]) for key, value in seen.items()}
             with torch.no_grad():
-                distribution = model.policy.get_distribution(batch, action_masks=raw.action_masks()[None]).distribution
+                masked = model.policy.get_distribution(batch, action_masks=raw.action_masks()[None])
+            distribution: Any = masked.distribution
             played = table.probabilities(States(game=game, state=np.array([raw.state_number], np.int32)))
             expected = distribution.probs[0].double().numpy() ** (1 / TEMPERATURE)
             np.testing.assert_allclose(played[0], expected / expected.sum(), atol=3e-5)
@@ -131,7 +132,7 @@ def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
 
 def test_gymnasiums_wrappers_fit() -> None:
     env: Any = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.make(NAMES[0]))
-    env = gymnasium.wrappers.FlattenObservation(gymnasium.wrappers.TransformReward(env, lambda reward: reward / 2))
+    env = gymnasium.wrappers.FlattenObservation(gymnasium.wrappers.TransformReward(env, lambda reward: float(reward) / 2))
     seen, _ = env.reset(seed=1)
     over = False
     while not over:

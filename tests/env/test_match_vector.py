@@ -86,7 +86,7 @@ def test_batch_and_threads_change_nothing() -> None:
     ]
     for _ in range(40):
         strokes = [batch.random_strokes() for batch in batches]
-        assert np.array_equal(*strokes)
+        assert np.array_equal(strokes[0], strokes[1])
         found = [batch.play(stroke) for batch, stroke in zip(batches, strokes, strict=True)]
         assert np.array_equal(found[0][0], found[1][0])
         assert np.array_equal(found[0][1], found[1][1])
@@ -98,10 +98,11 @@ def test_batch_and_threads_change_nothing() -> None:
 
 def test_rewards_of_rallies_add_up_to_the_score() -> None:
     env = gymnasium.make_vec(NAME, num_envs=16, opponent="random", game=GAME, reward="rally", rules=SHORT)
+    raw: Any = env.unwrapped
     env.reset(seed=1)
     total, points = np.zeros(16), np.zeros(16)
     for _ in range(400):
-        _, rewards, over, _, infos = env.step(env.unwrapped.random_actions())
+        _, rewards, over, _, infos = env.step(raw.random_actions())
         total += rewards
         if over.any():
             for row in np.flatnonzero(over):
@@ -128,6 +129,7 @@ def test_it_is_the_native_one_of_gymnasium() -> None:
 def test_vectors_have_plain_views(name: str, mask: str) -> None:
     env = gymnasium.make_vec(name, num_envs=8, mask=mask, opponent="random")
     plain = gymnasium.make_vec(name, num_envs=8, opponent="random")
+    raw: Any = env.unwrapped
     (seen, infos), (expected, _) = env.reset(seed=1), plain.reset(seed=1)
     for _ in range(60):
         assert env.observation_space.contains(seen)
@@ -136,7 +138,7 @@ def test_vectors_have_plain_views(name: str, mask: str) -> None:
         assert ("action_mask" in infos) == (mask == "info")
         if mask == "info":
             assert np.array_equal(infos["action_mask"], expected["action_mask"])
-        strokes = env.unwrapped.random_actions()
+        strokes = raw.random_actions()
         seen, rewards, over, _, infos = env.step(strokes)
         expected, rewards_there, over_there, _, _ = plain.step(strokes)
         assert np.array_equal(rewards, rewards_there)

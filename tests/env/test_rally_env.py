@@ -348,7 +348,7 @@ def test_options_are_checked(option, message):
 
 def test_options_are_given_by_name():
     with pytest.raises(TypeError):
-        rally_v0.raw_env(0)
+        rally_v0.raw_env(0)  # type: ignore[call-arg]
 
 
 def test_the_number_of_the_state_is_what_policies_are_tables_over(play):

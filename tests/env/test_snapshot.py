@@ -34,7 +34,7 @@ def test_areas_tile_the_half_of_the_opponent(player):
         middle = (x0 + x1) / 2, (y0 + y1) / 2
         assert middle[0] * sign > 0
         # Back into the frame of the striker.
-        assert area_of(middle[1] * sign, middle[0] * sign) == area
+        assert area_of(np.array(middle[1] * sign), np.array(middle[0] * sign)) == area
     assert total == pytest.approx(2 * HALF_WIDTH * HALF_LENGTH)
 
 
@@ -53,7 +53,7 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
                 if OUTCOMES[stroke.outcome] != "fault":
                     sign = 1 if stroke.player == 0 else -1
                     area = snapshot.game.catalogue.area[stroke.stroke]
-                    assert area_of(flight.end[1] * sign, flight.end[0] * sign) == area
+                    assert area_of(np.array(flight.end[1] * sign), np.array(flight.end[0] * sign)) == area
                     areas.add(int(area))
     assert len(areas) == 9
 

@@ -112,12 +112,12 @@ def test_rows_are_the_episodes_of_single_environments(observation: str, tiring: 
     rows, _ = vector.reset(seed=5)
     logs: list[list[tuple[int, dict[str, np.ndarray], int, float, bool]]] = [[] for _ in range(batch)]
     for _ in range(60):
-        actions, rally = some_actions(vector, rng), vector.versus.rows.rally.copy()
+        actions, numbers = some_actions(vector, rng), vector.versus.rows.rally.copy()
         before = rows
         rows, rewards, terminated, _, _ = vector.step(actions)
         for row in range(batch):
             seen = {key: value[row] for key, value in before.items()}
-            logs[row].append((int(rally[row]), seen, int(actions[row]), float(rewards[row]), bool(terminated[row])))
+            logs[row].append((int(numbers[row]), seen, int(actions[row]), float(rewards[row]), bool(terminated[row])))
     for row, log in enumerate(logs):
         single = singles[row % 2]
         seen, _ = single.reset(seed=5)

@@ -28,7 +28,7 @@ def played(env: OrderEnforcingWrapper, mask: str, strokes: int) -> list[tuple[An
     """Observations of agents over a number of strokes; each is the first legal one, taken from a plain twin."""
     twin = env.unwrapped
     env.reset(seed=5)
-    found = []
+    found: list[tuple[Any, ...]] = []
     while len(found) < strokes:
         agent = env.agent_selection
         seen, reward, terminated, truncated, info = env.last()
@@ -103,7 +103,7 @@ def test_gymnasium_has_the_same_views(name: str, mask: str) -> None:
 
 
 @pytest.mark.parametrize("option", [{"mask": "nowhere"}, {"info": "some"}])
-def test_views_that_are_not_there(option: dict[str, str]) -> None:
+def test_views_that_are_not_there(option: dict[str, Any]) -> None:
     for make in (rally_v0.env, match_v0.env, lambda **view: gymnasium.make("shuttle_marl/Rally-v0", **view)):
         with pytest.raises(OptionError, match="expected '"):
             make(**option)

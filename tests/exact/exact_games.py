@@ -120,7 +120,7 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
                 constant[row] += probability[pair] * ((winner[pair] - fault[pair]) - fault[pair])
                 matrix[row, other + below_at[pair]] += probability[pair] * (below[pair] - winner[pair])
                 matrix[row, other + above_at[pair]] += probability[pair] * (1 - below[pair])
-    solution: F64 = np.linalg.solve(matrix, constant)
+    solution: F64 = np.asarray(np.linalg.solve(matrix, constant), np.float64)
     return solution[:size], solution[size:]
 
 

@@ -188,7 +188,7 @@ def test_areas_of_faults_are_not_learned(strokes: pa.Table) -> None:
     # A fault ends its rally, so no other stroke sees its area.
     moved = part.set_column(part.schema.get_field_index("area"), STROKES.field("area"), pa.array(areas, pa.int8()))
     fits = [Imitator.fit(table, config=SMALL).predict(part) for table in (part, moved)]
-    assert np.array_equal(*fits)
+    assert np.array_equal(fits[0], fits[1])
 
 
 def test_table_of_the_next_stroke(strokes: pa.Table, imitator: Imitator) -> None:

@@ -22,7 +22,7 @@ words = st.integers(0, 2**64 - 1)
 
 
 @compiled
-def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tuple[int, int, int, int, int]:
+def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tuple[np.uint64, np.uint64, int, int, int]:
     bits = core.draw(key, counter)
     return (
         bits,

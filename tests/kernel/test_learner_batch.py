@@ -194,7 +194,7 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     strokes[31] = int(np.flatnonzero(~GAME.mask(batch.rows.state[31]))[0])
     with pytest.raises(IllegalStrokeError, match="row 31: stroke"):
         batch.step(strokes)
-    after = (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)
+    after: tuple[np.ndarray, ...] = (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
 

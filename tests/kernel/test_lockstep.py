@@ -23,21 +23,25 @@ ENTRANTS = [enter(name, GAME) for name in NAMES]
 STRIKERS = Strikers(GAME, ENTRANTS)
 SHORT = scoring.Rules(points=5, clear=2, cap=7, games=2)
 
+Row = tuple[int, int, int, int, str, tuple[int, ...], list[int]]
+"""Match, rally, server, winner, reason, score before, and strokes of a rally."""
+
 
 def parts(results: MatchResults) -> dict[str, np.ndarray]:
     return {"games": results.games, **dict(results.rallies.columns())}
 
 
-def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
-    """(match, rally, server, winner, reason, score before, strokes) of every rally, a stroke at a time."""
-    rallies = []
+def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
+    """Every rally, a stroke at a time."""
+    rallies: list[Row] = []
     for m in range(len(matches)):
         score = scoring.Score(server=int(matches.first_server[m]), rules=rules)
         for rally in itertools.count():
             server = score.server
             key = draws.extend(matches.key[m : m + 1], 2 * rally + server)
             before = (*score.points, *score.games)
-            state, striker, strokes = ROOT, server, []
+            state, striker = ROOT, server
+            strokes: list[int] = []
             while True:
                 bits = draws.draw(key, len(strokes))
                 table = ENTRANTS[matches.entrant[m, striker]].table
@@ -57,7 +61,7 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[tuple[int, int, i
     return rallies
 
 
-def as_rows(results: MatchResults) -> list[tuple[int, int, int, int, str, tuple[int, ...], list[int]]]:
+def as_rows(results: MatchResults) -> list[Row]:
     played = results.rallies
     ends = np.cumsum(played.length)
     return [
@@ -149,7 +153,7 @@ def test_seats_and_first_serve_are_balanced() -> None:
 
 
 def test_other_entrants_and_their_order_change_nothing() -> None:
-    def rallies(pool: tuple[str, ...]) -> list[object]:
+    def rallies(pool: tuple[str, ...]) -> list[Row]:
         pairing = next(p for p in round_robin(pool) if set(p.names) == {"safe", "random"})
         found = matches_of(pairing, 1, 0, 4)
         entrant = np.array([NAMES.index(name) for name in pool], dtype=np.int32)[found.entrant]

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, MatchResults, matches, pack, play_matches
+from shuttle_marl.kernel import KernelError, Matches, MatchResults, pack, play_matches
+from shuttle_marl.kernel.core import BLOCK
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
 from shuttle_marl.policy.registry import resolve
@@ -72,7 +73,7 @@ def test_random_games_and_players(game_seed: int, rallies: int, players: int, si
 @pytest.mark.parametrize("threads", [1, 2, 3, None])
 def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
     """More matches than a thread plays at a time, and a last block that is not full."""
-    wanted = some_matches(2 * matches.BLOCK + 31, 3, 2)
+    wanted = some_matches(2 * BLOCK + 31, 3, 2)
     rules = RULES["to five"]
     expected = by_numpy(GAME, wanted, TABLES, rules)
     counted: list[int] = []
@@ -84,7 +85,7 @@ def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
 
 @pytest.mark.parametrize("room", [1, 7, 60])
 def test_room_for_strokes_grows(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
-    monkeypatch.setattr(matches, "_STROKES_A_MATCH", room)
+    monkeypatch.setattr("shuttle_marl.kernel.matches._STROKES_A_MATCH", room)
     wanted = some_matches(40, 3, 3)
     assert_same(play_matches(GAME, wanted, TABLES), by_numpy(GAME, wanted, TABLES, BWF))
 

@@ -61,7 +61,7 @@ def test_steps_are_those_of_the_pure_rules(
     expected = begun(game, size, seed, server)
     assert_rows(batch.rows, expected)
     for _ in range(12):
-        state, striker, stroke, rally, key, _ = (array.copy() for array in expected)
+        state, striker, stroke, rally, key, _ = Rows._make(array.copy() for array in expected)
         k = rng.integers(0, game.legal_count(state))
         played = game.pair_stroke[game.pair_start[state] + k]
         outcome, following = strike(game, state, k, draws.outcome_draw(draws.draw(key, stroke)))
@@ -236,7 +236,7 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     with pytest.raises(KernelError, match=r"strokes: int64 of shape \(2,\); expected int64 of shape \(3000,\)"):
         batch.step(strokes[:2])
     small = RallyBatch(GAME, 2)
-    for room in (small.new_observations(), Observations(*(array[::-1] for array in batch.new_observations()))):
+    for room in (small.new_observations(), Observations._make(array[::-1] for array in batch.new_observations())):
         with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):
             batch.step(strokes, observed=room)
         with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):

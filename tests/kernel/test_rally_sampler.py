@@ -231,7 +231,7 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
     opponents: tuple[TabulatedPolicy, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from shuttle_marl.kernel import sampling
-    from shuttle_marl.kernel.table_play import new_tape
+    from shuttle_marl.kernel.table_play import new_tape, replay
 
     found = []
     for room in (None, new_tape, lambda rallies=0, strokes=0: new_tape(min(rallies, 7), min(strokes, 50))):
@@ -244,7 +244,7 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
             monkeypatch.undo()
         wanted = sampler.numbers[::-3]
         # Noted rallies are not played again.
-        monkeypatch.setattr(sampling, "replay", None if room else sampling.replay)
+        monkeypatch.setattr(sampling, "replay", None if room else replay)
         found.append((sampler.record(wanted, figures=True), sampler.take()))
         monkeypatch.undo()
     (expected, strokes), *others = found
@@ -261,11 +261,12 @@ def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch
     usual = RallySampler(GAME, [RANDOM])
     usual.collect(4000, network(0), keep=True)
     from shuttle_marl.kernel import sampling
+    from shuttle_marl.kernel.table_play import StrokeList
 
     monkeypatch.setattr(sampling, "_LONG", 1)
     narrow = RallySampler(GAME, [RANDOM])
     monkeypatch.setattr(
-        sampling, "new_stroke_list", lambda room=0: sampling.StrokeList._make([np.empty(min(room, 9), t) for t in "iiiff"])
+        sampling, "new_stroke_list", lambda room=0: StrokeList._make([np.empty(min(room, 9), t) for t in "iiiff"])
     )
     narrow.collect(4000, network(0), keep=True)
     assert narrow.take().strokes == usual.take().strokes

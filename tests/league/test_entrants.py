@@ -86,7 +86,7 @@ def tired(states: States) -> np.ndarray:
     return uniform(states)
 
 
-FAILURES = {
+FAILURES: dict[Callable[[States], Any], str] = {
     raises: "raised RuntimeError: out of shuttles",
     nan: "NaN",
     illegal: "illegal stroke",
@@ -104,13 +104,12 @@ FAILURES = {
 def entrant(name: str, function: Callable[[States], Any], *, reads_score: bool = False) -> Entrant:
     """The entrant that `enter` makes of a function, without a module to import it from."""
 
-    class Own(FunctionPolicy):
-        pass
+    class ReadsScore(FunctionPolicy):
+        reads_score = True
 
-    policy = Own(function)
     if reads_score:
-        Own.reads_score = True
-        return Entrant(name=name, policy=policy)
+        return Entrant(name=name, policy=ReadsScore(function))
+    policy = FunctionPolicy(function)
     return Entrant(name=name, policy=policy, table=tabulate(policy, GAME, name))
 
 

@@ -32,7 +32,7 @@ from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_lea
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.folder import append_results, check_same, manifest, open_run, read_results
-from shuttle_marl.league.pairings import Pairing, forfeited, round_robin
+from shuttle_marl.league.pairings import Pairing, PairResult, forfeited, round_robin
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table, report
@@ -373,7 +373,7 @@ def test_a_changed_bit_in_the_unfinished_log_is_noticed_or_harmless(
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     expected = files(tmp_path / "whole")
 
-    def stop(folder: Path, results: list[object]) -> None:
+    def stop(folder: Path, results: list[PairResult]) -> None:
         if lines(folder) == 1:
             raise KeyboardInterrupt
         append_results(folder, results)
@@ -492,7 +492,8 @@ def test_two_processes_do_not_share_a_folder(small_model: str, tmp_path: Path) -
     config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
     run_league(LeagueConfig(**config))
     with locked(tmp_path / "run"):
-        for flags in ({"resume": True}, {"overwrite": True}):
+        ways: tuple[dict[str, Any], ...] = ({"resume": True}, {"overwrite": True})
+        for flags in ways:
             with pytest.raises(LeagueError, match="another process runs there"):
                 run_league(LeagueConfig(**config, **flags))
 
@@ -503,7 +504,8 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_bytes(b"")
     config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
-    for flags in ({}, {"overwrite": True}):
+    ways: tuple[dict[str, Any], ...] = ({}, {"overwrite": True})
+    for flags in ways:
         with pytest.raises(LeagueError, match="holds something that is no run"):
             run_league(LeagueConfig(**config, out=tmp_path / "photos", **flags))
     assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"meow"
@@ -527,7 +529,7 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
         ({"resume": True, "overwrite": True}, "give one of them"),
     ],
 )
-def test_impossible_flags(flags: dict[str, object], says: str) -> None:
+def test_impossible_flags(flags: dict[str, Any], says: str) -> None:
     with pytest.raises(LeagueError, match=says):
         LeagueConfig(**flags)
 

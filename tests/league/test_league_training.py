@@ -315,7 +315,7 @@ def test_learning_that_diverges_says_where(model: str, tmp_path: Path, monkeypat
         def update(*_: Any) -> dict[str, float]:
             raise DivergedError("loss_critic became nan")
 
-        learner.update = update
+        monkeypatch.setattr(learner, "update", update)
         return learner
 
     monkeypatch.setitem(run.LEARNERS, "ppo", diverging)

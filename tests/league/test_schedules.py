@@ -1,6 +1,7 @@
 """Forms of tournaments, and entrants that are added to a finished one."""
 
 import json
+import random
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game import load_game
 from shuttle_marl.league import LeagueConfig, LeagueError, run_league
-from shuttle_marl.league.pairings import COUNTS, PairResult, forfeited, round_robin, stages
+from shuttle_marl.league.entrants import Format
+from shuttle_marl.league.pairings import COUNTS, Pairing, PairResult, forfeited, round_robin, stages
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 
@@ -20,13 +22,13 @@ POOL = ("random", "safe", "attacking", "defensive")
 TABLES = ("results.csv", "ranking.csv", "pairings.jsonl")
 
 
-def result(pairing: object, won: int) -> PairResult:
+def result(pairing: Pairing, won: int) -> PairResult:
     half = dict.fromkeys(COUNTS, 0) | {"matches": 5, "wins": won}
     return PairResult(pairing=pairing.number, names=pairing.names, seats=(half, dict(half)))
 
 
 @given(st.integers(2, 9), st.integers(0, 6), st.randoms(use_true_random=False))
-def test_swiss_rounds(n: int, rounds: int, luck: object) -> None:
+def test_swiss_rounds(n: int, rounds: int, luck: random.Random) -> None:
     """Everyone plays once a round or rests, no two meet twice, and no one rests twice."""
     pool = [f"p{i}" for i in range(n)]
     results: list[PairResult] = []
@@ -65,7 +67,7 @@ def test_a_bye_counts_as_one_win() -> None:
 
 
 @given(st.integers(2, 5), st.lists(st.integers(1, 3), max_size=3), st.sampled_from(["round-robin", "gauntlet"]))
-def test_additions_play_what_is_missing(first: int, more: list[int], form: str) -> None:
+def test_additions_play_what_is_missing(first: int, more: list[int], form: Format) -> None:
     sizes = [first]
     for number in more:
         sizes.append(sizes[-1] + number)
@@ -175,17 +177,19 @@ def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path,
 def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
     run_league(LeagueConfig(pool=POOL[:2], matches=2, game=small_model, out=out))
-    for flags, says in (
+    refused: tuple[tuple[dict[str, Any], str], ...] = (
         ({"pool": POOL[:1], "matches": 2}, "are already in this run"),
         ({"pool": POOL[2:], "matches": 4}, "other flags (matches: 2 then, 4 now)"),
         ({"pool": POOL[2:], "matches": 2, "format": "gauntlet"}, "other flags (format"),
         ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "holds no run"),
         ({"pool": ()}, "give both"),
         ({"pool": POOL, "format": "swiss"}, "not available with"),
-    ):
+    )
+    for flags, says in refused:
         with pytest.raises(LeagueError, match=re.escape(says)):
             run_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
-    for flags, says in (({"rounds": 3}, "with --format swiss"), ({"decide": 0.0}, "Elo points above 0")):
+    refused = (({"rounds": 3}, "with --format swiss"), ({"decide": 0.0}, "Elo points above 0"))
+    for flags, says in refused:
         with pytest.raises(LeagueError, match=says):
             LeagueConfig(**flags)
     assert round_robin("ab")[0].names == ("a", "b")

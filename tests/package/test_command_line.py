@@ -16,7 +16,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
 
 
-def status_of(command: Callable[[], None]) -> int:
+def status_of(command: Callable[[], object]) -> int:
     return cli.run(command, prog="tea", description="Serves tea.", argv=[])
 
 

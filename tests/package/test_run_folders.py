@@ -42,7 +42,7 @@ def test_resume_finds_no_run_whose_name_only_begins_alike(tmp_path: Path, monkey
         opened(None, resume=True)
 
 
-def starts(folder: Path, ways: tuple[dict[str, bool], ...], barrier: Barrier, results: Any) -> None:
+def starts(folder: Path, ways: tuple[dict[str, Any], ...], barrier: Barrier, results: Any) -> None:
     """Start in the same folder as another process at the same time, again and again; report an overlap."""
     for round_number in range(ROUNDS):
         barrier.wait(60)
@@ -132,7 +132,7 @@ def test_a_run_whose_replacement_was_broken_off_can_be_replaced_again(tmp_path: 
 )
 @pytest.mark.parametrize("flags", [{}, {"resume": True}, {"overwrite": True}])
 def test_names_that_no_folder_can_have(
-    out: Path, message: str, flags: dict[str, bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    out: Path, message: str, flags: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RunError, match=message) as raised:

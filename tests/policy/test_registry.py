@@ -1,5 +1,6 @@
 """Policies by name."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 
 from shuttle_marl import policy
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
+from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy import registry
+from shuttle_marl.policy import agents, registry
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 from tests.reduced import reduced_game
 
@@ -124,7 +126,7 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_FAMILIES", dict(registry._FAMILIES))
     asked = []
 
-    def load(argument: str | None, game: object) -> object:
+    def load(argument: str | None, game: Game) -> Policy:
         asked.append(argument)
         return resolve("random", GAME)
 
@@ -172,7 +174,7 @@ def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
 )
 def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tabulate(resolve("safe", GAME), GAME).save(Path("mine.safetensors"))
-    monkeypatch.setattr(registry.agents, "load_folder", pytest.fail)
+    monkeypatch.setattr(agents, "load_folder", pytest.fail)
     with pytest.raises(PolicyError, match="not resolved because a file named it"):
         resolve_recorded(name.replace("MODULE", module), GAME)
     assert not Path("imported").exists()
@@ -198,7 +200,7 @@ def test_names_from_a_file_that_lead_nowhere(name: str, says: str) -> None:
 
 
 @pytest.mark.parametrize("find", [resolve, resolve_recorded])
-def test_names_that_are_too_deep(find: object) -> None:
+def test_names_that_are_too_deep(find: Callable[[str, Game], Policy]) -> None:
     with pytest.raises(PolicyError, match="more than 7 names around a policy"):
         find("best-response:" * 100_000 + "bc", GAME)
 

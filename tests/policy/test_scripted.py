@@ -30,7 +30,7 @@ def rally_odds(name: str, other: str) -> float:
     policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
     good, returned, above = GAME.stroke_probabilities()
     below, over = GAME.arrivals().T
-    value = [np.zeros(GAME.n_states) for _ in policies]
+    value: list[np.ndarray] = [np.zeros(GAME.n_states) for _ in policies]
     for _ in range(50):
         value = [
             np.bincount(

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ def test_errors_are_those_of_the_policy() -> None:
 
 def test_whether_it_reads_the_score_is_asked_under_the_limit_too() -> None:
     class Moody:
-        def __init__(self, answer: object) -> None:
+        def __init__(self, answer: Callable[[], object]) -> None:
             self.answer = answer
 
         @property

@@ -63,7 +63,7 @@ def test_pairs_of_states_are_their_ranges_one_after_the_other(made: tuple[Game, 
         assert (game.pair_state[span] == s).all()
         assert game.legal_count(s) == span.stop - span.start
         assert game.legal_strokes(s).tolist() == game.pair_stroke[span].tolist()
-        ranks = np.arange(game.legal_count(s))
+        ranks = np.arange(int(game.legal_count(s)))
         assert (game.pair_at(s, ranks) == np.arange(span.start, span.stop)).all()
         assert (game.stroke_at(s, ranks) == game.pair_stroke[span]).all()
         assert (game.rank(s, game.pair_stroke[span]) == ranks).all()
@@ -121,7 +121,8 @@ def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> No
     rng = np.random.default_rng(seed)
     names, strokes, position, visited = game.catalogue.names, [], [], []
     for _ in range(4):
-        state, rally = 0, []
+        state = 0
+        rally: list[int] = []
         for _ in range(12):
             net, attacks = 0, [0, 0]
             for number, stroke in enumerate(rally):

@@ -52,7 +52,8 @@ def test_tables_that_do_not_fit_are_refused(name: str, table: Any) -> None:
 def test_a_seed_is_a_whole_number(seed: Any) -> None:
     with pytest.raises(OptionError, match=r"seed .*: expected a whole number"):
         stream(seed)
-    assert (stream(np.int64(3)) == stream(3)).all()
+    three: Any = np.int64(3)
+    assert (stream(three) == stream(3)).all()
 
 
 def test_an_unknown_stroke_is_a_shuttle_error() -> None:

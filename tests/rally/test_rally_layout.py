@@ -148,7 +148,7 @@ def test_layout_wants_serves_at_the_start_and_only_there(row: int, stroke: int, 
 
 def test_shipped_game_has_the_layout_of_its_replies() -> None:
     game = default_game()
-    rebuilt = layout(game.catalogue, game.reply_mask.any(axis=1), duels=game.counts_duels)
+    rebuilt = layout(game.catalogue, np.asarray(game.reply_mask.any(axis=1)), duels=game.counts_duels)
     for name, table in rebuilt.items():
         assert (getattr(game, name) == table).all(), name
 

@@ -141,16 +141,16 @@ def test_variants_are_found_by_name(model: Path) -> None:
 def test_environments_play_the_game_of_a_discipline(model: Path) -> None:
     men = load_game(f"{model}:men")
     options: dict[str, Any] = {"game": str(model), "profile": "men"}
-    found = [
-        rally_v0.env(**options).unwrapped.game,
-        match_v0.env(**options).unwrapped.game,
-        gymnasium.make("shuttle_marl/Rally-v0", opponent="random", **options).unwrapped.game,
-        gymnasium.make("shuttle_marl/Match-v0", opponent="random", **options).unwrapped.game,
-        gymnasium.make_vec("shuttle_marl/Rally-v0", num_envs=2, opponent="random", **options).game,
-        RallyEnv(4, **options).game,
-        VersusEnv(4, opponents="random", **options).game,
+    environments: list[Any] = [
+        rally_v0.env(**options).unwrapped,
+        match_v0.env(**options).unwrapped,
+        gymnasium.make("shuttle_marl/Rally-v0", opponent="random", **options).unwrapped,
+        gymnasium.make("shuttle_marl/Match-v0", opponent="random", **options).unwrapped,
+        gymnasium.make_vec("shuttle_marl/Rally-v0", num_envs=2, opponent="random", **options),
+        RallyEnv(4, **options),
+        VersusEnv(4, opponents="random", **options),
     ]
-    assert {game.hash for game in found} == {men.hash}
+    assert {env.game.hash for env in environments} == {men.hash}
     with pytest.raises(GameError, match="no variant 'women'"):
         rally_v0.env(game=str(model), profile="women")
 

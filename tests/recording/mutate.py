@@ -1,6 +1,6 @@
 """Reads, checks and recovers logs with accidents and with malice in them, in a process with little memory.
 
-    python mutate.py FOLDER COUNT SEED
+    python -m tests.recording.mutate FOLDER COUNT SEED
 
 Prints how many were read and how many refused. Whatever is not a RecordingError ends the process: another exception, a crash,
 half a minute without a result, a result that was not written.
@@ -23,21 +23,36 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
-from conftest import a_header, some_rallies
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
 from shuttle_marl.recording.replay import check
+from tests.recording.conftest import a_header, some_rallies
 
 MEMORY = 768 << 20
 """More address space than the process has after its imports [bytes]; reading a log of this size needs a few megabytes."""
 LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)
-JUNK = (None, True, -1, 0, 2**40, 2**70, 1.5, "", "x", [], [1, "a"], {}, {"a": 1}, ["smash:front-left:above:forehand"] * 300)
+JUNK: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    0,
+    2**40,
+    2**70,
+    1.5,
+    "",
+    "x",
+    [],
+    [1, "a"],
+    {},
+    {"a": 1},
+    ["smash:front-left:above:forehand"] * 300,
+)
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+def mutated(content: bytes | memoryview, rng: np.random.Generator) -> bytes:
     """One to three of the usual accidents: bits flipped, bytes overwritten, a stretch cut out or doubled, the end cut off."""
     data = bytearray(content)
     for _ in range(rng.integers(1, 4)):
@@ -73,7 +88,7 @@ class Mutator:
         self.path = folder / "bad.mcap"
         self.header = a_header(columns=("update", "value"))
         n = int((whole := some_rallies(60)).length.sum())
-        extra = {"update": np.arange(60, dtype=np.uint32), "value": np.linspace(-1, 1, n, dtype=np.float32)}
+        extra: dict[str, Any] = {"update": np.arange(60, dtype=np.uint32), "value": np.linspace(-1, 1, n, dtype=np.float32)}
         self.rallies: Rallies = dataclasses.replace(whole, **extra)
         self.good = folder / "good.mcap"
         with RallyLogWriter(self.good, self.header, batch_rallies=16, max_bytes=12_000) as log:
@@ -162,7 +177,7 @@ def read_all(path: Path) -> dict[int, bytes]:
 
 def main(folder: Path, count: int, seed: int) -> None:
     game = default_game()
-    os.fsync = lambda _: None  # what was written is read by this process alone
+    os.fsync = lambda fd: None  # what was written is read by this process alone
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, resource.RLIM_INFINITY))
     mutator = Mutator(folder, seed)

@@ -10,6 +10,7 @@ import stat
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import lz4.frame
 import numpy as np
@@ -89,7 +90,7 @@ def watch() -> Watch:
     ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
 )
 def test_a_forged_log_runs_no_code_and_opens_no_other_file(
-    command: tuple[object, list[str]], forged: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+    command: tuple[ModuleType, list[str]], forged: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module, arguments = command
     folder = forged.parent
@@ -127,7 +128,7 @@ ESCAPES = "\x1b[31mred\x1b]0;title\x07\u202e\n[/bold]"
     ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
 )
 def test_names_reach_the_terminal_without_control_characters(
-    command: tuple[object, list[str]], played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: tuple[ModuleType, list[str]], played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with RallyLog(played) as log:
         header = dataclasses.replace(log.header, policies=(Player(name=ESCAPES),) * 3, software=ESCAPES)

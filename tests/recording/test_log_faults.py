@@ -41,8 +41,8 @@ def test_bad_files_are_read_right_or_refused(tmp_path: Path) -> None:
     The environment variable SHUTTLE_MUTATIONS says how many files.
     """
     count = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
-    command = [sys.executable, str(Path(__file__).with_name("mutate.py")), str(tmp_path), str(count), "0"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "tests.recording.mutate", str(tmp_path), str(count), "0"]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["files"] == count

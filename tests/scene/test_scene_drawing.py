@@ -14,7 +14,7 @@ from experiments.pictures.scene_file import SceneFile, read_glb
 from shuttle_marl.scene import SceneError, models
 from shuttle_marl.scene.commentary import percent
 from shuttle_marl.scene.mesh import GlbWriter, Mesh, glb, joined, lathe, read_array, tube
-from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SWEET_SPOT, load_skeleton
+from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SHUTTLE_SCALE, SWEET_SPOT, load_skeleton
 
 RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
 
@@ -97,7 +97,7 @@ def test_racket_and_shuttle_have_the_size_of_the_laws() -> None:
     assert np.ptp(racket @ np.cross(shaft, normal)) <= 0.23
     head = racket[racket @ shaft > SWEET_SPOT - 0.1]
     assert np.ptp(head @ normal) < 0.02
-    shuttle = np.concatenate([mesh.vertices for mesh in models.shuttle()]) / models.SHUTTLE_SCALE
+    shuttle = np.concatenate([mesh.vertices for mesh in models.shuttle()]) / SHUTTLE_SCALE
     assert 0.062 + 0.015 < np.ptp(shuttle[:, 2]) < 0.1
     assert 0.058 <= np.ptp(shuttle[:, 0]) <= 0.068
 

@@ -36,7 +36,8 @@ Rally = tuple[tuple[int, ...], int]
 
 def counted_by_hand(winners: Sequence[int], rules: Rules) -> list[tuple[int, ...]]:
     """The score before every rally, and after the last one."""
-    points, games, scores = [0, 0], [0, 0], [(0, 0, 0, 0)]
+    points, games = [0, 0], [0, 0]
+    scores: list[tuple[int, ...]] = [(0, 0, 0, 0)]
     for winner in winners:
         assert max(games) < rules.games, "a rally after the end of the match"
         points[winner] += 1
@@ -51,7 +52,8 @@ def counted_by_hand(winners: Sequence[int], rules: Rules) -> list[tuple[int, ...
 
 def by_scoring(rules: Rules) -> Iterator[list[Rally]]:
     rng = np.random.default_rng(1)
-    score, rallies = scoring.Score(rules=rules), []
+    score = scoring.Score(rules=rules)
+    rallies: list[Rally] = []
     while not score.over:
         winner = int(rng.integers(2))
         rallies.append(((*score.points, *score.games), winner))

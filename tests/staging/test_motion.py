@@ -1,6 +1,7 @@
 """Staged rallies measured as motion, and the measures themselves on motions that were spoilt."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from shuttle_marl.staging.skeleton import BONE
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
 
 
-def spoilt(motion: Motion, **changes: np.ndarray) -> Motion:
+def spoilt(motion: Motion, **changes: Any) -> Motion:
     return dataclasses.replace(motion, **changes)
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from benchmarks.motion_metrics import measure
 from shuttle_marl.staging import Motion, StagingError, packing
+from shuttle_marl.staging.skeleton import N_BONES
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -84,7 +85,7 @@ def test_the_golden_file_is_written_again_bit_for_bit() -> None:
     """The writer has not changed either: what was inflated from the file deflates to the same payload."""
     content = (GOLDEN / "rally.smot").read_bytes()
     head, data = packing.read_head(content)
-    loose = len(data) - head["frames"] * (2 * (6 + 7 * packing.N_BONES) + 1)
+    loose = len(data) - head["frames"] * (2 * (6 + 7 * N_BONES) + 1)
     frames = packing.read_frames(data, head["frames"], loose // 6)
     again = packing.write(head, frames)
     assert zlib.decompress(again[5:]) == zlib.decompress(content[5:])

@@ -34,6 +34,7 @@ class _Memory:
         """Whether an operation on its tensors computes: what that makes for itself lies there too."""
 
     def put(self, found: Any) -> None:
+        part: Any
         for part in _tensors(found):
             part.pretended = True  # the empty ones have no memory
             storage = part.untyped_storage()

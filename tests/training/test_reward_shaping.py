@@ -71,7 +71,8 @@ def test_what_is_rewarded_is_played_more(tmp_path) -> None:
     small: dict[str, Any] = {"game": reduced_model(), "batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
     opponent = tabulate(resolve("bc", GAME), GAME)
     lifts, faults = {}, {}
-    for name, changes in {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}.items():
+    variants: dict[str, dict[str, Any]] = {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}
+    for name, changes in variants.items():
         done = train(PPOConfig(**small, **changes, out=tmp_path / name))
         seen = visits(done.policy, opponent)
         lifts[name] = seen.shot_mix(0)[SHOTS.index("lift")]

@@ -260,7 +260,7 @@ def test_the_defaults_fit() -> None:
 
 
 @pytest.mark.parametrize("config", [PPOConfig, A2CConfig, SACConfig])
-def test_a_network_that_diverged_is_named(config: type[TrainingConfig], tmp_path: Path) -> None:
+def test_a_network_that_diverged_is_named(config: type[PPOConfig | A2CConfig | SACConfig], tmp_path: Path) -> None:
     changes: dict[str, Any] = {"warm_up": 0, "minibatch": 64} if config is SACConfig else {}
     with pytest.raises(DivergedError, match=r"learning diverged in iteration [1-4]: .+ with a lower --learning-rate"):
         train(config(**TINY, **changes, strokes=64 * 8, learning_rate=1e30, out=tmp_path / "run"))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
@@ -15,11 +16,11 @@ import torch
 from safetensors.numpy import load, save
 
 from shuttle_marl import tensor_files
-from shuttle_marl.files import seal
+from shuttle_marl.files import open_file, seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import network, registry, table_cache
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
@@ -69,7 +70,12 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Tables that are made from a network."""
     made: list[str] = []
     table = PolicyNetwork.table
-    monkeypatch.setattr(PolicyNetwork, "table", lambda self, game: made.append(game.hash) or table(self, game))
+
+    def counting(self: PolicyNetwork, game: Game) -> TabulatedPolicy:
+        made.append(game.hash)
+        return table(self, game)
+
+    monkeypatch.setattr(PolicyNetwork, "table", counting)
     return made
 
 
@@ -117,7 +123,7 @@ def test_the_table_does_not_depend_on_the_order_of_sums() -> None:
 def test_limits_are_those_of_a_softmax() -> None:
     rng = np.random.default_rng(0)
     logits = rng.normal(size=(2000, 31)) * np.geomspace(1e-12, 1e38, 2000)[:, None]
-    found = np.empty(logits.shape, np.uint16)
+    found = np.empty((2000, 31), np.uint16)
     limits(logits, np.arange(len(found)) * found.shape[1], found.ravel())
     total = np.cumsum(np.exp((logits - logits.max(axis=1, keepdims=True)).astype(np.longdouble)), axis=1)
     expected = total / total[:, -1:] * 65535
@@ -239,12 +245,17 @@ def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.M
     secret = tmp_path / "secret"
     secret.write_bytes(b"")
     (folder / CARD).write_bytes(seal({**card, "sha256": {**card["sha256"], "../secret": "0" * 64, str(secret): "0" * 64}}))
-    opened = []
-    open_file = tensor_files.open_file
-    monkeypatch.setattr(tensor_files, "open_file", lambda path: opened.append(path) or open_file(path))
+    opened: list[Path] = []
+
+    def noted(path: Path) -> BinaryIO:
+        opened.append(path)
+        return open_file(path)
+
+    monkeypatch.setattr(tensor_files, "open_file", noted)
     load_agent(folder, GAME)
     assert {path.parent for path in opened} == {folder, cache}
-    for hashes in ([], "x", None, {NETWORK: 1}):
+    wrong: tuple[Any, ...] = ([], "x", None, {NETWORK: 1})
+    for hashes in wrong:
         (folder / CARD).write_bytes(seal({**card, "sha256": hashes}))
         with pytest.raises(PolicyError, match="does not hold its hash"):
             load_agent(folder, GAME)

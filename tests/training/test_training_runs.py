@@ -25,7 +25,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.replay import check
 from shuttle_marl.runs import RunError
-from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import DivergedError, SelfPlayVariant
 from shuttle_marl.training.league.mixtures import sharpened
@@ -76,7 +76,7 @@ def metrics(run: Path) -> list[dict[str, float]]:
 Make = Callable[[Any, Game], Learner]
 
 
-def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None]) -> Make:
+def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None], patch: pytest.MonkeyPatch) -> Make:
     """A learner to whose data something happens in one iteration."""
 
     def make_disturbed(config: Any, game: Game) -> Learner:
@@ -88,7 +88,7 @@ def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None]) 
                 disturb(data)
             return update(data, remaining)
 
-        learner.update = update_disturbed
+        patch.setattr(learner, "update", update_disturbed)
         return learner
 
     return make_disturbed
@@ -108,7 +108,7 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setitem(run.LEARNERS, config.algorithm, disturbed(run.LEARNERS[config.algorithm], 5, interrupt))
+        patch.setitem(run.LEARNERS, config.algorithm, disturbed(run.LEARNERS[config.algorithm], 5, interrupt, patch))
         with pytest.raises(KeyboardInterrupt):
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
@@ -138,10 +138,8 @@ def stopping(when: int) -> Callable[[Any, Any], None]:
 
 def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before every file that comes to its place. What an evaluation finds does not matter here, so none is computed."""
-    from shuttle_marl.training import run
-
     figures = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.0, exploitability=0.5)
-    monkeypatch.setattr(run.Evaluator, "evaluate", lambda *_, **__: figures)
+    monkeypatch.setattr(Evaluator, "evaluate", lambda *_, **__: figures)
     config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=16)
     whole = train(dataclasses.replace(config, out=tmp_path / "whole")).folder
     for when in itertools.count(1):
@@ -221,7 +219,7 @@ def test_a_loss_that_is_no_number_stops_the_run_and_keeps_the_last_checkpoint(
     def explode(data: TensorDictBase) -> None:
         data["advantage"].fill_(math.nan)
 
-    monkeypatch.setitem(run.LEARNERS, "ppo", disturbed(run.LEARNERS["ppo"], 5, explode))
+    monkeypatch.setitem(run.LEARNERS, "ppo", disturbed(run.LEARNERS["ppo"], 5, explode, monkeypatch))
     with pytest.raises(DivergedError, match=r"diverged in iteration 5: \w+ became nan; the weights of iteration 3 are kept"):
         train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
     assert [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()] == ["00000003"]
@@ -244,7 +242,7 @@ class Raises:
     ],
 )
 def test_bad_input_is_refused_before_anything_is_written(
-    change: dict[str, object], error: type[Exception], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    change: dict[str, Any], error: type[Exception], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, __name__, sys.modules[__name__])
     with pytest.raises(error, match=message):
@@ -262,7 +260,7 @@ def test_bad_input_is_refused_before_anything_is_written(
         ({"resume": True, "overwrite": True}, "give one of them"),
     ],
 )
-def test_flags_that_make_no_sense(change: dict[str, object], message: str) -> None:
+def test_flags_that_make_no_sense(change: dict[str, Any], message: str) -> None:
     with pytest.raises(TrainingError, match=message):
         dataclasses.replace(CONFIGS["ppo"], **change)
 
@@ -273,13 +271,16 @@ def test_no_number_is_taken_that_cannot_be_meant(name: str) -> None:
     for field in dataclasses.fields(config):
         if type(getattr(config, field.name)) in (int, float):
             for wrong in (-1, math.nan, math.inf if isinstance(getattr(config, field.name), float) else -7):
+                change: dict[str, Any] = {field.name: wrong}
                 with pytest.raises(TrainingError, match=f"--{field.name.replace('_', '-')} {wrong}: expected"):
-                    dataclasses.replace(config, **{field.name: wrong})
+                    dataclasses.replace(config, **change)
 
 
 @pytest.mark.parametrize("name", ["ppo", "a2c"])
 def test_the_entropy_may_be_worth_nothing(name: str, tmp_path: Path) -> None:
-    config = dataclasses.replace(CONFIGS[name], entropy=0.0, out=tmp_path / "run")
+    base = CONFIGS[name]
+    assert isinstance(base, PPOConfig | A2CConfig)
+    config = dataclasses.replace(base, entropy=0.0, out=tmp_path / "run")
     assert train(config).iterations == config.iterations
 
 
@@ -305,6 +306,7 @@ def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_le
 
 def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS["a2c"], out=tmp_path / "run")
+    assert isinstance(config, A2CConfig)
     train(config)
     with pytest.raises(RunError, match="other flags"):
         train(dataclasses.replace(config, resume=True, learning_rate=0.5))
@@ -341,7 +343,9 @@ def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
 
 
 def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
-    base = dataclasses.replace(CONFIGS["ppo"], strokes=256, learning_rate=1e-9, eval_temperature=1.0)
+    ppo = CONFIGS["ppo"]
+    assert isinstance(ppo, PPOConfig)
+    base = dataclasses.replace(ppo, strokes=256, learning_rate=1e-9, eval_temperature=1.0)
     config = dataclasses.replace(base, warm_start="bc", width=64, out=tmp_path / "run")
     cold = dataclasses.replace(config, warm_start=None, out=tmp_path / "cold")
     warm = train(config).evaluation
@@ -354,7 +358,9 @@ def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> No
     for temperature in (1.0, 0.25):
         done = train(dataclasses.replace(CONFIGS["ppo"], eval_temperature=temperature, out=tmp_path / str(temperature)))
         found[temperature] = done.policy, load(weights(done.folder)), rallies(done.folder)
-        assert (resolve(f"agent:{done.folder / 'agent'}", GAME).cumulative == done.policy.cumulative).all()
+        policy = resolve(f"agent:{done.folder / 'agent'}", GAME)
+        assert isinstance(policy, TabulatedPolicy)
+        assert (policy.cumulative == done.policy.cumulative).all()
     (plain, weights_1, log_1), (sharp, weights_4, log_4) = found.values()
     assert log_1 == log_4
     assert set(weights_1) == set(weights_4)
