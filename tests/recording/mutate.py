@@ -20,11 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
 from shuttle_marl.game import default_game
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
@@ -147,6 +148,39 @@ class Mutator:
         log = LogFileWriter(self.path, header, fsync_seconds=60)
         log.write(0, encode(0, self.rallies.slice(0, 30), len(self.header.strokes)), self.rallies.slice(0, 30))
         log.close()
+
+    def bomb(self) -> None:
+        """A message of some kilobytes whose Arrow columns are compressed again: one rally of a hundred million strokes."""
+        part = self.rallies.slice(0, 1)
+        with pa.ipc.open_stream(encode(0, part, len(self.header.strokes))) as reader:
+            batch = reader.read_next_batch()
+        strokes = dict.fromkeys(batch.schema.names, None)
+        for name in strokes:
+            column = batch.column(name)
+            if pa.types.is_list(column.type):
+                values = np.zeros(100_000_000, column.type.value_type.to_pandas_dtype())
+                offsets = pa.array([0, len(values)], pa.int32())
+                column = pa.ListArray.from_arrays(offsets, pa.array(values, column.type.value_type), type=column.type)
+            strokes[name] = column
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, batch.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
+            writer.write_batch(pa.RecordBatch.from_arrays(list(strokes.values()), schema=batch.schema))
+        log = LogFileWriter(self.path, self.header, fsync_seconds=60)
+        log.write(0, sink.getvalue().to_pybytes(), part)
+        log.close()
+
+    def zeros(self) -> None:
+        """A log with a chunk of zeros, in the place of its second quarter."""
+        content = bytearray(self.contents[0])
+        begin = len(content) // 4
+        content[begin : 2 * begin] = bytes(begin)
+        self.path.write_bytes(content)
+
+    def names(self) -> None:
+        """A log whose policies have names of a million characters."""
+        header = dataclasses.replace(self.header, policies=tuple(Player(name=f"{i}" * 10**6) for i in range(3)))
+        with RallyLogWriter(self.path, header) as log:
+            log.append(self.rallies)
 
 
 class StrangeHeader(LogHeader):
