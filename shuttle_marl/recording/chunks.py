@@ -5,6 +5,7 @@ A batch is one Arrow stream, which is the only message of a chunk. ``docs/rally_
 
 import functools
 import io
+import itertools
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -28,8 +29,14 @@ FRAME: Final = struct.Struct("<BQ")
 """Head of every record: opcode and length of the body."""
 RALLY_TIME: Final = 1_000_000
 """Log time of a rally [ns]: the log time of a batch is the number of its first rally times this."""
-MAX_CHUNK: Final = 1 << 28
+MAX_CHUNK: Final = 1 << 25
 """Limit of an uncompressed batch [bytes]; a file with a larger one is damaged."""
+MAX_RALLIES: Final = 1 << 16
+"""Limit of the rallies of a batch."""
+MAX_STROKES: Final = 1 << 22
+"""Limit of the strokes of a batch."""
+_MAX_RECORDS: Final = 8
+"""Limit of the records in a chunk: the message, and the channel and its schema in the first chunk."""
 _ROW: Final = (
     ("pairing", pa.uint32()),
     ("match", pa.uint32()),
@@ -151,20 +158,55 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
     if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
         raise DamagedLogError("a batch without a place in the log")
     rallies = from_arrow(batch)
+    if len(rallies.stroke) > MAX_STROKES:
+        raise DamagedLogError(f"{len(rallies.stroke)} strokes in a batch, expected at most {MAX_STROKES}")
     _check_numbers(rallies, header)
     return first, rallies
 
 
 def _arrow_batch(data: bytes) -> pa.RecordBatch:
     try:
+        _check_body(data)
         with pa.ipc.open_stream(data) as reader:
             batches = list(reader)
     except OSError as error:  # of Arrow, about the bytes: no file is involved
         raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
     if len(batches) != 1:
         raise DamagedLogError(f"{len(batches)} Arrow batches in a message, expected 1")
+    if batches[0].num_rows > MAX_RALLIES:
+        raise DamagedLogError(f"{batches[0].num_rows} rallies in a batch, expected at most {MAX_RALLIES}")
     batches[0].validate(full=True)
     return batches[0]
+
+
+def _check_body(data: bytes) -> None:
+    """Refuse an Arrow stream with compressed buffers, which would expand to more than the chunk that holds it.
+
+    Arrow decompresses without a limit and does not report the compression, so the field ``compression`` of the metadata is read
+    from the FlatBuffers table ``RecordBatch`` (https://github.com/apache/arrow/blob/main/format/Message.fbs).
+
+    Raises:
+        DamagedLogError: a buffer is compressed.
+        struct.error: the metadata is damaged.
+    """
+    for message in pa.ipc.MessageReader.open_stream(data):
+        if message.type != "record batch":
+            continue
+        metadata = message.metadata.to_pybytes()
+        root = struct.unpack_from("<I", metadata)[0]
+        header = _field(metadata, root, 2)
+        batch = header and header + struct.unpack_from("<I", metadata, header)[0]
+        if batch and _field(metadata, batch, 3):
+            raise DamagedLogError("a batch whose columns are compressed again")
+
+
+def _field(metadata: bytes, table: int, number: int) -> int:
+    """Position of a field of a FlatBuffers table; 0 if it is absent."""
+    vtable = table - struct.unpack_from("<i", metadata, table)[0]
+    if vtable < 0 or 4 + 2 * number >= struct.unpack_from("<H", metadata, vtable)[0]:
+        return 0
+    offset: int = struct.unpack_from("<H", metadata, vtable + 4 + 2 * number)[0]
+    return offset and table + offset
 
 
 def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
@@ -218,7 +260,10 @@ def message_of_chunk(body: bytes) -> Message:
     data = _DECOMPRESS[chunk.compression](chunk.data, chunk.uncompressed_size)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedLogError("the checksum of a chunk does not fit")
-    messages = [Message.read(stream(inner), len(inner)) for opcode, inner in records(data) if opcode == Opcode.MESSAGE]
+    found = [*itertools.islice(records(data), _MAX_RECORDS + 1)]
+    if len(found) > _MAX_RECORDS:
+        raise DamagedLogError(f"more than {_MAX_RECORDS} records in a chunk")
+    messages = [Message.read(stream(inner), len(inner)) for opcode, inner in found if opcode == Opcode.MESSAGE]
     if len(messages) != 1:
         raise DamagedLogError(f"{len(messages)} messages in a chunk, expected 1")
     return messages[0]

@@ -18,7 +18,7 @@ from mcap.writer import Writer
 
 from shuttle_marl.files import NO_ROOM, problem
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.chunks import RALLY_TIME, arrow_schema, compression
+from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, RALLY_TIME, arrow_schema, compression
 from shuttle_marl.recording.header import LogHeader, RecordingError
 from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, TOPIC, advice, unfinished
 
@@ -194,6 +194,8 @@ class LogFileWriter:
         """
         if self.closed:
             raise RecordingError(f"{self.path}: is closed; nothing more can be recorded in it")
+        if len(data) > MAX_CHUNK or len(rallies) > MAX_RALLIES or len(rallies.stroke) > MAX_STROKES:
+            raise RecordingError(f"{self.path}: a batch of {len(rallies)} rallies is too large; choose fewer rallies per batch")
         offset = self._sink.length
         try:
             self._sink.reserve(len(data) + _END + self._end_of_file(len(self._index) + 1))

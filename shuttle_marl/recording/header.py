@@ -4,8 +4,9 @@ import dataclasses
 import hashlib
 import json
 import re
-from typing import Any, Final, Literal, get_args
+from typing import Final, Literal, get_args
 
+import msgspec
 import numpy as np
 
 from shuttle_marl import __version__
@@ -20,6 +21,8 @@ VERSION: Final = 2
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs of single rallies: each is a match of one point."""
 
+MAX_NAME: Final = 1000
+"""Limit of the names of policies and strokes [characters]: tables of rallies repeat them in every row."""
 _SAMPLE_KEY: Final = 0x53414D504C45
 """Key of the draws of the sample; "SAMPLE" in ASCII."""
 
@@ -143,11 +146,15 @@ class LogHeader:
     def __post_init__(self) -> None:
         if self.draws not in get_args(Draws):
             raise RecordingError(f"draws {self.draws!r}: expected {', '.join(get_args(Draws))}")
+        if not all(len(name) <= MAX_NAME for name in (*self.strokes, *(p.name for p in self.policies))):
+            raise RecordingError(f"strokes and policies: expected names of up to {MAX_NAME} characters")
         if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
         for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
             if not least <= getattr(self, name) < limit:
                 raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
+        if not all(0 <= key < 1 << 64 for key in self.pairings):
+            raise RecordingError("pairings: expected keys from 0 up to 2^64")
         Sampling.parse(self.record)
 
     def rally_key(self, rallies: Rallies) -> U64:
@@ -194,25 +201,12 @@ class LogHeader:
         if hashlib.sha256(text.encode()).hexdigest() != metadata.get("sha256"):
             raise DamagedLogError("the header, which names policies, strokes and seed")
         try:
-            fields: dict[str, Any] = json.loads(text)
-            fields["policies"] = tuple(Player(**player) for player in fields["policies"])
-            fields["rules"] = Rules(**fields["rules"])
-            fields |= {name: tuple(fields[name]) for name in ("strokes", "pairings", "columns")}
-            header = cls(**fields)
-            _check_types(header)
+            fields = json.loads(text)
+            # JSON can hold unpaired surrogates, which UTF-8 and terminals cannot.
+            json.dumps(fields, ensure_ascii=False).encode()
+            header = msgspec.convert(fields, cls)
+            if not header.strokes:
+                raise ValueError("no strokes")
             return header
-        except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
+        except (ShuttleError, msgspec.ValidationError, ValueError, RecursionError) as error:
             raise RecordingError(f"its header is not one of version {VERSION} ({error})") from error
-
-
-def _check_types(header: LogHeader) -> None:
-    """Raise TypeError for values of JSON that a header cannot hold."""
-    names = (header.game, header.record, header.software, *header.strokes, *(p.name for p in header.policies))
-    for name in names:
-        str(name).encode()  # ValueError: an unpaired surrogate, which JSON can hold and UTF-8 cannot
-    numbers = (header.seed, header.matches_per_draw, header.part, header.first_rally, *header.pairings)
-    numbers += dataclasses.astuple(header.rules)
-    if not all(isinstance(name, str) for name in names) or not all(type(number) is int for number in numbers):
-        raise TypeError("a number where a text is expected, or a text where a number is expected")
-    if not all(0 <= key < 1 << 64 for key in header.pairings):
-        raise ValueError("the key of a pairing is not below 2^64")
