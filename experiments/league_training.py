@@ -118,7 +118,7 @@ def measure(training: dict[Variant, list[LeagueTrainingConfig]]) -> list[dict[st
         results = []
         for config in configs:
             assert config.out is not None
-            results.append(runs.read_json(config.out / "results.json"))
+            results.append(runs.read_json(config.out / "results.json", dict[str, Any]))
         best = [each["exploitability"] for each in results]
         rows.append(
             {

@@ -9,12 +9,23 @@ import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Annotated, Any, BinaryIO, Final, TypeVar
+
+import msgspec
 
 from shuttle_marl.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Error codes of the system for lack of space."""
+MAX_JSON: Final = 1 << 26
+"""Limit of JSON files [bytes]."""
+T = TypeVar("T")
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
+"""A number of things in a JSON file."""
+Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
+"""A probability in a JSON file."""
+Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+"""A hash in a JSON file, hexadecimal."""
 _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 _SEAL: Final = "checksum"
 """Entry of a sealed JSON object."""
@@ -81,6 +92,22 @@ def open_file(path: Path) -> BinaryIO:
     return os.fdopen(handle, "rb")
 
 
+def read_file(path: Path, limit: int | None = None) -> bytes:
+    """Content of a regular file.
+
+    Args:
+        path: the file.
+        limit: maximum size [bytes]; None: no limit.
+
+    Raises:
+        OSError: it cannot be opened, is not a regular file, or is larger than ``limit``.
+    """
+    with open_file(path) as file:
+        if limit is not None and os.fstat(file.fileno()).st_size > limit:
+            raise OSError(errno.EFBIG, f"larger than {limit >> 20} MB", str(path))
+        return file.read()
+
+
 def problem(error: BaseException) -> str:
     """Reason of an error without the file name: the message of the operating system, if there is one."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
@@ -95,24 +122,35 @@ def seal(fields: dict[str, Any]) -> bytes:
     return (json.dumps({**fields, _SEAL: _digest(fields)}, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
 
 
-def read_sealed(path: Path) -> dict[str, Any]:
-    """Read a file with the content of :func:`seal`.
+def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
+    """Read a JSON file as a type.
+
+    Args:
+        path: the file.
+        kind: type of the content, such as a dataclass; entries that it does not have are ignored.
+        sealed: the file has the content of :func:`seal`, which is verified.
 
     Raises:
-        FileReadError: it is missing, not a JSON object, or was changed; the message is only the reason.
+        FileReadError: it is missing, not JSON of this type, larger than :data:`MAX_JSON`, or was changed; the message is only the
+            reason.
     """
     try:
-        with open_file(path) as file:
-            fields = json.loads(file.read().decode())
-        if not isinstance(fields, dict):
-            raise FileReadError("no JSON object")
-        if fields.pop(_SEAL, None) != _digest(fields):
-            raise FileReadError("it was changed after it was written: its checksum does not fit")
-        return fields
+        fields = json.loads(read_file(path, MAX_JSON).decode())
+        if sealed:
+            if not isinstance(fields, dict):
+                raise FileReadError("not a JSON object")
+            if fields.pop(_SEAL, None) != _digest(fields):
+                raise FileReadError("it was changed after it was written: its checksum does not fit")
+        return msgspec.convert(fields, kind)
     except RecursionError as error:
         raise FileReadError("nested too deeply") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, msgspec.ValidationError) as error:
         raise FileReadError(problem(error)) from error
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """Read a file with the content of :func:`seal`, as by :func:`read_json`."""
+    return read_json(path, dict[str, Any], sealed=True)
 
 
 def _digest(fields: dict[str, Any]) -> str:

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import shuttle_marl
+from shuttle_marl import files
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.files import FileReadError, T, replace_file
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
@@ -154,7 +155,7 @@ def _to_resume(out: Path | None, default: Path, called: str) -> Path:
 
 
 def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
-    before = read_json(folder / CONFIG)
+    before = read_json(folder / CONFIG, dict[str, Any])
     different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
     if different:
         raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
@@ -163,7 +164,7 @@ def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
 def is_finished(folder: Path) -> bool:
     """Whether a run is finished."""
     with contextlib.suppress(RunError):
-        return read_json(folder / MANIFEST).get("status") == "finished"
+        return read_json(folder / MANIFEST, dict[str, Any]).get("status") == "finished"
     return False
 
 
@@ -189,22 +190,16 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
+def read_json(path: Path, kind: type[T]) -> T:
+    """Read a JSON file of a run folder as a type, see :func:`shuttle_marl.files.read_json`.
 
     Raises:
-        RunError: it is missing or damaged.
+        RunError: it is missing or damaged, or not of this type.
     """
     try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-        if isinstance(fields, dict):
-            return fields
-        problem = "no object"
-    except (OSError, ValueError) as error:
-        problem = str(error)
-    except RecursionError:
-        problem = "nested too deeply"
-    raise RunError(f"{path}: cannot be read ({problem}); start the run again with --overwrite")
+        return files.read_json(path, kind)
+    except FileReadError as error:
+        raise RunError(f"{path}: cannot be read ({error}); start the run again with --overwrite") from error
 
 
 def write_json(path: Path, fields: dict[str, Any]) -> None:

@@ -2,15 +2,16 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from safetensors import SafetensorError
-from safetensors.numpy import load
+from safetensors.numpy import load, save
 
-from shuttle_marl.files import open_file
+from shuttle_marl.files import read_file
 
 
 class Tensors(NamedTuple):
@@ -20,6 +21,20 @@ class Tensors(NamedTuple):
     """Text by name."""
     arrays: dict[str, npt.NDArray[Any]]
     """Arrays by name."""
+
+
+def tensor_bytes(arrays: Mapping[str, npt.NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
+    """A safetensors file; the same arguments give the same bytes.
+
+    The library writes metadata in random order, so it is sorted here.
+    """
+    content = save({name: np.ascontiguousarray(array) for name, array in arrays.items()}, metadata=dict(metadata))
+    start = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:start])
+    header["__metadata__"] = dict(sorted(metadata.items()))
+    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + content[start:]
 
 
 def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
@@ -33,8 +48,7 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
         OSError: the file cannot be opened, or is not a regular file.
         ValueError: it is not a safetensors file, has arrays of a type unknown to numpy, or does not match the hash.
     """
-    with open_file(path) as file:
-        content = file.read()
+    content = read_file(path)
     if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
         raise ValueError("it was changed after it was written: its checksum does not fit")
     try:

@@ -18,6 +18,7 @@ is replaced by a named pipe, a device, a folder, or a file of a terabyte. The ou
 Cases that fail are printed, and their files are kept in ``--keep``.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import io
@@ -80,11 +81,10 @@ MEBIBYTE: Final = 1 << 20
 TRAINING: Final = (
     "ppo --batch 64 --growth 0 --width 4 --evaluate-every 1 --checkpoint-every 1 --record all --strokes 256 --opponent bc "
     "--game model --out run"
-).split()
+)
 LEAGUE_TRAINING: Final = (
     "train --strokes 1500 --rounds 2 --batch 256 --width 8 --workers 1 --pool attacking safe --game model --out run"
-).split()
-CSV: Final = Path("datasets/sample")
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,12 +132,12 @@ FORMATS: Final[dict[str, Format]] = {
     ),
     "training": Format(
         ("run/*.json", "run/*.jsonl", "run/*.mcap", "run/checkpoints/*/*", "run/best/*"),
-        (f"training {' '.join(TRAINING)} --resume",),
+        (f"training {TRAINING} --resume",),
         results=("run/agent/network.safetensors",),
     ),
     "league_training": Format(
         ("run/*.json", "run/*.jsonl", "run/learners/*", "run/tables/*"),
-        (f"league {' '.join(LEAGUE_TRAINING)} --resume",),
+        (f"league {LEAGUE_TRAINING} --resume",),
         results=("run/main.safetensors",),
     ),
     "agent": Format(("agent/*",), ("exact evaluate agent:agent --game model --json",)),
@@ -192,19 +192,19 @@ def build(root: Path) -> None:
         path.rename(root / "tournament" / path.name)
     (root / "tournament" / "run").rmdir()
     shutil.copy(root / "tournament" / "rallies.mcap", root / "log")
-    run("training", f"training {' '.join(TRAINING)}")
+    run("training", f"training {TRAINING}")
     shutil.copy(root / "training" / "run" / "rallies.mcap", root / "log_lz4")
     shutil.copytree(root / "training" / "run" / "agent", root / "agent" / "agent")
     shutil.rmtree(max((root / "training" / "run" / "checkpoints").iterdir()))
     unfinished(root / "training" / "run")
     unfinished(root / "tournament")
     league_run = root / "league_training" / "run"
-    child = spawn(f"league {' '.join(LEAGUE_TRAINING)}", league_run.parent)
+    child = spawn(f"league {LEAGUE_TRAINING}", league_run.parent)
     wait_until(lambda: (league_run / "league.json").exists() and _round(league_run) >= 1, 120, "the first round of the league")
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     shutil.copytree(league_run, root / "table" / "run")
-    run("table", f"league {' '.join(LEAGUE_TRAINING)} --resume")
+    run("table", f"league {LEAGUE_TRAINING} --resume")
     shutil.copy(root / "table" / "run" / "main.safetensors", root / "table")
     shutil.rmtree(root / "table" / "run")
     foreign(root)
@@ -230,6 +230,7 @@ def unfinished(folder: Path) -> None:
 def foreign(root: Path) -> None:
     """Write networks of PyTorch and Stable-Baselines3."""
     from safetensors.torch import save_file
+
     from shuttle_marl.game.shipped import load_game
 
     strokes = load_game(reduced_model()).n_strokes
@@ -239,9 +240,9 @@ def foreign(root: Path) -> None:
     save_file(layers.state_dict(), root / "weights" / "mine.safetensors", metadata={"functions": "tanh"})
     names = ("mlp_extractor.policy_net.0", "action_net")
     state = {
-        f"{name}.{part}": value
-        for name, layer in zip(names, layers[::2], strict=True)
-        for part, value in layer.state_dict().items()
+        f"{name}.{part}": layers.state_dict()[f"{i}.{part}"]
+        for name, i in zip(names, (0, 2), strict=True)
+        for part in ("weight", "bias")
     }
     weights = io.BytesIO()
     torch.save(state, weights)
@@ -318,10 +319,8 @@ def collect(child: int, log: Path, began: float, seconds: float) -> Outcome | No
         os.killpg(child, signal.SIGKILL)
         _, _, usage = os.wait4(child, 0)
         return Outcome(None, "no exit in time", usage.ru_maxrss / 1024, frozenset())
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)  # programs that the command left behind
-    except ProcessLookupError:
-        pass
     error = log.with_suffix(".err").read_text(errors="replace") if log.with_suffix(".err").exists() else ""
     result = log.with_suffix(".result")
     lines = frozenset(result.read_text(errors="replace").splitlines()) if result.exists() else frozenset[str]()
@@ -493,8 +492,8 @@ def forged_weights(rng: random.Random) -> bytes:
     """A file of weights with code, or with tensors of other kinds and sizes."""
     matrix = torch.zeros(8, 59)
     tensors: list[Callable[[], Any]] = [
-        lambda: matrix.to_sparse(),
-        lambda: matrix.to_sparse_csr(),
+        matrix.to_sparse,
+        matrix.to_sparse_csr,
         lambda: torch.zeros(8, 59, device="meta"),
         lambda: torch.quantize_per_tensor(matrix, 0.1, 0, torch.qint8),
         lambda: torch.zeros(1).expand(1 << 18, 1 << 18),
@@ -508,7 +507,7 @@ def forged_weights(rng: random.Random) -> bytes:
         lambda: torch.nested.nested_tensor([torch.zeros(2), torch.zeros(3)]),
         lambda: [1, 2],
         lambda: "x" * 1000,
-        lambda: Code(),
+        Code,
     ]
     if rng.random() < 0.15:
         return pickle.dumps({"0.weight": Code()}, protocol=rng.choice((0, 2, 4)))
@@ -648,7 +647,8 @@ def fuzz(
             expected[name, command] = outcome.result
             shutil.rmtree(folder)
     counts: dict[str, Counter[str]] = {name: Counter() for name in formats}
-    peak, running, number = 0.0, [], 0
+    peak, number = 0.0, 0
+    running: list[Case] = []
     while number < n or running:
         while number < n and len(running) < jobs:
             running.append(begin(number, seed, formats[number % len(formats)], root))

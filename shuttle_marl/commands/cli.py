@@ -117,6 +117,8 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         if error.errno not in _FIXABLE or error.filename is None:
             raise
         return _fail(prog, f"{_file(error, '')} cannot be used ({error.strerror}); name another file or folder")
+    except MemoryError as error:
+        return _fail(prog, f"not enough memory{f' ({error})' if str(error) else ''}; use fewer matches, or a machine with more")
     except KeyboardInterrupt:
         console(stderr=True).print("interrupted; files written so far are complete")
         return 130

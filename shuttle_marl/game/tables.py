@@ -21,7 +21,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from safetensors.numpy import save
 
 from shuttle_marl.arrays import F64, I32, U16, Ints
 from shuttle_marl.errors import ShuttleError
@@ -29,7 +28,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.stroke import Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-from shuttle_marl.tensor_files import parsed, read_tensors
+from shuttle_marl.tensor_files import parsed, read_tensors, tensor_bytes
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
@@ -211,7 +210,7 @@ class Game(Layout):
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the tables as safetensors, beside and moved into place."""
         header = {"strokes": json.dumps(self.catalogue.names), "hash": self.hash, **(metadata or {})}
-        replace_file(path, save({k: np.ascontiguousarray(v) for k, v in self._arrays().items()}, metadata=header))
+        replace_file(path, tensor_bytes(self._arrays(), header))
 
     @classmethod
     def load(cls, path: Path) -> "Game":

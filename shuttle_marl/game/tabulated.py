@@ -9,7 +9,6 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-from safetensors.numpy import save
 
 from shuttle_marl.arrays import F64, I32, U16, Bools, Floats, Intp, Ints
 from shuttle_marl.files import replace_file
@@ -19,7 +18,7 @@ from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probab
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.tensor_files import read_tensors
+from shuttle_marl.tensor_files import read_tensors, tensor_bytes
 
 
 def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, I32]:
@@ -182,7 +181,7 @@ class TabulatedPolicy:
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the table as safetensors, with its hash and that of the game, beside and moved into place."""
         header = {"game": self.game.hash, "hash": self.hash, **(metadata or {})}
-        replace_file(path, save({"cumulative": self.cumulative}, metadata=header))
+        replace_file(path, tensor_bytes({"cumulative": self.cumulative}, header))
 
     @classmethod
     def load(cls, path: Path, game: Game) -> "TabulatedPolicy":

@@ -19,7 +19,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.lockstep import ask
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.registry import UnrequestedError, resolve, resolve_recorded
 from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000
@@ -165,13 +165,22 @@ class Entrant:
         return "" if self.table is None else self.table.hash
 
 
-def enter(name: str, game: Game) -> Entrant:
+def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
     """Resolve an entrant and evaluate it in every state.
 
+    Args:
+        name: of the policy.
+        game: the tables.
+        requested: whether the user gave the name, and not only the files of a run, which may be a stranger's.
+
     Raises:
-        PolicyError: no policy has that name. A policy that raises or returns no distribution enters, and forfeits.
+        PolicyError: no policy has that name, or it would run code or open files that the user did not request. A policy that
+            raises or returns no distribution enters, and forfeits.
     """
-    policy = resolve(name, game)
+    try:
+        policy = resolve(name, game) if requested else resolve_recorded(name, game)
+    except UnrequestedError as error:
+        raise PolicyError(f"{error}; to allow it, repeat it in --pool") from error
     try:
         if reads_score(policy):
             return Entrant(name=name, policy=policy)

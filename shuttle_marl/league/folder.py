@@ -9,8 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
+
 from shuttle_marl import runs
-from shuttle_marl.files import open_file, problem, replace_file
+from shuttle_marl.files import problem, read_file, replace_file
 from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.pairings import Pairing, PairResult
@@ -22,6 +24,14 @@ PAGE: Final = "report.html"
 _CHECKSUM: Final = "crc32"
 PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
 """Packages whose versions can affect the files of a run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Entrants:
+    """Entrants in the configuration of a run, see :class:`LeagueConfig`."""
+
+    pool: tuple[str, ...] = ()
+    grown: tuple[int, ...] = ()
 
 
 def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
@@ -53,21 +63,24 @@ def continued(config: LeagueConfig) -> LeagueConfig:
         if config.extend:
             raise LeagueError(f"{folder}: holds no run to extend")
         return config
-    before = runs.read_json(folder / runs.CONFIG)
-    pool, grown = tuple(map(str, before.get("pool", ()))), tuple(map(int, before.get("grown", ())))
+    earlier = runs.read_json(folder / runs.CONFIG, _Entrants)
+    pool, grown = earlier.pool, earlier.grown
+    if sorted(grown) != list(grown) or not all(2 <= number <= len(pool) for number in grown):
+        raise LeagueError(f"{folder / runs.CONFIG}: grown {list(grown)}: expected ascending numbers of entrants")
     if not config.extend:
         return dataclasses.replace(config, pool=pool, grown=grown) if grown and set(config.pool) <= set(pool) else config
     added = tuple(name for name in config.pool if name not in pool)
     if not added:
         raise LeagueError(f"{folder}: all entrants of --pool are already in this run; --resume continues it")
     found = dataclasses.replace(config, pool=(*pool, *added), grown=(*grown, len(pool)), resume=True, extend=False)
+    before = runs.read_json(folder / runs.CONFIG, dict[str, Any])
     wanted = {**found.fixed(), "pool": before.get("pool"), "grown": before.get("grown")}
     different = [f"{key}: {before.get(key)!r} then, {value!r} now" for key, value in wanted.items() if before.get(key) != value]
     if different:
         raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to add entrants")
     with runs.locked(folder):
         # If the process is killed between the two writes, the old run only has to be finished again.
-        about = runs.read_json(folder / runs.MANIFEST) if (folder / runs.MANIFEST).exists() else {}
+        about = runs.read_json(folder / runs.MANIFEST, dict[str, Any]) if (folder / runs.MANIFEST).exists() else {}
         runs.write_json(folder / runs.MANIFEST, {**about, "status": "running"})
         runs.write_json(folder / runs.CONFIG, found.fixed())
     return found
@@ -99,7 +112,7 @@ def check_same(folder: Path, about: dict[str, Any]) -> None:
     path = folder / runs.MANIFEST
     if not path.exists():
         return
-    before = runs.read_json(path)
+    before = runs.read_json(path, dict[str, Any])
     for what in ("game", "policies"):
         known = before.get(what, {})
         # Entrants may have been added since then.
@@ -154,8 +167,7 @@ _ADVICE: Final = "restore it from a backup, or play the tournament again with --
 
 def _content(path: Path) -> bytes:
     try:
-        with open_file(path) as file:
-            return file.read()
+        return read_file(path)
     except FileNotFoundError:
         return b""
     except OSError as error:
@@ -177,11 +189,11 @@ def _read_line(path: Path, number: int, line: bytes) -> PairResult:
         elif fields.pop(_CHECKSUM, None) != _checksum(fields):
             reason = f"its {_CHECKSUM} does not match"
         else:
-            return PairResult.from_json(fields)
+            return msgspec.convert(fields, PairResult)
     except RecursionError:
         reason = "nested too deeply"
-    except (ValueError, TypeError, KeyError) as error:
-        reason = f"{type(error).__name__}: {error}"
+    except (ValueError, msgspec.ValidationError) as error:
+        reason = str(error)
     raise LeagueError(f"{path}: line {number} is damaged ({reason}); {_ADVICE}")
 
 

@@ -4,11 +4,11 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from shuttle_marl.arrays import Bools
+from shuttle_marl.files import Count
 from shuttle_marl.game import draws
 from shuttle_marl.league.entrants import Format
 from shuttle_marl.rally.record import Rallies
@@ -74,8 +74,8 @@ class PairResult:
 
     pairing: int
     names: tuple[str, str]
-    seats: tuple[dict[str, int], dict[str, int]]
-    cells: tuple[int, int, int] = (0, 0, 0)
+    seats: tuple[dict[str, Count], dict[str, Count]]
+    cells: tuple[Count, Count, Count] = (0, 0, 0)
     forfeit: tuple[str, ...] = ()
     reason: str = ""
 
@@ -100,12 +100,6 @@ class PairResult:
         seat_0, seat_1 = ({n: a[n] + b[n] for n in COUNTS} for a, b in zip(self.seats, more.seats, strict=True))
         lost, split, won = (a + b for a, b in zip(self.cells, more.cells, strict=True))
         return dataclasses.replace(self, seats=(seat_0, seat_1), cells=(lost, split, won))
-
-    @classmethod
-    def from_json(cls, fields: dict[str, Any]) -> "PairResult":
-        """Inverse of ``dataclasses.asdict``."""
-        lists = {name: tuple(fields[name]) for name in ("names", "seats", "cells", "forfeit")}
-        return cls(**{**fields, **lists})
 
 
 def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:

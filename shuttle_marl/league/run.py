@@ -79,11 +79,13 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
     try:
-        config = run_folder.continued(dataclasses.replace(config, pool=config.pool or default_pool(game)))
+        config = dataclasses.replace(config, pool=config.pool or default_pool(game))
+        requested = set(config.pool)
+        config = run_folder.continued(config)
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
     with console.status("evaluating the entrants in every state"), time_limit(config.policy_timeout):
-        entrants = [enter(name, game) for name in config.pool]
+        entrants = [enter(name, game, requested=name in requested) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:
             _say_forfeit(console, entrant.failure)

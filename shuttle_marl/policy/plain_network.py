@@ -13,6 +13,7 @@ import json
 import re
 import sys
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -23,7 +24,7 @@ from safetensors.numpy import save
 
 from shuttle_marl.arrays import F64, I32
 from shuttle_marl.extras import install_hint
-from shuttle_marl.files import open_file, problem, replace_file
+from shuttle_marl.files import problem, read_file, replace_file
 from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.tables import Game
@@ -44,7 +45,7 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
 _PASSED: Final = ("Dropout", "Identity", "Flatten")
 """Modules without effect in evaluation mode."""
-_LARGEST: Final = 1 << 28
+_LARGEST: Final = 1 << 27
 """Largest size of the weights in an archive [bytes]."""
 _ROWS: Final = 4096
 """Batch size of the network."""
@@ -198,7 +199,7 @@ def load_torch(argument: str | None, _: Game) -> Policy:
             described = parsed(metadata.get("network", "{}"))
             function = described.get("function", "relu") if isinstance(described, dict) else ""
         else:
-            arrays, function = _state_dictionary(_content(path)), "relu"
+            arrays, function = _state_dictionary(read_file(path, _LARGEST)), "relu"
         return _policy(_chain(arrays, function))
     except (OSError, ValueError) as error:
         raise PolicyError(
@@ -221,7 +222,7 @@ def from_sb3(path: Path | str) -> Policy:
     """
     path = Path(path)
     try:
-        with zipfile.ZipFile(io.BytesIO(_content(path))) as archive:
+        with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST))) as archive:
             if (size := archive.getinfo("policy.pth").file_size) > _LARGEST:
                 raise ValueError(f"{size:,} bytes of weights")
             arrays = _state_dictionary(archive.read("policy.pth"))
@@ -232,7 +233,7 @@ def from_sb3(path: Path | str) -> Policy:
         prefixes = ("q_net.q_net.",) if values else ("mlp_extractor.policy_net.", "action_net.")
         chain = {name: array for name, array in arrays.items() if name.startswith(prefixes)}
         return _policy(_chain(chain, function), greedy=values)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
         raise PolicyError(f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)})") from error
 
 
@@ -247,11 +248,6 @@ def load_sb3(argument: str | None, _: Game) -> Policy:
     return from_sb3(argument)
 
 
-def _content(path: Path) -> bytes:
-    with open_file(path) as file:
-        return file.read()
-
-
 def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
     """Weights by name, read without running code from the file."""
     try:
@@ -264,6 +260,13 @@ def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
         raise ValueError(f"not weights alone: {str(error).partition(chr(10))[0]}") from error
     if not isinstance(found, Mapping) or not all(isinstance(value, torch.Tensor) for value in found.values()):
         raise ValueError("no state dictionary")
+    for name, value in found.items():
+        dense = not value.is_nested and value.layout is torch.strided and not value.is_quantized and value.device.type == "cpu"
+        if not (dense and value.is_floating_point()):
+            raise ValueError(f"{str(name)[:100]}: expected a dense tensor of floating-point numbers")
+        # A view may repeat the numbers of the file and be much larger.
+        if value.numel() * value.element_size() > value.untyped_storage().nbytes():
+            raise ValueError(f"{str(name)[:100]}: {value.numel():,} numbers, more than the file holds")
     return {str(name): value.detach().float().numpy() for name, value in found.items()}
 
 

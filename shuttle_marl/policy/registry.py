@@ -41,6 +41,10 @@ _MOST_NESTED: Final = 8
 """Largest nesting depth of names, as in ``best-response:best-response:bc``; each level solves a game."""
 
 
+class UnrequestedError(PolicyError):
+    """The name of a policy in a file would run code or open a file of its choice."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Family:
     """Policies with the same key, the part of the name before the colon.
@@ -230,7 +234,7 @@ def _check_from_data(name: str) -> None:
     if family is None and not colon:
         return  # no policy has this name, which resolve says
     if family is None or not family.from_data:
-        raise PolicyError(
+        raise UnrequestedError(
             f"policy {name!r} is not resolved because a file named it: only policies of the package and of families that "
             "allow it are, no modules and no files"
         )

@@ -9,14 +9,14 @@ import json
 import os
 import shutil
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file, seal
+from shuttle_marl.files import Count, FileReadError, Sha256, problem, read_file, read_sealed, replace_file, seal
 from shuttle_marl.training.config import TrainingError
 
 CHECKPOINTS: Final = "checkpoints"
@@ -83,8 +83,7 @@ def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, 
     """
     try:
         about = read_sealed(about_path)
-        with open_file(path) as file:
-            content = file.read()
+        content = read_file(path)
         if about.get("sha256") != {path.name: hashlib.sha256(content).hexdigest()}:
             raise FileReadError(f"{path.name} does not match its hash in {about_path.name}")
         return about, load(content)
@@ -96,6 +95,13 @@ def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, 
 
 def _complete(run: Path) -> list[Path]:
     return sorted(path for path in (run / CHECKPOINTS).glob("[0-9]*") if (path / _ABOUT).is_file())
+
+
+class Mark(TypedDict):
+    """Length [bytes] and SHA-256 of a file of evaluations."""
+
+    bytes: Count
+    sha256: Sha256
 
 
 class Metrics:
@@ -113,7 +119,7 @@ class Metrics:
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
-    def mark(self) -> dict[str, Any]:
+    def mark(self) -> Mark:
         """Write the file to disk, and return its length and hash for :meth:`truncate`."""
         with self._path.open("ab+") as file:
             os.fsync(file.fileno())
@@ -121,7 +127,7 @@ class Metrics:
             content = file.read()
         return {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
 
-    def truncate(self, mark: dict[str, Any] | None) -> None:
+    def truncate(self, mark: Mark | None) -> None:
         """Remove all lines after a mark; None: all lines.
 
         Raises:

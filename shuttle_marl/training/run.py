@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 import torch
 from rich.console import Console
@@ -18,6 +19,7 @@ from safetensors.numpy import save
 from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact, runs
+from shuttle_marl.files import Count
 from shuttle_marl.game import draws
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
@@ -25,7 +27,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.checkpoints import CHECKPOINTS, Metrics, last_checkpoint, save_checkpoint
+from shuttle_marl.training.checkpoints import CHECKPOINTS, Mark, Metrics, last_checkpoint, save_checkpoint
 from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError
 from shuttle_marl.training.evaluation import Evaluation, Evaluator
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
@@ -124,6 +126,19 @@ def _check_machine(config: TrainingConfig, game: Game) -> None:
                 f"{flags}: such a run needs {required / 1e9:,.0f} GB of memory or more, and this machine has "
                 f"{available / 1e9:,.0f}; choose smaller numbers"
             )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """Progress of a run in the description of a checkpoint; ``metrics``: mark of the evaluations."""
+
+    iteration: Count
+    strokes: Count
+    rallies: Count
+    seconds: float
+    stopped: bool
+    best: float | None
+    metrics: Mark
 
 
 class _Run:
@@ -300,30 +315,30 @@ class _Run:
         if saved is None:
             self.metrics.truncate(None)
             return False
-        about, state = saved
-        if about.get("game") != self.game.hash:
+        fields, state = saved
+        if fields.get("game") != self.game.hash:
             raise TrainingError(
-                f"{self.folder}: was trained on game {str(about.get('game'))[:12]}, this is {self.game.hash[:12]}; "
+                f"{self.folder}: was trained on game {str(fields.get('game'))[:12]}, this is {self.game.hash[:12]}; "
                 "continue with the same --game, or train again with another --out"
             )
         try:
+            about = msgspec.convert(fields, Checkpoint)
             self._load(about, state)
-            mark = {"bytes": int(about["metrics"]["bytes"]), "sha256": str(about["metrics"]["sha256"])}
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        except (msgspec.ValidationError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             path = self.folder / CHECKPOINTS
             raise TrainingError(
                 f"{path}: the last checkpoint is of another kind of run ({type(error).__name__}: {error}); train again with "
                 "--overwrite"
             ) from error
-        self.metrics.truncate(mark)
+        self.metrics.truncate(about.metrics)
         self.console.print(f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False)
         return True
 
-    def _load(self, about: dict[str, Any], state: Tensors) -> None:
-        self.saved = self.trainer.iteration = int(about["iteration"])
-        self.trainer.strokes, self.rallies = int(about["strokes"]), int(about["rallies"])
-        self.seconds, self.stopped = float(about["seconds"]), bool(about["stopped"])
-        self.best = -math.inf if about["best"] is None else float(about["best"])
+    def _load(self, about: "Checkpoint", state: Tensors) -> None:
+        self.saved = self.trainer.iteration = about.iteration
+        self.trainer.strokes, self.rallies = about.strokes, about.rallies
+        self.seconds, self.stopped = about.seconds, about.stopped
+        self.best = -math.inf if about.best is None else about.best
         self.trainer.load_state_dict(state)
         if self.self_play is not None:
             self.self_play.load_state_dict(state)

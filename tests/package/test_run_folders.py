@@ -168,4 +168,4 @@ def test_a_damaged_description_is_named(content: bytes, tmp_path: Path) -> None:
 
 def test_arguments_that_are_no_text_are_written_as_json(tmp_path: Path) -> None:
     runs.write_json(tmp_path / "a.json", {"command": [os.fsdecode(b"--game=\xff")]})
-    assert runs.read_json(tmp_path / "a.json") == {"command": ["--game=\udcff"]}
+    assert runs.read_json(tmp_path / "a.json", dict[str, Any]) == {"command": ["--game=\udcff"]}

@@ -79,7 +79,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return runs.read_json(path)
+        return runs.read_json(path, dict[str, Any])
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
 

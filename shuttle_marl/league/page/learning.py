@@ -9,7 +9,7 @@ from typing import Any, Final, TypeGuard
 
 from markupsafe import Markup
 
-from shuttle_marl.files import open_file, problem
+from shuttle_marl.files import problem, read_file
 from shuttle_marl.league.entrants import LeagueError
 from shuttle_marl.league.page import charts
 
@@ -59,9 +59,8 @@ def read_curve(folder: Path, name: str) -> Curve:
     """
     path = folder / METRICS
     try:
-        with open_file(path) as file:
-            # The last line may be incomplete.
-            lines = file.read().decode("utf-8").split("\n")[:-1]
+        # The last line may be incomplete.
+        lines = read_file(path).decode("utf-8").split("\n")[:-1]
         rows = [json.loads(line) for line in lines]
     except OSError as error:
         raise LeagueError(f"{path}: cannot be read ({problem(error)})") from error

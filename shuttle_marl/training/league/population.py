@@ -14,7 +14,7 @@ import zstandard
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
-from shuttle_marl.files import FileReadError, open_file, problem, replace_file
+from shuttle_marl.files import Count, FileReadError, Sha256, open_file, problem, replace_file
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.league.config import LeagueTrainingError
@@ -90,8 +90,8 @@ class Frozen:
 
     name: str
     role: str
-    round: int
-    hash: str
+    round: Count
+    hash: Sha256
 
 
 class Payoffs:
@@ -112,10 +112,10 @@ class Payoffs:
         self.solved = 0
         """Number of solved pairs, without those in ``cells``."""
 
-    def as_json(self, retained: Collection[str]) -> dict[str, list[float]]:
+    def as_json(self, retained: Collection[str]) -> dict[str, tuple[float, float]]:
         """Solved pairs of the given hashes: by two hashes, the probability that each wins a rally that it serves."""
         cells = sorted(self._cells.items())
-        return {f"{a} {b}": [first, second] for (a, b), (first, second) in cells if a in retained and b in retained}
+        return {f"{a} {b}": (first, second) for (a, b), (first, second) in cells if a in retained and b in retained}
 
     def odds(self, policy: str, others: Iterable[str]) -> list[Odds]:
         """Odds of a policy against others, by hash."""

@@ -3,9 +3,10 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
-from shuttle_marl.files import FileReadError, read_sealed, replace_file, seal
+from shuttle_marl.files import Count, FileReadError, Fraction, Sha256, read_json, replace_file, seal
+from shuttle_marl.training.checkpoints import Mark
 from shuttle_marl.training.league.config import LeagueTrainingError
 from shuttle_marl.training.league.population import Frozen
 
@@ -60,10 +61,10 @@ class TurnResult:
     """
 
     member: str
-    hash: str
-    strokes: int
+    hash: Sha256
+    strokes: Count
     seconds: float
-    iterations: int
+    iterations: Count
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -76,9 +77,9 @@ class Member:
         hash: hash of its current table; empty before its first turn with new weights.
     """
 
-    turns: int = 0
-    strokes: int = 0
-    hash: str = ""
+    turns: Count = 0
+    strokes: Count = 0
+    hash: Sha256 | Literal[""] = ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -93,7 +94,7 @@ class Best:
     """
 
     name: str
-    hash: str
+    hash: Sha256
     exploitability: float
     temperature: float
 
@@ -116,15 +117,15 @@ class LeagueState:
     """
 
     game: str
-    round: int = 0
+    round: Count = 0
     population: list[Frozen] = dataclasses.field(default_factory=list)
     members: dict[str, Member] = dataclasses.field(default_factory=dict)
-    cells: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    cells: dict[str, tuple[Fraction, Fraction]] = dataclasses.field(default_factory=dict)
     best: Best | None = None
     converged: bool = False
     seconds: float = 0.0
     overhead: float = 0.0
-    metrics: dict[str, Any] | None = None
+    metrics: Mark | None = None
 
     def save(self, folder: Path) -> None:
         """Write the state to the folder of its run."""
@@ -141,16 +142,12 @@ class LeagueState:
         if not path.exists():
             return None
         try:
-            fields = read_sealed(path)
-            fields = {field.name: fields[field.name] for field in dataclasses.fields(cls)}
-            fields["population"] = [Frozen(**each) for each in fields["population"]]
-            fields["members"] = {name: Member(**each) for name, each in fields["members"].items()}
-            fields["best"] = None if fields["best"] is None else Best(**fields["best"])
-        except (FileReadError, KeyError, TypeError, AttributeError) as error:
+            state = read_json(path, cls, sealed=True)
+        except FileReadError as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
-        if fields["game"] != game:
+        if state.game != game:
             raise LeagueTrainingError(
-                f"{path}: was trained on game {str(fields['game'])[:12]}, this is {game[:12]}; continue with the same --game, or "
+                f"{path}: was trained on game {state.game[:12]}, this is {game[:12]}; continue with the same --game, or "
                 "train again with another --out"
             )
-        return cls(**fields)
+        return state

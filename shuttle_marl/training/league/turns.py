@@ -21,7 +21,7 @@ from safetensors.numpy import save
 
 from shuttle_marl import exact
 from shuttle_marl.cluster import Cluster, Task
-from shuttle_marl.files import FileReadError, open_file, problem, read_sealed, replace_file
+from shuttle_marl.files import FileReadError, open_file, problem, read_json, replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -88,16 +88,22 @@ def prune_states(folder: Path, before: int) -> None:
             path.unlink(missing_ok=True)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Completed:
+    """Description of a completed turn in its file: settings and result."""
+
+    turn: dict[str, Any]
+    result: TurnResult
+
+
 def completed(folder: Path, turn: Turn) -> TurnResult | None:
     """The result of a completed turn; None if its files are missing or damaged."""
     about_path, state_path = _paths(folder, turn.member, turn.round)
     try:
-        about = read_sealed(about_path)
+        about = read_json(about_path, Completed, sealed=True)
     except FileReadError:
         return None
-    if about.get("turn") != turn.as_json() or not state_path.exists():
-        return None
-    return TurnResult(**about["result"])
+    return about.result if about.turn == turn.as_json() and state_path.exists() else None
 
 
 def _paths(folder: Path, member: str, number: int) -> tuple[Path, Path]:
