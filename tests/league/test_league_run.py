@@ -308,13 +308,13 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        (b"nonsense", "JSONDecodeError"),
+        (b"nonsense", "Expecting value"),
         (b"[]", "not a JSON object"),
         (b"{}", "crc32 does not match"),
         (b"null", "not a JSON object"),
-        (b"\xff\xfe", "UnicodeDecodeError"),
+        (b"\xff\xfe", "codec can.t decode"),
         (b"[" * 100_000, "nested too deeply"),
-        (b"1" * 10_000, "ValueError"),
+        (b"1" * 10_000, "digits"),
     ],
 )
 def test_junk_among_the_pairings(finished: Path, tmp_path: Path, line: bytes, says: str) -> None:
