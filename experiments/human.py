@@ -2,11 +2,11 @@
 
     python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
 
-Along TAU, ``human:TAU`` leads from perfect play to the average player ``bc`` (:mod:`shuttle_marl.exact.soft`). For each TAU: the
-share of rallies it wins against ``bc``, at home and away, and its cross-entropy on real strokes of unseen matches, in nats a
-stroke; less is more alike. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their
-strokes the highest likelihood, infinity being the clone itself. A low TAU says that among the strokes that are usual for them a
-player prefers those that the game calls better.
+With TAU, ``human:TAU`` moves from perfect play to the average player ``bc`` (:func:`shuttle_marl.exact.solve_soft`). For each
+TAU: the fraction of rallies won against ``bc``, at home and away, and the cross-entropy on real strokes of unseen matches, in
+nats per stroke. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their strokes the
+highest likelihood, infinity being the clone itself. A low TAU says that among their usual strokes a player prefers those with a
+higher value in the game.
 
 The target of a fault is not known, so of faults the shot type and technique count, and of other strokes the area too.
 """

@@ -27,7 +27,7 @@ from shuttle_marl.files import NO_ROOM
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
-    from shuttle_marl.exact.losses import Holes
+    from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard
 

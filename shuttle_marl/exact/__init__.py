@@ -10,23 +10,23 @@ import lazy_loader
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
-    from shuttle_marl.exact.losses import Hole, Holes, holes
     from shuttle_marl.exact.match import Odds, least_gain
     from shuttle_marl.exact.occupancy import Visits, visits
     from shuttle_marl.exact.optimal import (
         Exploitability,
-        Regret,
         Response,
         RobustSolution,
+        SoftSolution,
         Solution,
         best_response,
         nash_conv,
-        policy_regret,
         solve,
         solve_robust,
+        solve_soft,
     )
-    from shuttle_marl.exact.profile import Crossplay, PairPolicy, ProfileValue, StatePolicy, crossplay, evaluate
-    from shuttle_marl.exact.soft import SoftSolution, solve_soft
+    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate
+    from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
+    from shuttle_marl.exact.solver import ProfileValue
 
 __all__ = [
     "TOLERANCE",
@@ -64,22 +64,22 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "away": ("Spread",),
         "fixed_point": ("TOLERANCE", "ExactError"),
-        "losses": ("Hole", "Holes", "holes"),
         "match": ("Odds", "least_gain"),
         "occupancy": ("Visits", "visits"),
         "optimal": (
             "Exploitability",
-            "Regret",
             "Response",
             "RobustSolution",
+            "SoftSolution",
             "Solution",
             "best_response",
             "nash_conv",
-            "policy_regret",
             "solve",
             "solve_robust",
+            "solve_soft",
         ),
-        "profile": ("Crossplay", "PairPolicy", "ProfileValue", "StatePolicy", "crossplay", "evaluate"),
-        "soft": ("SoftSolution", "solve_soft"),
+        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate"),
+        "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
+        "solver": ("ProfileValue",),
     },
 )

@@ -23,7 +23,7 @@ import platformdirs
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response
-from shuttle_marl.exact.profile import Crossplay, evaluate_chains, induced
+from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
 from shuttle_marl.exact.sources import solvers_hash
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -54,14 +54,9 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:
         used = {id(policy): policy for key in wanted for policy in missing[key]}
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            chains = dict(zip(used, threads.map(induced, used.values()), strict=True))
-
-            def solve_one(key: bytes) -> Odds:
-                a, b = missing[key]
-                return evaluate_chains(chains[id(a)], chains[id(b)], tolerance=tolerance).odds()
-
-            return list(threads.map(solve_one, wanted))
+        index = {key: i for i, key in enumerate(used)}
+        numbers = [(index[id(a)], index[id(b)]) for a, b in (missing[key] for key in wanted)]
+        return [odds for odds, _ in odds_of_pairs(list(used.values()), numbers, tolerance=tolerance)]
 
     found = zip(pairs, ordered, _cached(keys, solve), strict=True)
     return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]

@@ -1,6 +1,7 @@
 """Expected visits of a profile to states and strokes, the length of its rallies, and their endings."""
 
 import dataclasses
+import functools
 from typing import Final, Literal
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.thresholds import ONE
@@ -94,7 +96,7 @@ def visits(
     """
     check_same_layout(policy.game, opponent.game)
     chains = [induced(policy), induced(opponent)]
-    backward = [chain.propagate for chain in chains]
+    backward = [functools.partial(propagate, chain.game, chain.weight) for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]

@@ -1,10 +1,16 @@
-"""Optimal play: minimax, robust play, best responses, and the loss of a policy relative to them.
+"""Solvers: minimax, robust and human-like play, and best responses.
 
-The regret of a policy in a state s is regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a), with Q* the minimax value of a stroke.
-Weighted by how often the policy strikes in s, the regrets add up exactly to its loss against a perfect opponent (the
-performance difference lemma: Kakade & Langford, ICML 2002):
+Human-like play is the KL-regularised equilibrium (piKL: Jacob et al., ICML 2022; arXiv 2112.07544). Each player i has a prior
+b_i, a model of human play, and pays tau KL(pi_i(. | s) || b_i(. | s)) to the other player in every state, so the game stays
+zero-sum. With Q(s, a) the value of a stroke as in :mod:`shuttle_marl.exact.fixed_point`, the value of a state to its striker and
+the policy are
 
-    V* - V^pi = sum_s visits(s) regret(s),        visits: of the policy against the minimax policy.
+    V(s) = tau log sum_a b(a | s) exp(Q(s, a) / tau),        pi(a | s) = b(a | s) exp((Q(s, a) - V(s)) / tau).
+
+The limits are minimax over the support of the prior for tau = 0, and the prior for infinite tau. A soft maximum changes by at
+most the largest change of its terms, so its operator contracts as the maximum does, values lie between -1 and 1, the equilibrium
+is unique, and the error bound of the other solvers holds. The error of a log-probability of the policy is at most 2 / tau times
+the bound.
 """
 
 import dataclasses
@@ -13,13 +19,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, Intp
-from shuttle_marl.exact.blocks import BlockLinear, BlockSweep, by_blocks
-from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Linear, largest_continuation, newton
+from shuttle_marl.arrays import F64, I32
+from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.occupancy import visits
-from shuttle_marl.exact.profile import InducedChain, ProfileValue, StatePolicy, check_same_layout, induced
-from shuttle_marl.exact.sweeps import Choices, after_block_choices, after_choices, block_choices, choices
+from shuttle_marl.exact.profile import InducedChain, PairPolicy, StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
+from shuttle_marl.exact.sweeps import after_block_choices, after_block_soft_values, block_choices, block_soft_values
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -87,17 +92,23 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
         ExactError: the layouts differ, or some stroke never ends a rally.
     """
     if other is None or other is game:
-        return _solve_symmetric(game, tolerance)
-    check_same_layout(game, other)
-    value, (own, theirs), sweeps = _solve_players([game], [other], tolerance)
+        own = _BestStrokes((game,))
+        result, sweeps = solve_players(own, None, tolerance)
+        policy = own.policy(result.striking[1])
+        policies = policy, policy
+    else:
+        check_same_layout(game, other)
+        own, theirs = _BestStrokes((game,)), _BestStrokes((other,))
+        result, sweeps = solve_players(own, theirs, tolerance)
+        policies, sweeps = (own.policy(result.striking[1]), theirs.policy(result.striking[0])), 2 * sweeps
     return Solution(
-        games=(game, other),
-        value=value.striking,
-        policy=(pure_policy(game, own.rank), pure_policy(other, theirs.rank)),
+        games=(game, other or game),
+        value=result.striking,
+        policy=policies,
         sweeps=sweeps,
-        residual=value.residual,
-        contraction=value.contraction,
-        error_bound=value.error_bound,
+        residual=result.residual,
+        contraction=result.contraction,
+        error_bound=result.error_bound,
     )
 
 
@@ -127,70 +138,45 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
         raise ExactError("robust play over no games: give one or more")
     for game in games[1:]:
         check_same_layout(games[0], game)
-    value, (own, _), sweeps = _solve_players(games, games, tolerance, against=True)
-    return RobustSolution(games=tuple(games), policy=pure_policy(games[0], own.rank), value=value, sweeps=sweeps)
+    own = _BestStrokes(tuple(games), against=True)
+    value, sweeps = solve_players(own, _BestStrokes(tuple(games)), tolerance)
+    return RobustSolution(games=own.games, policy=own.policy(value.striking[1]), value=value, sweeps=2 * sweeps)
 
 
-def _solve_players(
-    games: Sequence[Game], others: Sequence[Game], tolerance: float, *, against: bool = False
-) -> tuple[ProfileValue, tuple[Choices, Choices], int]:
-    """Values and best strokes of two players who are not alike, and the number of sweeps.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _BestStrokes:
+    """A player who plays the best strokes.
 
-    Args:
-        games, others: with which player 0 and player 1 strike; of several, nature picks one after each stroke.
-        tolerance: largest acceptable error bound of a value.
-        against: whether nature picks against player 0.
+    Attributes:
+        games: tables of the player; of several, nature picks one after each stroke.
+        against: whether nature picks against this player; else in favour.
     """
-    contraction = max(map(largest_continuation, games)) * max(map(largest_continuation, others))
 
-    def operator(x: F64) -> tuple[F64, Linear]:
-        theirs = choices(others, x)
-        own = choices(games, theirs.value, against=against)
-        first, second = after_choices(games, own), after_choices(others, theirs)
-        return own.value, lambda change: first(second(change))
+    games: tuple[Game, ...]
+    against: bool = False
 
-    start, swept = by_blocks(games[0], best_sweep(games, against=against), best_sweep(others), contraction, tolerance)
-    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
-    theirs = choices(others, z)
-    own = choices(games, theirs.value, against=against)
-    z[ROOT] = own.value[ROOT]
-    value = ProfileValue(striking=(z, theirs.value), residual=residual, contraction=contraction, error_bound=bound)
-    return value, (own, theirs), 2 * (swept + sweeps) + 2
+    @property
+    def game(self) -> Game:
+        return self.games[0]
 
+    @functools.cached_property
+    def contraction(self) -> float:
+        return max(map(largest_continuation, self.games))
 
-def _solve_symmetric(game: Game, tolerance: float) -> Solution:
-    contraction = largest_continuation(game)
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
+        chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
+        return chosen.value, functools.partial(after_block_choices, self.games, block, chosen)
 
-    def operator(x: F64) -> tuple[F64, Linear]:
-        chosen = choices([game], x)
-        return chosen.value, after_choices([game], chosen)
+    def ranks(self, following: F64) -> I32:
+        """``[S]`` position of the best stroke among the legal ones of each state; -1 in a state without any."""
+        sweeps = (
+            block_choices(self.games, block, *successors(self.game, following, block), against=self.against)
+            for block in range(self.game.n_blocks)
+        )
+        return np.concatenate([chosen.rank for chosen in sweeps])
 
-    sweep = best_sweep([game])
-    # Sweeps by blocks alternate between the players, so each pair contracts twice.
-    start, swept = by_blocks(game, sweep, sweep, contraction**2, tolerance)
-    value, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
-    chosen = choices([game], value)
-    value[ROOT] = chosen.value[ROOT]
-    policy = pure_policy(game, chosen.rank)
-    return Solution(
-        games=(game, game),
-        value=(value, value),
-        policy=(policy, policy),
-        sweeps=swept + sweeps + 1,
-        residual=residual,
-        contraction=contraction,
-        error_bound=bound,
-    )
-
-
-def best_sweep(games: Sequence[Game], *, against: bool = False) -> BlockSweep:
-    """Sweep of a player who plays the best strokes; see :func:`shuttle_marl.exact.sweeps.choices`."""
-
-    def sweep(block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        chosen = block_choices(games, block, plain, after_attack, against=against)
-        return chosen.value, after_block_choices(games, block, chosen)
-
-    return sweep
+    def policy(self, following: F64) -> TabulatedPolicy:
+        return pure_policy(self.game, self.ranks(following))
 
 
 def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
@@ -258,24 +244,11 @@ def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = Non
     Raises:
         ExactError: the layouts differ, or play may never end.
     """
-    own = game or policy.game
-    check_same_layout(own, policy.game)
+    own = _BestStrokes((game or policy.game,))
+    check_same_layout(own.game, policy.game)
     opponent = policy if isinstance(policy, InducedChain) else induced(policy)
-    contraction = largest_continuation(own) * opponent.contraction
-
-    def operator(x: F64) -> tuple[F64, Linear]:
-        chosen = choices([own], opponent.values(x))
-        follow = after_choices([own], chosen)
-        # The linear part of the opponent is minus the continuation.
-        return chosen.value, lambda change: -follow(opponent.continuation(change))
-
-    start, swept = by_blocks(own, best_sweep([own]), opponent.block_sweep, contraction, tolerance)
-    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance)
-    y = opponent.values(z)
-    chosen = choices([own], y)
-    z[ROOT] = chosen.value[ROOT]
-    value = ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
-    return Response(game=own, rank=chosen.rank, value=value, sweeps=swept + sweeps + 1)
+    value, sweeps = solve_players(own, opponent, tolerance)
+    return Response(game=own.game, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
 
 
 def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:
@@ -297,54 +270,85 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Regret:
-    """Value lost by a policy, on the scale of values from -1 to 1.
+class SoftSolution:
+    """The KL-regularised equilibrium.
 
     Attributes:
-        state: ``[S]`` loss of the stroke played in each state, on average over the policy.
-        weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
-        per_rally: loss in a rally: the sum over both.
-        error_bound: ``per_rally`` is within this of the true one.
+        tau: cost of a nat of divergence from the prior, on the scale of values.
+        value: ``[S]`` each: value of the regularised game to player 0 where player 0 strikes, and to player 1 where player 1
+            strikes.
+        policy: of each player.
+        sweeps: number of sweeps over all legal pairs of a game.
+        residual: largest change of a value in the last sweep.
+        contraction: factor by which a sweep (a pair of sweeps, if the players differ) reduces an error.
+        error_bound: absolute error bound of all values.
     """
 
-    state: F64
-    weight: F64
-    per_rally: float
+    tau: float
+    value: tuple[F64, F64]
+    policy: tuple[PairPolicy, PairPolicy]
+    sweeps: int
+    residual: float
+    contraction: float
     error_bound: float
 
-    @property
-    def per_stroke(self) -> float:
-        """Loss of a stroke of the policy, on average."""
-        return self.per_rally / float(self.weight.sum())
 
-    def largest(self, count: int) -> Intp:
-        """The states in which the policy gives away most in a rally, most first."""
-        return np.argsort(-self.state * self.weight, kind="stable")[:count]
-
-
-def policy_regret(
-    policy: StatePolicy,
-    opponent: StatePolicy | None = None,
-    *,
-    solution: Solution | None = None,
-    tolerance: float = TOLERANCE,
-) -> Regret:
-    """The regret of a policy in seat 0, weighted by its visits.
+def solve_soft(
+    prior: StatePolicy, opponent: StatePolicy | None = None, *, tau: float, tolerance: float = TOLERANCE
+) -> SoftSolution:
+    """The KL-regularised equilibrium.
 
     Args:
-        policy: the policy.
-        opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
-        solution: the solved game of the policy, if known.
-        tolerance: error bound of the values and of the visits.
+        prior: of player 0; strokes with probability 0 keep it.
+        opponent: prior of player 1; None: the same.
+        tau: cost of a nat; finite and positive.
+        tolerance: largest acceptable error bound of a value.
 
     Raises:
-        ExactError: the layouts differ, or play may never end.
+        ExactError: ``tau`` is not finite and positive, the layouts differ, or some stroke never ends a rally.
     """
-    solution = solution or solve(policy.game, tolerance=tolerance)
-    value, following = solution.value
-    state = value - induced(policy).values(following)
-    counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
-    weight = counted.states[0]
-    # The regret of a state is at most 2, and its error that of two values.
-    bound = 2 * solution.error_bound * float(weight.sum()) + 2 * counted.error_bound
-    return Regret(state=state, weight=weight, per_rally=float(weight @ state), error_bound=bound)
+    if not 0 < tau < float("inf"):
+        raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
+    own = _SoftPlayer(prior, tau)
+    start = np.zeros(own.game.n_states)
+    if opponent is None or opponent is prior:
+        value, sweeps = solve_players(own, None, tolerance, start=start)
+        policy = own.policy(value.striking[1])
+        policies = policy, policy
+    else:
+        check_same_layout(prior.game, opponent.game)
+        other = _SoftPlayer(opponent, tau)
+        value, sweeps = solve_players(own, other, tolerance, start=start)
+        policies, sweeps = (own.policy(value.striking[1]), other.policy(value.striking[0])), 2 * sweeps
+    return SoftSolution(
+        tau=tau,
+        value=value.striking,
+        policy=policies,
+        sweeps=sweeps,
+        residual=value.residual,
+        contraction=value.contraction,
+        error_bound=value.error_bound,
+    )
+
+
+class _SoftPlayer:
+    """A player of the regularised game."""
+
+    def __init__(self, prior: StatePolicy, tau: float) -> None:
+        self.game, self._tau, self.contraction = prior.game, tau, largest_continuation(prior.game)
+        self._prior: list[F64] = []
+        for block in range(self.game.n_blocks):
+            # Most priors ignore the efforts, so equal blocks share an array.
+            probability = prior.block_probabilities(block)
+            self._prior.append(next((seen for seen in self._prior if np.array_equal(seen, probability)), probability))
+
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
+        values, policy = block_soft_values(self.game, block, self._prior[block], self._tau, plain, after_attack)
+        return values, functools.partial(after_block_soft_values, self.game, block, policy)
+
+    def policy(self, following: F64) -> PairPolicy:
+        probability = [
+            block_soft_values(self.game, block, prior, self._tau, *successors(self.game, following, block))[1]
+            for block, prior in enumerate(self._prior)
+        ]
+        return PairPolicy(game=self.game, probability=np.concatenate(probability))

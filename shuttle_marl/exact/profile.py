@@ -5,27 +5,18 @@ import itertools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from shuttle_marl.arrays import F64
-from shuttle_marl.exact.blocks import BlockLinear, by_blocks
-from shuttle_marl.exact.fixed_point import (
-    FIRST_RALLY_STATE,
-    TOLERANCE,
-    ExactError,
-    Linear,
-    newton,
-)
+from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.sweeps import Chances, Weights, block_mean, mean_following, played, propagate
+from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
+from shuttle_marl.exact.sweeps import Chances, Weights, block_mean, played
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-
-_FIRST_BLOCK: Final = 0
-"""Block of the states without effort of either player, such as the serve."""
 
 
 class StatePolicy(Protocol):
@@ -85,28 +76,14 @@ class InducedChain:
     weight: tuple[Weights, ...]
     contraction: float
 
-    def continuation(self, following: F64) -> F64:
-        """``[S]`` C following: mean value of the successors of each state, 0 at the end of a rally."""
-        return mean_following(self.game, self.weight, following)
-
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and their linear part; see :data:`~shuttle_marl.exact.blocks.BlockSweep`."""
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Player`."""
         weight, reward = self.weight[block], self.reward[self.game.block_states(block)]
 
-        def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
-            none = np.zeros(self.game.n_base_states)
-            changes = (none if change is None else change for change in (plain, after_attack))
-            return -block_mean(self.game, weight, *changes)
+        def linear(plain: F64, after_attack: F64) -> F64:
+            return -block_mean(self.game, weight, plain, after_attack)
 
         return reward + linear(plain, after_attack), linear
-
-    def propagate(self, visits: F64) -> F64:
-        """``[S]`` C' visits: expected visits of the successors of the striker's states."""
-        return propagate(self.game, self.weight, visits)
-
-    def values(self, following: F64) -> F64:
-        """``[S]`` value of every state to the striker, with ``following`` the value of the next states to the receiver."""
-        return self.reward - self.continuation(following)
 
 
 def induced(policy: StatePolicy) -> InducedChain:
@@ -169,32 +146,6 @@ def check_same_layout(first: Game, second: Game) -> None:
             )
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class ProfileValue:
-    """Values of all states when player 0 and player 1 play given policies.
-
-    Attributes:
-        striking: ``[S]`` each: value to player 0 of the states in which player 0 strikes, and to player 1 of those in which
-            player 1 strikes. A value is the probability of winning the rally minus that of losing it, so the probability of
-            winning is ``(1 + value) / 2``.
-        residual: largest change of a value in the last sweep.
-        contraction: factor by which a pair of sweeps shrinks an error.
-        error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
-    """
-
-    striking: tuple[F64, F64]
-    residual: float
-    contraction: float
-    error_bound: float
-
-    def odds(self, player: int = 0) -> Odds:
-        """Odds of a player against the opponent."""
-        serving, receiving = self.striking[player][ROOT], -self.striking[1 - player][ROOT]
-        # Rounding may carry the value of a certain win past 1.
-        probabilities = (min(1.0, max(0.0, (1 + float(value)) / 2)) for value in (serving, receiving))
-        return Odds(serving=next(probabilities), receiving=next(probabilities), error_bound=self.error_bound / 2)
-
-
 def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """The exact value of player 0 playing ``policy`` against player 1 playing ``opponent``.
 
@@ -216,18 +167,7 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
 
 def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """:func:`evaluate` for known chains of games with the same layout."""
-    contraction = first.contraction * second.contraction
-
-    def operator(x: F64) -> tuple[F64, Linear]:
-        # The second player eliminated: V_0 = r_0 - C_0 (r_1 - C_1 V_0).
-        return first.values(second.values(x)), lambda change: first.continuation(second.continuation(change))
-
-    start, _ = by_blocks(first.game, first.block_sweep, second.block_sweep, contraction, tolerance, affine=True)
-    z, _, residual, bound = newton(operator, start, contraction, tolerance, affine=True)
-    y = second.values(z)
-    plain, attack = (y[first.game.block_states(after)] for after in first.game.block_following(_FIRST_BLOCK))
-    z[ROOT] = first.block_sweep(_FIRST_BLOCK, plain, attack)[0][ROOT]
-    return ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
+    return solve_players(first, second, tolerance, affine=True)[0]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -257,6 +197,29 @@ class Crossplay:
         return match_win_probability(self.serving, self.receiving, rules=rules)
 
 
+def odds_of_pairs(
+    policies: Sequence[StatePolicy],
+    pairs: Sequence[tuple[int, int]],
+    *,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[], object] | None = None,
+) -> list[tuple[Odds, Odds]]:
+    """Odds of both policies of each pair of indices, solved on all cores; arguments and errors as for :func:`crossplay`."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        chains = list(threads.map(induced, policies))
+
+        def solve(pair: tuple[int, int]) -> tuple[Odds, Odds]:
+            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
+            return value.odds(0), value.odds(1)
+
+        found = []
+        for odds in threads.map(solve, pairs):
+            found.append(odds)
+            if progress is not None:
+                progress()
+    return found
+
+
 def crossplay(
     policies: Sequence[StatePolicy], *, tolerance: float = TOLERANCE, progress: Callable[[], object] | None = None
 ) -> Crossplay:
@@ -276,19 +239,10 @@ def crossplay(
         raise ExactError("crossplay of no policies: give one or more")
     for policy in policies[1:]:
         check_same_layout(policies[0].game, policy.game)
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        chains = list(threads.map(induced, policies))
-        pairs = list(itertools.combinations_with_replacement(range(len(policies)), 2))
-
-        def serve_odds(pair: tuple[int, int]) -> tuple[float, float, float]:
-            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
-            return value.odds(0).serving, value.odds(1).serving, value.odds().error_bound
-
-        serving = np.empty((len(policies), len(policies)))
-        bound = 0.0
-        for (i, j), (first, second, error) in zip(pairs, threads.map(serve_odds, pairs), strict=True):
-            serving[i, j], serving[j, i] = first, second
-            bound = max(bound, error)
-            if progress is not None:
-                progress()
-    return Crossplay(serving=serving, error_bound=bound)
+    n = len(policies)
+    pairs = list(itertools.combinations_with_replacement(range(n), 2))
+    serving = np.empty((n, n))
+    found = odds_of_pairs(policies, pairs, tolerance=tolerance, progress=progress)
+    for (i, j), (first, second) in zip(pairs, found, strict=True):
+        serving[i, j], serving[j, i] = first.serving, second.serving
+    return Crossplay(serving=serving, error_bound=max(odds.error_bound for odds, _ in found))

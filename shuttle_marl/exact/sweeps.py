@@ -7,35 +7,22 @@ reads weights and values in order. Sums are accumulated in four lanes in a fixed
 """
 
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.arrays import F32, F64, I32, U16, U32, Bools
-from shuttle_marl.exact.blocks import BlockLinear
-from shuttle_marl.exact.fixed_point import Linear
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.kernel.compiling import cached
+from shuttle_marl.kernel.compiling import cached, compiled
 
 Chances = F64 | U16
 Weights = F64 | U32
-F = TypeVar("F", bound=Callable[..., Any])
 
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
-
-
-def _compiled(function: F) -> F:
-    """Compile without the interpreter's lock, and cache the machine code on disk."""
-    return cached(function, nogil=True)
-
-
-def _compiled_without_nan(function: F) -> F:
-    """Compile code without NaN in which the sign of zero does not matter, so that maxima are vectorised."""
-    return cached(function, nogil=True, fastmath={"nnan", "nsz"})
 
 
 class Replies(NamedTuple):
@@ -67,7 +54,7 @@ class Choices(NamedTuple):
     """``[S]`` index of the game in which it is played."""
 
 
-@_compiled
+@compiled
 def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
     """``[2 V]`` values of the successors of each reply.
 
@@ -83,7 +70,7 @@ def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
         out[2 * v + 1] = source[2 * edge + 1]
 
 
-@_compiled
+@compiled
 def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64) -> None:
     """Transpose of :func:`_gather`: scatter-adds the values of each reply to its successors."""
     for v in range(replies.edge.size):
@@ -93,9 +80,10 @@ def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64)
         target[2 * edge + 1] += gathered[2 * v + 1]
 
 
-@_compiled_without_nan
+# There is no NaN, and the sign of zero does not matter, so maxima are vectorised.
+@functools.partial(cached, nogil=True, fastmath={"nnan", "nsz"})
 def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, against: bool, best_of: Choices) -> None:
-    """Best strokes of the states of a block; see :func:`choices`.
+    """Best strokes of the states of a block; see :func:`block_choices`.
 
     Args:
         rewards, continuation: of the games, see :func:`_stacked`.
@@ -144,7 +132,7 @@ def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, a
                 break
 
 
-@_compiled
+@compiled
 def _mean(weights: Weights, unit: float, replies: Replies, following: F64, out: F64) -> None:
     """Weighted sums of the gathered values of each state's successors."""
     pair_start, first_reply = replies.pair_start, replies.first_reply
@@ -163,7 +151,7 @@ def _mean(weights: Weights, unit: float, replies: Replies, following: F64, out: 
         out[s] = ((a + b) + (c + d)) * unit
 
 
-@_compiled
+@compiled
 def _follow(continuation: F32, replies: Replies, chosen: Choices, plain: F64, after_attack: F64, out: F64) -> None:
     """Change in the value of each state's chosen stroke, from the changes of its successors."""
     for s in range(out.size):
@@ -176,7 +164,57 @@ def _follow(continuation: F32, replies: Replies, chosen: Choices, plain: F64, af
             out[s] = -(below * change[2 * edge] + above * change[2 * edge + 1]) / 65536.0
 
 
-@_compiled
+@compiled
+def _soften(
+    rewards: F32,
+    continuation: F32,
+    replies: Replies,
+    prior: F64,
+    tau: float,
+    following: F64,
+    out: F64,
+    policy: F64,
+) -> None:
+    pair_start, first_reply = replies.pair_start, replies.first_reply
+    for s in range(out.size):
+        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
+        reward, weight = rewards[first : first + count], continuation[2 * first : 2 * (first + count)]
+        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
+        before, played = prior[first : first + count], policy[first : first + count]
+        best = -1e300
+        for i in range(count):
+            played[i] = (reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]) / 65536.0
+            if before[i] > 0.0:
+                best = max(best, played[i])
+        # For a large tau all terms are close to 1, so their differences are summed separately.
+        total = change = 0.0
+        for i in range(count):
+            x = min((played[i] - best) / tau, 0.0)
+            if tau > 1.0:
+                change += before[i] * np.expm1(x)
+            played[i] = before[i] * np.exp(x)
+            total += played[i]
+        for i in range(count):
+            played[i] /= total
+        out[s] = 0.0
+        if count > 0:
+            out[s] = best + tau * (np.log1p(change) if tau > 1.0 else np.log(total))
+
+
+@compiled
+def _continue(continuation: F32, replies: Replies, policy: F64, following: F64, out: F64) -> None:
+    pair_start, first_reply = replies.pair_start, replies.first_reply
+    for s in range(out.size):
+        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
+        weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]
+        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
+        total = 0.0
+        for i in range(count):
+            total += played[i] * (weight[2 * i] * after[2 * i] + weight[2 * i + 1] * after[2 * i + 1])
+        out[s] = -total / 65536.0
+
+
+@compiled
 def _propagate(weights: Weights, unit: float, replies: Replies, visits: F64, out: F64) -> None:
     """Transpose of :func:`_mean`: adds the visits of each state to the gathered values of its successors."""
     pair_start, first_reply = replies.pair_start, replies.first_reply
@@ -189,7 +227,7 @@ def _propagate(weights: Weights, unit: float, replies: Replies, visits: F64, out
             reached[i] += weight[i] * share
 
 
-@_compiled
+@compiled
 def _weigh(chance: Chances, unit: float, limits: U16, pair_start: I32, weight: Weights, reward: F64, continuation: F64) -> None:
     for s in range(reward.size):
         gained = continued = 0.0
@@ -219,61 +257,36 @@ def probabilities(game: Game) -> Probabilities:
     return Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
 
 
-def gathered(game: Game, following: F64, block: int, out: F64 | None = None) -> F64:
-    """``[2 V]`` values of the successors of each reply in a block, contact below and above alternating, from ``[S]`` values."""
-    out = np.empty(2 * len(game.reply_edge)) if out is None else out
-    plain, attack = (following[game.block_states(after)] for after in game.block_following(block))
-    _gather(plain, attack, replies(game), out)
-    return out
-
-
-def choices(games: Sequence[Game], following: F64, *, against: bool = False) -> Choices:
-    """The best strokes; of several games, nature picks the one that is played after each stroke.
-
-    Args:
-        games: tables of the striker, of one layout; of tied games nature picks the first.
-        following: ``[S]`` value of the next states to the receiver.
-        against: whether nature picks the worst game for the striker; else the best one.
-    """
-    game = games[0]
-    parts = []
-    for block in range(game.n_blocks):
-        plain, after_attack = (following[game.block_states(after)] for after in game.block_following(block))
-        parts.append(block_choices(games, block, plain, after_attack, against=against))
-    return Choices(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
     """The best strokes in the states of one block: ``[base states]`` of :class:`Choices`.
 
     Args:
-        games: as for :func:`choices`.
+        games: tables of the striker, of one layout; nature picks one after each stroke, the first of tied ones.
         block: index of the block.
         plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
-        against: as for :func:`choices`.
+        against: whether nature picks the worst game for the striker; else the best one.
     """
     game = games[0]
     size = game.n_base_states
     found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
-    values = np.empty(2 * len(game.reply_edge))
-    _gather(plain, after_attack, replies(game), values)
-    _choose(*_stacked(tuple(games), block // game.levels), replies(game), values, against, found)
+    following = _gathered(game, plain, after_attack)
+    _choose(*_stacked(tuple(games), block // game.levels), replies(game), following, against, found)
     return found
 
 
-def after_block_choices(games: Sequence[Game], block: int, chosen: Choices) -> BlockLinear:
-    """The linear part of :func:`block_choices`."""
+def after_block_choices(games: Sequence[Game], block: int, chosen: Choices, plain: F64, after_attack: F64) -> F64:
+    """``[base states]`` linear part of :func:`block_choices` at the chosen strokes."""
     game = games[0]
-    _, continuation = _stacked(tuple(games), block // game.levels)
-    none = np.zeros(game.n_base_states)
+    out = np.empty(game.n_base_states)
+    _follow(_stacked(tuple(games), block // game.levels)[1], replies(game), chosen, plain, after_attack, out)
+    return out
 
-    def linear(plain: F64 | None, after_attack: F64 | None) -> F64:
-        out = np.empty(game.n_base_states)
-        first, second = (none if change is None else change for change in (plain, after_attack))
-        _follow(continuation, replies(game), chosen, first, second, out)
-        return out
 
-    return linear
+def _gathered(game: Game, plain: F64, after_attack: F64) -> F64:
+    """``[2 V]`` values of the successors of each reply in a block, contact below and above alternating."""
+    out = np.empty(2 * len(game.reply_edge))
+    _gather(plain, after_attack, replies(game), out)
+    return out
 
 
 @functools.lru_cache(maxsize=12)
@@ -283,25 +296,6 @@ def _stacked(games: tuple[Game, ...], level: int) -> tuple[F32, F32]:
     if len(tables) == 1:
         return tables[0].reward[level : level + 1], tables[0].continuation[level : level + 1]
     return np.stack([table.reward[level] for table in tables]), np.stack([table.continuation[level] for table in tables])
-
-
-def after_choices(games: Sequence[Game], chosen: Choices) -> Linear:
-    """Linear part of :func:`choices`: ``[S]`` minus the mean value after the chosen strokes, 0 at the end of a rally."""
-    playable = chosen.rank >= 0
-    pairs = games[0].pair_start[:-1][playable] + chosen.rank[playable]
-    picked = chosen.game[playable]
-    weight = np.empty((len(pairs), 2))
-    for number, game in enumerate(games):
-        here = picked == number
-        weight[here] = game.outcome_probabilities(pairs[here])[:, 2:]
-    below, above = games[0].arrivals(pairs).T
-
-    def linear(following: F64) -> F64:
-        out = np.zeros(len(playable))
-        out[playable] = -(weight[:, 0] * following[below] + weight[:, 1] * following[above])
-        return out
-
-    return linear
 
 
 class Played(NamedTuple):
@@ -340,37 +334,46 @@ def played(game: Game, level: int, chance: Chances) -> Played:
     return found
 
 
-def mean_following(game: Game, weights: Sequence[Weights], following: F64) -> F64:
-    """``[S]`` mean value of the successors of each state.
-
-    Args:
-        game: the layout.
-        weights: for each block ``[2 base pairs]`` weights of the successors of each legal pair, as in :class:`Played`.
-        following: ``[S]`` values of the next states.
-    """
-    out, values = np.empty(game.n_states), np.empty(2 * len(game.reply_edge))
-    for block, weight in enumerate(weights):
-        gathered(game, following, block, values)
-        _mean(weight, weight_unit(weight.dtype), replies(game), values, out[game.block_states(block)])
-    return out
-
-
 def block_mean(game: Game, weight: Weights, plain: F64, after_attack: F64) -> F64:
     """``[base states]`` mean value of the successors of each state of one block.
 
     Args:
         game: the layout.
-        weight: ``[2 base pairs]`` of the block, as for :func:`mean_following`.
-        plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
+        weight: ``[2 base pairs]`` weights of the successors of each legal pair, as in :class:`Played`.
+        plain, after_attack: as for :func:`block_choices`.
     """
-    out, values = np.empty(game.n_base_states), np.empty(2 * len(game.reply_edge))
-    _gather(plain, after_attack, replies(game), values)
-    _mean(weight, weight_unit(weight.dtype), replies(game), values, out)
+    out = np.empty(game.n_base_states)
+    _mean(weight, weight_unit(weight.dtype), replies(game), _gathered(game, plain, after_attack), out)
+    return out
+
+
+def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64, after_attack: F64) -> tuple[F64, F64]:
+    """``[base states]`` soft maxima of one block, and ``[base pairs]`` their policy (:func:`shuttle_marl.exact.solve_soft`).
+
+    Args:
+        game: the tables.
+        block: index of the block.
+        prior: ``[base pairs]`` probability of each base pair.
+        tau: cost of a nat of divergence from it.
+        plain, after_attack: as for :func:`block_choices`.
+    """
+    table, level = probabilities(game), block // game.levels
+    out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
+    following = _gathered(game, plain, after_attack)
+    _soften(table.reward[level], table.continuation[level], replies(game), prior, tau, following, out, policy)
+    return out, policy
+
+
+def after_block_soft_values(game: Game, block: int, policy: F64, plain: F64, after_attack: F64) -> F64:
+    """``[base states]`` linear part of :func:`block_soft_values`: minus the mean value of the successors under the policy."""
+    out = np.empty(game.n_base_states)
+    continuation = probabilities(game).continuation[block // game.levels]
+    _continue(continuation, replies(game), policy, _gathered(game, plain, after_attack), out)
     return out
 
 
 def propagate(game: Game, weights: Sequence[Weights], visits: F64) -> F64:
-    """``[S]`` expected visits of the successors of ``[S]`` visits: the transpose of :func:`mean_following`."""
+    """``[S]`` expected visits of the successors of ``[S]`` visits, for the weights of each block: the transpose of a sweep."""
     out, values = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
     for block, weight in enumerate(weights):
         here = visits[game.block_states(block)]

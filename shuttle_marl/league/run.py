@@ -41,7 +41,7 @@ from shuttle_marl.recording.recover import resume as resume_log
 from shuttle_marl.table_files import csv_bytes, write_parquet
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.losses import Holes
+    from shuttle_marl.exact.regret import Holes
 
 _HOLES: Final = 1e-6
 """Error bound of the losses in the report."""
@@ -280,7 +280,7 @@ def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dic
     if not best:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
-    from shuttle_marl.exact.losses import holes  # noqa: PLC0415  numba
+    from shuttle_marl.exact.regret import holes  # noqa: PLC0415  numba
 
     losses = {}
     with contextlib.suppress(ExactError):  # play may never end, which was reported with the exact results

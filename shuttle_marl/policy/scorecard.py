@@ -19,8 +19,9 @@ from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.occupancy import Visits, visits
-from shuttle_marl.exact.optimal import Solution, best_response, policy_regret, solve
+from shuttle_marl.exact.optimal import Solution, best_response, solve
 from shuttle_marl.exact.profile import evaluate
+from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.shipped import real_strokes

@@ -49,7 +49,7 @@ def robust_policy(game: Game) -> TabulatedPolicy:
 
 @functools.lru_cache(maxsize=4)
 def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
-    """The KL-regularised equilibrium, see :mod:`shuttle_marl.exact.soft`.
+    """The KL-regularised equilibrium, see :mod:`shuttle_marl.exact.optimal`.
 
     Args:
         tau: cost of a nat of divergence from human play.
@@ -59,8 +59,8 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     Raises:
         PolicyError: there is no such player, or the game was not loaded from a model.
     """
+    from shuttle_marl.exact.optimal import solve_soft  # noqa: PLC0415
     from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba
-    from shuttle_marl.exact.soft import solve_soft  # noqa: PLC0415
 
     average = PairPolicy(game=game, probability=bc.probabilities(None, game))
     own = average if player is None else PairPolicy(game=game, probability=bc.probabilities(player, game))

@@ -39,7 +39,7 @@ def test_known_odds_are_the_solved_ones(cache: Path, policies: list[TabulatedPol
         assert [odds.value for odds in known.best_odds(policies)] == pytest.approx(
             [exact.nash_conv(policy).exploitability for policy in policies], abs=1e-12
         )
-        monkeypatch.setattr(known, "evaluate_chains", no_solver)
+        monkeypatch.setattr(known, "odds_of_pairs", no_solver)
         monkeypatch.setattr(known, "best_response", no_solver)
     pairs = [(policies[1], policies[0]), (policies[0], policies[1])]
     ahead, behind = known.pair_odds(pairs)

@@ -18,7 +18,7 @@ from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.recording import Sampling
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.losses import Hole, Holes
+    from shuttle_marl.exact.regret import Hole, Holes
 
 _MOST_RADARS: Final = 40
 _MOST_MISFITS: Final = 40

@@ -1,9 +1,12 @@
-"""Holes of a policy: states in which it loses most to its best response.
+"""Regret of a policy, and its holes: states in which it loses most to its best response.
 
-Let b be the best response to pi, V the minimax values and Q those of strokes. In a state s in which pi strikes, it loses
-regret(s) = V(s) - sum_a pi(a | s) Q(s, a) by not playing the best stroke. The best response b has regret wherever it leaves
-minimax play to win more against pi. Both differences from V add up over a rally (the performance difference lemma: Kakade &
-Langford, ICML 2002), so the gain of b is exactly
+The regret of a policy in a state s is regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a), with V* and Q* the minimax values of states
+and strokes. Weighted by how often the policy strikes in s, the regrets add up exactly to its loss against a perfect opponent (the
+performance difference lemma: Kakade & Langford, ICML 2002):
+
+    V* - V^pi = sum_s visits(s) regret(s),        visits: of the policy against the minimax policy.
+
+The best response b to pi has regret wherever it leaves minimax play to win more against pi, so its gain is exactly
 
     exploitability = sum_s visits_pi(s) regret_pi(s) - sum_s visits_b(s) regret_b(s),        visits: of pi against b.
 
@@ -16,10 +19,67 @@ from typing import Any
 
 import numpy as np
 
+from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
-from shuttle_marl.exact.optimal import Response, Solution, best_response, policy_regret, solve
+from shuttle_marl.exact.optimal import Response, Solution, best_response, solve
+from shuttle_marl.exact.profile import StatePolicy, induced
+from shuttle_marl.exact.solver import sweep
 from shuttle_marl.game.tabulated import TabulatedPolicy
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Regret:
+    """Value lost by a policy, on the scale of values from -1 to 1.
+
+    Attributes:
+        state: ``[S]`` loss of the stroke played in each state, on average over the policy.
+        weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
+        per_rally: loss in a rally: the sum over both.
+        error_bound: ``per_rally`` is within this of the true one.
+    """
+
+    state: F64
+    weight: F64
+    per_rally: float
+    error_bound: float
+
+    @property
+    def per_stroke(self) -> float:
+        """Loss of a stroke of the policy, on average."""
+        return self.per_rally / float(self.weight.sum())
+
+    def largest(self, count: int) -> Intp:
+        """The states with the largest losses in a rally, largest first."""
+        return np.argsort(-self.state * self.weight, kind="stable")[:count]
+
+
+def policy_regret(
+    policy: StatePolicy,
+    opponent: StatePolicy | None = None,
+    *,
+    solution: Solution | None = None,
+    tolerance: float = TOLERANCE,
+) -> Regret:
+    """The regret of a policy in seat 0, weighted by its visits.
+
+    Args:
+        policy: the policy.
+        opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
+        solution: the solved game of the policy, if known.
+        tolerance: error bound of the values and of the visits.
+
+    Raises:
+        ExactError: the layouts differ, or play may never end.
+    """
+    solution = solution or solve(policy.game, tolerance=tolerance)
+    value, following = solution.value
+    state = value - sweep(induced(policy), following)[0]
+    counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
+    weight = counted.states[0]
+    # The regret of a state is at most 2, and its error that of two values.
+    bound = 2 * solution.error_bound * float(weight.sum()) + 2 * counted.error_bound
+    return Regret(state=state, weight=weight, per_rally=float(weight @ state), error_bound=bound)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
