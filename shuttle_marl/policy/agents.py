@@ -15,7 +15,7 @@ from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.policy.table_cache import cached_table
+from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.tensor_files import read_tensors
 
 NETWORK: Final = "network.safetensors"
@@ -103,17 +103,6 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
         known = ", ".join(installed(key, game)) or "none of that algorithm"
         raise PolicyError(f"no policy {name!r}: the trained agents of this game are {known}; train one and name it agent:FOLDER")
     return load_agent(shipped_folder(name, model), game)
-
-
-def load_folder(argument: str | None, game: Game) -> Policy:
-    """The agent in a folder, for names such as ``agent:FOLDER``.
-
-    Raises:
-        PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
-    """
-    if not argument:
-        raise PolicyError("policy agent: expected the folder of a trained agent behind a colon, as in agent:runs/ppo-0/agent")
-    return load_agent(Path(argument), game)
 
 
 def installed(key: str, game: Game) -> list[str]:

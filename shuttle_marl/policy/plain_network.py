@@ -1,8 +1,8 @@
 """User networks as policies: any function from observations to logits, and files of weights.
 
-Files hold numbers and no code: safetensors, state dictionaries of PyTorch (read with ``weights_only``), and the weights in an
-archive of Stable-Baselines3, whose pickled parts are never opened. They are limited to chains of linear layers with known
-activations; other networks are played through :func:`from_network` or ``module:attribute``, which is code of the user.
+Files are safetensors, state dictionaries of PyTorch (read with ``weights_only``), or archives of Stable-Baselines3, whose pickled
+parts are never opened; no code in them is run. They must hold a chain of linear layers with one kind of activation. Other
+networks are played through :func:`from_network` or ``module:attribute``.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.arrays import F64, I32
+from shuttle_marl.arrays import F64, I32, Bools
 from shuttle_marl.extras import install_hint
 from shuttle_marl.files import problem, read_file, replace_file
 from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
@@ -76,13 +76,9 @@ class NetworkPolicy:
         """
         found = [self._logits(states.game, states.state[i : i + _ROWS]) for i in range(0, len(states), _ROWS)]
         logits = np.concatenate(found) if found else np.empty((0, states.game.n_strokes))
-        logits = np.where(states.mask, logits, -np.inf)
-        highest = logits.max(axis=1, keepdims=True)
         if self.greedy:
-            first = logits.argmax(axis=1)
-            return np.asarray(np.eye(states.game.n_strokes)[first])
-        weight = np.exp(logits - highest)
-        return np.asarray(weight / weight.sum(axis=1, keepdims=True))
+            return np.asarray(np.eye(states.game.n_strokes)[np.where(states.mask, logits, -np.inf).argmax(axis=1)])
+        return legal_softmax(logits, states.mask)
 
     def _logits(self, game: Game, state: I32) -> F64:
         seen: npt.NDArray[Any]
@@ -96,6 +92,13 @@ class NetworkPolicy:
         if not np.isfinite(logits).all():
             raise PolicyError(f"the network gives no finite numbers in state: {game.describe(int(state[0]))}")
         return logits
+
+
+def legal_softmax(logits: F64, mask: Bools) -> F64:
+    """``[B, n]`` softmax of ``[B, n]`` logits over the legal strokes."""
+    legal = np.where(mask, logits, -np.inf)
+    weight = np.exp(legal - legal.max(axis=1, keepdims=True))
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
 def from_network(module: Any, *, inputs: Inputs = "observation", greedy: bool = False) -> Policy:
@@ -184,15 +187,12 @@ def save_network(module: Any, path: Path) -> None:
     replace_file(path, save(arrays, metadata={"network": json.dumps({"function": function, "layers": len(parts[::2])})}))
 
 
-def load_torch(argument: str | None, _: Game) -> Policy:
-    """The policy of a name such as ``torch:FILE``.
+def load_weights(path: Path) -> Policy:
+    """The policy in a file of weights, safetensors or a state dictionary of PyTorch.
 
     Raises:
         PolicyError: there is no such file, or it holds no chain of linear layers.
     """
-    if not argument:
-        raise PolicyError("policy torch: expected a file behind the colon, as in torch:mine.safetensors")
-    path = Path(argument)
     try:
         if path.suffix == ".safetensors":
             metadata, arrays = read_tensors(path)
@@ -235,17 +235,6 @@ def from_sb3(path: Path | str) -> Policy:
         return _policy(_chain(chain, function), greedy=values)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
         raise PolicyError(f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)})") from error
-
-
-def load_sb3(argument: str | None, _: Game) -> Policy:
-    """The policy of a name such as ``sb3:FILE``.
-
-    Raises:
-        PolicyError: as :func:`from_sb3`.
-    """
-    if not argument:
-        raise PolicyError("policy sb3: expected an archive behind the colon, as in sb3:mine.zip")
-    return from_sb3(argument)
 
 
 def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:

@@ -14,6 +14,7 @@ A name that a user typed may run user code (:func:`resolve`). A name from a file
 (:func:`resolve_recorded`): it resolves only families that allow it, and neither modules nor files.
 """
 
+import contextlib
 import dataclasses
 import difflib
 import functools
@@ -26,9 +27,10 @@ from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, bc, plain_network, program, solved
-from shuttle_marl.policy.foreign import ModuleMissingError, from_module, limited
-from shuttle_marl.policy.scripted import STYLES, Rules, ScriptedPolicy
+from shuttle_marl.policy import agents, bc, computed
+from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module, limited
+from shuttle_marl.policy.plain_network import from_sb3, load_weights
+from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
 
 Load = Callable[[str | None, Game], Policy]
 Names = Callable[[Game], Iterable[str]]
@@ -85,12 +87,10 @@ def register(
 
     Args:
         key: the part before the colon, or the whole name.
-        load: see :class:`Family`.
-        names: see :class:`Family`; default: only ``key``.
+        load: as the fields of :class:`Family`, like all that follow.
+        names: default: only ``key``.
         about: description of all names in one line, or a function from a name to its description.
-        form: see :class:`Family`.
-        of_policies: see :class:`Family`.
-        from_data: see :class:`Family`.
+        form, of_policies, from_data: see :class:`Family`.
 
     Raises:
         PolicyError: the key is registered already, or is not a plain word.
@@ -249,7 +249,12 @@ def _split(name: str) -> tuple[str, float | None]:
     family = _family(key) if at and colon else None
     if not at or (family is not None and family.of_policies):
         return name, None
-    return base, _temperature(name, suffix)
+    if suffix == "greedy":
+        return base, 0.0
+    with contextlib.suppress(ValueError):
+        if 0 < (temperature := float(suffix)) < float("inf"):
+            return base, temperature
+    raise PolicyError(f"policy {name!r}: expected @greedy or a temperature above 0 such as @0.5 behind the name")
 
 
 def _resolve_plain(name: str, game: Game) -> Policy:
@@ -260,49 +265,41 @@ def _resolve_plain(name: str, game: Game) -> Policy:
         try:
             return from_module(name, game)
         except ModuleMissingError as error:
-            close = difflib.get_close_matches(name, names(game), n=4, cutoff=0.6)
-            hint = f"; did you mean {', '.join(close)}?" if close else ""
-            raise PolicyError(f"{error}{hint}") from error
-    close = difflib.get_close_matches(name, names(game), n=4, cutoff=0.5)
-    hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(names(game))}."
+            hint = _similar(name, game, cutoff=0.6)
+            raise PolicyError(f"{error}; {hint}" if hint else str(error)) from error
+    hint = _similar(name, game, cutoff=0.5) or f"known: {', '.join(names(game))}."
     raise PolicyError(f"no policy {name!r}; {hint} Your own is given as module:attribute.")
 
 
-def _temperature(name: str, suffix: str) -> float:
-    if suffix == "greedy":
-        return 0.0
-    try:
-        temperature = float(suffix)
-    except ValueError:
-        temperature = -1.0
-    if not 0 < temperature < float("inf"):
-        raise PolicyError(f"policy {name!r}: expected @greedy or a temperature above 0 such as @0.5 behind the name")
-    return temperature
+def _similar(name: str, game: Game, *, cutoff: float) -> str:
+    close = difflib.get_close_matches(name, names(game), n=4, cutoff=cutoff)
+    return f"did you mean {', '.join(close)}?" if close else ""
 
 
-def _plain(key: str, make: Callable[[Game], Policy], about: str) -> None:
+def _plain(key: str, policy: Policy, about: str) -> None:
     """Register a policy that takes no argument."""
 
-    def load(argument: str | None, game: Game) -> Policy:
+    def load(argument: str | None, _: Game) -> Policy:
         if argument is not None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
-        return make(game)
+        return policy
 
     register(key, load, about=about, from_data=True)
 
 
-def _scripted(rules: Rules, _: Game) -> Policy:
-    return ScriptedPolicy(rules)
+def _with_argument(
+    form: str, example: str, expected: str, load: Callable[[str, Game], Policy], about: str, names: Names = lambda _: ()
+) -> None:
+    """Register a family whose names need an argument; names from files are resolved if the argument is the name of a policy."""
+    key, _, argument = form.partition(":")
 
+    def checked(given: str | None, game: Game) -> Policy:
+        if not given:
+            raise PolicyError(f"policy {key}: expected {expected} behind the colon, as in {key}:{example}")
+        return load(given, game)
 
-def _load_bc(player: str | None, game: Game) -> Policy:
-    return bc.load(player, game)
-
-
-def _load_table(file: str | None, game: Game) -> Policy:
-    if not file:
-        raise PolicyError("policy table: expected a file behind the colon, as in table:FILE")
-    return TabulatedPolicy.load(Path(file), game)
+    nested = argument == "POLICY"
+    register(key, checked, names, about=about, form=form, of_policies=nested, from_data=nested)
 
 
 def _bc_names(game: Game) -> list[str]:
@@ -313,66 +310,45 @@ def _about_bc(name: str) -> str:
     return "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated"
 
 
-def _load_best_response(name: str | None, game: Game) -> Policy:
-    if not name:
-        raise PolicyError("policy best-response: expected the name of a policy behind the colon, as in best-response:bc")
-    return solved.best_response_policy(tabulate(resolve(name, game), game, name))
-
-
-def _best_response_names(game: Game) -> tuple[str, ...]:
-    return ("best-response:bc",) if bc.known_for(game) else ()
-
-
-register("bc", _load_bc, _bc_names, about=_about_bc, from_data=True)
+register("bc", bc.load, _bc_names, about=_about_bc, from_data=True)
 for _key, _rules in STYLES.items():
-    _plain(_key, functools.partial(_scripted, _rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
-_plain("random", lambda _: UniformPolicy(), "every legal stroke equally likely")
-register("minimax", solved.load_minimax, solved.minimax_names, about=solved.about_minimax, from_data=True)
+    _plain(_key, ScriptedPolicy(_rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
+_plain("random", UniformPolicy(), "every legal stroke equally likely")
+register("minimax", computed.load_minimax, computed.minimax_names, about=computed.about_minimax, from_data=True)
 register(
     "human",
-    solved.load_human,
-    solved.human_names,
+    computed.load_human,
+    computed.human_names,
     about="strong play at a cost for each nat away from how people play",
     form="human:TAU",
     from_data=True,
 )
-register(
-    "best-response",
-    _load_best_response,
-    _best_response_names,
-    about="best response to another policy, solved exactly",
-    form="best-response:POLICY",
-    of_policies=True,
-    from_data=True,
-)
+_with_argument(
+    "best-response:POLICY", "bc", "the name of a policy",
+    lambda name, game: computed.best_response_policy(tabulate(resolve(name, game), game, name)),
+    "best response to another policy, solved exactly",
+    names=lambda game: ("best-response:bc",) if bc.known_for(game) else (),
+)  # fmt: skip
 for _key in agents.ALGORITHMS:
-    register(
-        _key,
-        functools.partial(agents.load_shipped, _key),
-        functools.partial(agents.installed, _key),
-        about=agents.about,
-        from_data=True,
-    )
-register("agent", agents.load_folder, lambda _: (), about="trained agent, from the folder of its run", form="agent:FOLDER")
-register(
-    "torch",
-    plain_network.load_torch,
-    lambda _: (),
-    about="network of your own from its weights: linear layers, saved by save_network or as a state dictionary",
-    form="torch:FILE",
+    _load, _names = functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key)
+    register(_key, _load, _names, about=agents.about, from_data=True)
+_with_argument(
+    "agent:FOLDER", "runs/ppo-0/agent", "the folder of a trained agent",
+    lambda folder, game: agents.load_agent(Path(folder), game),
+    "trained agent, from the folder of its run",
+)  # fmt: skip
+_with_argument(
+    "torch:FILE", "mine.safetensors", "a file", lambda file, _: load_weights(Path(file)),
+    "network of your own from its weights: linear layers, saved by save_network or as a state dictionary",
+)  # fmt: skip
+_with_argument(
+    "sb3:FILE", "mine.zip", "an archive", lambda file, _: from_sb3(file),
+    "PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
+)  # fmt: skip
+_with_argument(
+    "program:COMMAND", "./player", "a command", lambda command, game: ProgramPolicy(command, game, current_limit()),
+    "program of your own in any language, asked for every stroke in lines of JSON",
+)  # fmt: skip
+_with_argument(
+    "table:FILE", "FILE", "a file", lambda file, game: TabulatedPolicy.load(Path(file), game), "policy kept as a table"
 )
-register(
-    "sb3",
-    plain_network.load_sb3,
-    lambda _: (),
-    about="PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
-    form="sb3:FILE",
-)
-register(
-    "program",
-    program.load,
-    lambda _: (),
-    about="program of your own in any language, asked for every stroke in lines of JSON",
-    form="program:COMMAND",
-)
-register("table", _load_table, lambda _: (), about="policy kept as a table", form="table:FILE")

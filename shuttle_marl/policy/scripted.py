@@ -15,6 +15,7 @@ from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.policy.plain_network import legal_softmax
 
 Rules = Callable[[States], F64]
 """Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
@@ -81,10 +82,7 @@ class ScriptedPolicy:
 
     def probabilities(self, states: States) -> F64:
         """``[B, n]`` softmax of the points over the legal strokes."""
-        points = np.where(states.mask, self.points(states), -np.inf)
-        weight = np.exp(points - points.max(axis=1, keepdims=True))
-        p: F64 = weight / weight.sum(axis=1, keepdims=True)
-        return p
+        return legal_softmax(self.points(states), states.mask)
 
 
 def attacking(states: States) -> F64:

@@ -11,7 +11,7 @@ from safetensors.numpy import save_file
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
-from shuttle_marl.policy import bc, registry, solved
+from shuttle_marl.policy import bc, computed, registry
 from shuttle_marl.policy.registry import Family, resolve
 from tests.exact.exact_games import hand_made, random_policy, with_probabilities
 from tests.reduced import reduced_game
@@ -44,18 +44,18 @@ def test_human_play_has_names() -> None:
 
 def test_robust_play_needs_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     refits = [with_probabilities(GAME, seed) for seed in (1, 2)]
-    monkeypatch.setattr(solved, "refits_of", lambda game: ())
+    computed.robust_policy.cache_clear()
+    monkeypatch.setattr(computed, "refits_of", lambda game: ())
     with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
         resolve("minimax:robust", GAME)
-    monkeypatch.setattr(solved, "refits_of", lambda game: tuple(refits))
-    solved.robust_policy.cache_clear()
+    monkeypatch.setattr(computed, "refits_of", lambda game: tuple(refits))
     assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits]).policy.cumulative)
-    solved.robust_policy.cache_clear()
+    computed.robust_policy.cache_clear()
 
 
 def test_robust_play_is_listed_where_there_are_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     for variants, listed in (([], False), (["men", "women"], False), (["men", "women", "1", "2"], True)):
-        monkeypatch.setattr(solved, "variants", lambda _, variants=variants: variants)
+        monkeypatch.setattr(computed, "variants", lambda _, variants=variants: variants)
         assert ("minimax:robust" in registry.names(GAME)) == listed
 
 

@@ -174,7 +174,7 @@ def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
 )
 def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tabulate(resolve("safe", GAME), GAME).save(Path("mine.safetensors"))
-    monkeypatch.setattr(agents, "load_folder", pytest.fail)
+    monkeypatch.setattr(agents, "load_agent", pytest.fail)
     with pytest.raises(PolicyError, match="not resolved because a file named it"):
         resolve_recorded(name.replace("MODULE", module), GAME)
     assert not Path("imported").exists()

@@ -22,7 +22,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league import default_pool
-from shuttle_marl.policy import network, registry, table_cache
+from shuttle_marl.policy import computed, network, registry
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder
 from shuttle_marl.policy.network import PolicyNetwork, limits
 from shuttle_marl.training import Evaluator
@@ -59,10 +59,10 @@ def test_self_play_is_hard_to_exploit() -> None:
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty cache folder."""
-    monkeypatch.setattr(table_cache, "_folder", lambda: tmp_path / "cache")
-    table_cache._warn_once.cache_clear()
+    monkeypatch.setattr(computed, "_folder", lambda: tmp_path / "cache")
+    computed._warn_once.cache_clear()
     yield tmp_path / "cache"
-    table_cache._warn_once.cache_clear()
+    computed._warn_once.cache_clear()
 
 
 @pytest.fixture
@@ -177,7 +177,7 @@ def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted
 
 
 def test_the_cache_keeps_what_was_played_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table_cache, "_MOST_TABLES", 2)
+    monkeypatch.setattr(computed, "_MOST_TABLES", 2)
     names = ("ppo", "a2c", "sac", "ppo")
     for number, name in enumerate(names):
         load_agent(shipped_folder(name, model_folder()), GAME)
