@@ -54,7 +54,6 @@ FIRST_RALLY_STATE: Final = 2
 _DIRECTIONS: Final = 60
 """Largest number of search directions; solutions take about a dozen."""
 
-
 _SOLVED: Final = 1e-3
 """Relative residual at which the linear system of a Newton step counts as solved."""
 
@@ -98,9 +97,9 @@ def newton(
 ) -> tuple[F64, int, float, float]:
     """The fixed point of an operator that is not linear, by Newton's method: policy iteration, where it takes a maximum.
 
-    Each step solves the operator's linear part at x. From far away such a step may miss, in games of two players who both
-    change their minds; then x moves on by a plain sweep instead, so every step makes the residual smaller by ``contraction`` at
-    least. The bound is that of a plain sweep at the end and rests on nothing else.
+    Each step solves the operator's linear part at x. If that does not reduce the residual by ``contraction``, as may happen far
+    from the fixed point when both players maximise, a plain sweep replaces the step. The error bound is that of a final plain
+    sweep.
 
     Args:
         operator: T, and its linear part; T contracts the rally states.
@@ -115,7 +114,7 @@ def newton(
     """
     x = start
     z, linear = operator(x)
-    applications, residual = 1, _distance(z, x)
+    applications, residual = 1, _largest(z - x)
     while True:
         bound = error_bound(residual, contraction)
         # Rounding prevents further progress.
@@ -123,23 +122,23 @@ def newton(
             return z, applications, residual, bound
         # At most half of the residual that satisfies the tolerance.
         close_enough = max(0.0 if affine else _SOLVED * residual, tolerance * (1 - contraction) / (2 * contraction))
-        there = x + accelerated(linear, z - x, functools.partial(_small, close_enough))
+        there = x + accelerated(linear, z - x, functools.partial(_within, close_enough))
         image, slope = operator(there)
         applications += 1
-        left = _distance(image, there)
+        left = _largest(image - there)
         if not left <= contraction * residual:
             there, (image, slope) = z, operator(z)
             applications += 1
-            left = _distance(image, there)
+            left = _largest(image - there)
         x, z, linear, residual = there, image, slope, left
 
 
 def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F64:
     """An approximate solution of x = constant + linear(x), by generalised conjugate residuals.
 
-    (Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 1983.) Values of rallies have one slow mode, that the rally continues, and
-    a few directions remove it, where plain sweeps need one for every stroke of a long rally. Inner products are sums of numpy,
-    because the rounding of BLAS depends on the number of threads.
+    (Eisenstat, Elman & Schultz, SIAM J. Numer. Anal. 1983.) Values of rallies have one slow mode, the continuation of the rally,
+    which a few directions remove; plain sweeps need one per stroke of a long rally. Inner products are sums of numpy, because the
+    rounding of BLAS depends on the number of threads.
 
     Args:
         linear: the linear part.
@@ -200,14 +199,10 @@ def solve_linear(
         x = z
 
 
-def _distance(first: F64, second: F64) -> float:
-    return _largest(first - second)
-
-
 def _largest(difference: F64) -> float:
-    """Over the rally states."""
+    """Largest absolute value over the rally states."""
     return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
-def _small(enough: float, difference: F64) -> bool:
-    return _largest(difference) <= enough
+def _within(bound: float, difference: F64) -> bool:
+    return _largest(difference) <= bound

@@ -16,6 +16,7 @@ the bound.
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -29,34 +30,56 @@ from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
+P_co = TypeVar("P_co", TabulatedPolicy, PairPolicy, covariant=True)
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Solution:
-    """The solved game.
+class Equilibrium(Generic[P_co]):
+    """Values and policies of an equilibrium.
 
     Attributes:
-        games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
-        value: ``[S]`` each: minimax value to player 0 of the states in which player 0 strikes, and to player 1 of those in which
-            player 1 strikes; from -1 to 1.
-        policy: of each player, the best stroke in every state.
+        value: ``[S]`` each: value to player 0 of the states in which player 0 strikes, and to player 1 of those in which player 1
+            strikes; from -1 to 1.
+        policy: of each player; the same object in the symmetric game.
         sweeps: number of sweeps over all legal pairs of a game.
         residual: largest change of a value in the last sweep.
-        contraction: factor by which a sweep (a pair of sweeps, if the games differ) reduces an error.
+        contraction: factor by which a sweep (a pair of sweeps, if the players differ) reduces an error.
         error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
-    games: tuple[Game, Game]
     value: tuple[F64, F64]
-    policy: tuple[TabulatedPolicy, TabulatedPolicy]
+    policy: tuple[P_co, P_co]
     sweeps: int
     residual: float
     contraction: float
     error_bound: float
 
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Solution(Equilibrium[TabulatedPolicy]):
+    """The solved game; its policies play the best stroke in every state.
+
+    Attributes:
+        games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
+    """
+
+    games: tuple[Game, Game]
+
     @property
     def value_at_serve(self) -> float:
         """Value of a rally to player 0, who serves it."""
         return float(self.value[0][ROOT])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class SoftSolution(Equilibrium[PairPolicy]):
+    """The KL-regularised equilibrium; its values are those of the regularised game.
+
+    Attributes:
+        tau: cost of a nat of divergence from the prior, on the scale of values.
+    """
+
+    tau: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,25 +114,27 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     Raises:
         ExactError: the layouts differ, or some stroke never ends a rally.
     """
-    if other is None or other is game:
-        own = _BestStrokes((game,))
-        result, sweeps = solve_players(own, None, tolerance)
-        policy = own.policy(result.striking[1])
-        policies = policy, policy
-    else:
+    if other is not None:
         check_same_layout(game, other)
-        own, theirs = _BestStrokes((game,)), _BestStrokes((other,))
-        result, sweeps = solve_players(own, theirs, tolerance)
-        policies, sweeps = (own.policy(result.striking[1]), theirs.policy(result.striking[0])), 2 * sweeps
-    return Solution(
-        games=(game, other or game),
-        value=result.striking,
-        policy=policies,
-        sweeps=sweeps,
-        residual=result.residual,
-        contraction=result.contraction,
-        error_bound=result.error_bound,
-    )
+    theirs = None if other is None or other is game else _BestStrokes((other,))
+    return Solution(games=(game, other or game), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))
+
+
+def _equilibrium(
+    own: "_BestStrokes | _SoftPlayer", other: "_BestStrokes | _SoftPlayer | None", tolerance: float, start: F64 | None = None
+) -> dict[str, Any]:
+    """The fields of :class:`Equilibrium`; ``other`` None: the symmetric game; ``start`` as for :func:`solve_players`."""
+    solved, sweeps = solve_players(own, other, tolerance, start=start)
+    first = own.policy(solved.striking[1])
+    second = first if other is None else other.policy(solved.striking[0])
+    return {
+        "value": solved.striking,
+        "policy": (first, second),
+        "sweeps": sweeps if other is None else 2 * sweeps,
+        "residual": solved.residual,
+        "contraction": solved.contraction,
+        "error_bound": solved.error_bound,
+    }
 
 
 def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> RobustSolution:
@@ -176,6 +201,7 @@ class _BestStrokes:
         return np.concatenate([chosen.rank for chosen in sweeps])
 
     def policy(self, following: F64) -> TabulatedPolicy:
+        """The best strokes as a table."""
         return pure_policy(self.game, self.ranks(following))
 
 
@@ -269,30 +295,6 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
     return Exploitability(nash_conv=gain, error_bound=answer.value.error_bound + other.value.error_bound)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class SoftSolution:
-    """The KL-regularised equilibrium.
-
-    Attributes:
-        tau: cost of a nat of divergence from the prior, on the scale of values.
-        value: ``[S]`` each: value of the regularised game to player 0 where player 0 strikes, and to player 1 where player 1
-            strikes.
-        policy: of each player.
-        sweeps: number of sweeps over all legal pairs of a game.
-        residual: largest change of a value in the last sweep.
-        contraction: factor by which a sweep (a pair of sweeps, if the players differ) reduces an error.
-        error_bound: absolute error bound of all values.
-    """
-
-    tau: float
-    value: tuple[F64, F64]
-    policy: tuple[PairPolicy, PairPolicy]
-    sweeps: int
-    residual: float
-    contraction: float
-    error_bound: float
-
-
 def solve_soft(
     prior: StatePolicy, opponent: StatePolicy | None = None, *, tau: float, tolerance: float = TOLERANCE
 ) -> SoftSolution:
@@ -309,26 +311,11 @@ def solve_soft(
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
-    own = _SoftPlayer(prior, tau)
-    start = np.zeros(own.game.n_states)
-    if opponent is None or opponent is prior:
-        value, sweeps = solve_players(own, None, tolerance, start=start)
-        policy = own.policy(value.striking[1])
-        policies = policy, policy
-    else:
+    other = None
+    if opponent is not None and opponent is not prior:
         check_same_layout(prior.game, opponent.game)
         other = _SoftPlayer(opponent, tau)
-        value, sweeps = solve_players(own, other, tolerance, start=start)
-        policies, sweeps = (own.policy(value.striking[1]), other.policy(value.striking[0])), 2 * sweeps
-    return SoftSolution(
-        tau=tau,
-        value=value.striking,
-        policy=policies,
-        sweeps=sweeps,
-        residual=value.residual,
-        contraction=value.contraction,
-        error_bound=value.error_bound,
-    )
+    return SoftSolution(tau=tau, **_equilibrium(_SoftPlayer(prior, tau), other, tolerance, np.zeros(prior.game.n_states)))
 
 
 class _SoftPlayer:

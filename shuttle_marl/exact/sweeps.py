@@ -387,15 +387,10 @@ def propagate(game: Game, weights: Sequence[Weights], visits: F64) -> F64:
 
 
 def warm_up(game: Game) -> None:
-    """Compile all sweeps, or load them from the disk, by sweeping the first state alone."""
-    values, state, one = np.zeros(2 * len(game.reply_edge)), np.zeros(game.n_base_states), np.empty(1)
-    table, every = probabilities(game), replies(game)
-    first = every._replace(edge=every.edge[:1])
-    _gather(state, state, first, values)
-    _scatter_add(values, first, state, state)
-    _choose(table.reward[:1], table.continuation[:1], every, values, False, Choices(one, *np.empty((2, 1), np.int32)))
-    _follow(table.continuation[:1], every, Choices(one, *np.zeros((2, 1), np.int32)), state, state, one)
+    """Compile the sweeps, or load them from the disk, by sweeping one block."""
+    zeros, states = np.zeros(game.n_base_states), np.ones(game.n_states)
+    after_block_choices([game], 0, block_choices([game], 0, zeros, zeros), zeros, zeros)
     for chances in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
         weight = played(game, 0, chances).weight
-        _mean(weight, 1.0, every, values, one)
-        _propagate(weight, 1.0, every, one, values)
+        block_mean(game, weight, zeros, zeros)
+        propagate(game, [weight], states)

@@ -283,7 +283,16 @@ def sample(
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    choose = _Choose(policy, opponent, name)
+
+    def choose(entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+        """Strokes of both; entrant 0 is the policy, entrant 1 the table."""
+        strokes = opponent.choose(state, draw)
+        asked = np.flatnonzero(entrant == 0)
+        if len(asked):
+            mine = state[asked], draw[asked], striker[asked], score[:, asked]
+            strokes[asked] = ask(policy, name, opponent.game, *mine)
+        return strokes
+
     rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
     for first in range(0, matches, _BATCH):
         number = np.arange(first, min(first + _BATCH, matches))
@@ -314,19 +323,3 @@ def sample(
         match=wins / matches,
         match_interval=(float(interval.low), float(interval.high)),
     )
-
-
-class _Choose:
-    """The strokes of both; entrant 0 is the policy, entrant 1 the table. See :data:`shuttle_marl.kernel.lockstep.Choose`."""
-
-    def __init__(self, policy: Policy, opponent: TabulatedPolicy, name: str) -> None:
-        self._policy, self._name = policy, name
-        self._game, self._opponent = opponent.game, opponent
-
-    def __call__(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
-        k = self._opponent.choose(state, draw)
-        asked = np.flatnonzero(entrant == 0)
-        if len(asked):
-            mine = state[asked], draw[asked], striker[asked], score[:, asked]
-            k[asked] = ask(self._policy, self._name, self._game, *mine)
-        return k
