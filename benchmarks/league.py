@@ -23,9 +23,8 @@ from benchmarks.machine import this_machine
 from shuttle_marl.exact import crossplay
 from shuttle_marl.game import default_game
 from shuttle_marl.league.entrants import Entrant, enter
-from shuttle_marl.league.pairings import round_robin
 from shuttle_marl.league.ratings import ratings
-from shuttle_marl.league.tournament import MatchOptions, Tournament
+from shuttle_marl.league.tournament import MatchOptions, Tournament, round_robin
 
 STYLES: Final = ("safe", "attacking", "defensive")
 _EXACT_PAIRS: Final = 60

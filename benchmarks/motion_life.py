@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
-from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.packing import against_parents
+from shuttle_marl.staging.motion import Motion, against_parents
 from shuttle_marl.staging.skeleton import BONE
 
 _WINDOW: Final = 0.12

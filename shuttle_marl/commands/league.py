@@ -65,7 +65,7 @@ def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path
         runs: their folders.
         out: the HTML file.
     """
-    from shuttle_marl.league.page.comparison import compare  # noqa: PLC0415  scipy
+    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
 
     replace_file(out, compare(runs))
     cli.console().print(f"report: {printable(str(out))}", soft_wrap=True)

@@ -11,10 +11,10 @@ from scipy.stats import kendalltau, rankdata
 
 from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.league.meta_games import alpha_rank, maximal_lottery, nash_average
-from shuttle_marl.league.pairings import PairResult
 from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
 from shuttle_marl.league.ratings import ELO, Misfit, fewest_to_flip, misfit, prior_wins, wins_of
 from shuttle_marl.league.style import Style
+from shuttle_marl.league.tournament import PairResult
 
 ANCHOR: Final = "minimax"
 """Perfect play, which can take all probability of an equilibrium; meta-games are also solved without it."""

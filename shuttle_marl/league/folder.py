@@ -15,7 +15,7 @@ from shuttle_marl import runs
 from shuttle_marl.files import problem, read_file, replace_file
 from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
-from shuttle_marl.league.pairings import Pairing, PairResult
+from shuttle_marl.league.tournament import Pairing, PairResult
 
 PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"

@@ -17,8 +17,8 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.league.pairings import COUNTS, PairResult
 from shuttle_marl.league.ratings import ELO, TAILS, exact_ratings, rank_intervals, ratings
+from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread, Values

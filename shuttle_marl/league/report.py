@@ -13,8 +13,8 @@ from shuttle_marl.errors import printable
 from shuttle_marl.league.assessment import Assessment
 from shuttle_marl.league.entrants import Format, LeagueConfig
 from shuttle_marl.league.folder import RALLIES
-from shuttle_marl.league.pairings import PairResult
 from shuttle_marl.league.ranking import ExactOdds, Standing
+from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}

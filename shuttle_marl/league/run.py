@@ -29,11 +29,10 @@ from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page.learning import METRICS, Curve, read_curve
 from shuttle_marl.league.page.tournament import TournamentReport, page
-from shuttle_marl.league.pairings import Pairing, PairResult, stages
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import report
 from shuttle_marl.league.style import styles
-from shuttle_marl.league.tournament import MatchOptions, Tournament
+from shuttle_marl.league.tournament import MatchOptions, Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings

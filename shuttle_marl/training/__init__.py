@@ -9,8 +9,7 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
-    from shuttle_marl.training.evaluation import Evaluation, Evaluator
-    from shuttle_marl.training.run import TrainingRun, train
+    from shuttle_marl.training.run import Evaluation, Evaluator, TrainingRun, train
 
 __all__ = [
     "A2CConfig",
@@ -28,7 +27,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
-        "evaluation": ("Evaluation", "Evaluator"),
-        "run": ("TrainingRun", "train"),
+        "run": ("Evaluation", "Evaluator", "TrainingRun", "train"),
     },
 )

@@ -31,12 +31,32 @@ from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.arrays import F32, I32
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import DivergedError, TrainingConfig
-from shuttle_marl.training.shaping import added_rewards
 from shuttle_marl.training.torch_sampler import TorchSampler
+
+
+def fault_penalty(cost: float, aversion: float) -> float:
+    """Penalty k for a fault ``cost`` c >= 0 and a risk ``aversion`` b >= 0: a loss by an own fault counts -1 - k."""
+    if aversion == 0:
+        return cost
+    return 2 * math.exp(aversion) * math.expm1(aversion * cost) / (2 * math.sinh(aversion))
+
+
+def added_rewards(config: TrainingConfig, game: Game) -> F32:
+    """``[L * base pairs]`` bonus and penalty of each stroke, by own effort and base pair."""
+    bonus = np.zeros(len(SHOTS))
+    for shot, points in config.bonuses().items():
+        bonus[SHOTS.index(shot)] = points
+    penalty = fault_penalty(config.fault_cost, config.risk_aversion)
+    fault = game.limits[..., 0].astype(np.float64) / ONE
+    added = bonus[game.catalogue.shot[game.base_pair_stroke]] - penalty * fault
+    return added.astype(np.float32).ravel()
+
 
 Tensors = dict[str, torch.Tensor]
 Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]

@@ -4,22 +4,30 @@ import contextlib
 import dataclasses
 from typing import Final
 
+import msgspec
+import numpy as np
 from msgspec.structs import replace
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis.rally import Players
+from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
+from shuttle_marl.analysis.rally import decision as analyse_decision
+from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import registry
 from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.facts import hall_facts, rally_facts
+from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded, stroke_facts
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import (
+    Analysis,
     AnalysisRequest,
     Hello,
     HelloRequest,
+    Option,
     OptionsReply,
     OptionsRequest,
     Query,
@@ -28,14 +36,171 @@ from shuttle_marl.watch.messages import (
     RecordedFacts,
     Reply,
     Request,
+    StrokeValue,
+    StyleFigure,
     Styles,
     encode_reply,
 )
-from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.stroke_values import ELITE, StrokeValues
+
+SHOWN: Final = 8
+"""Number of strokes listed for each decision."""
+ELITE: Final = Side(policy="bc")
+"""The imitated average elite player, the reference of all comparisons."""
+_POOR, _BAD = 0.10, 0.15
+"""Least regret of strokes marked ``?!`` and ``?``."""
+_FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
+"""A stroke with at most the first regret is marked ``!`` or ``!!`` if elite players choose it less often than the others."""
+_THIN, _SOME = 20, 100
+"""Numbers of real strokes below which a probability is unreliable, and fairly reliable."""
+_MAX_STYLES: Final = 64
+
+
+class StrokeValues:
+    """Values of the strokes of one game.
+
+    Args:
+        policies: policies, their values and the solved game.
+    """
+
+    def __init__(self, policies: PolicyTables) -> None:
+        self._policies, self._game = policies, policies.game
+        self._styles = OnceCache(_MAX_STYLES)
+
+    def players(self, sides: tuple[Side, Side]) -> Players:
+        """Two policies and their values against each other.
+
+        Raises:
+            PolicyError: a policy cannot be loaded.
+        """
+        first, second = (self._policies.table(side) for side in sides)
+        return Players(tables=(first, second), value=self._policies.values(sides))
+
+    def decision(self, state: int, seat: int, players: Players) -> Decision:
+        """The decision of a seat in a state."""
+        return analyse_decision(self._game, state, seat, players, self._policies.solution)
+
+    def analysis(self, rally: CourtRally, players: Players) -> Analysis:
+        """Values of every stroke of a rally."""
+        found = analyse_rally(rally, self._game, players, rules=rally.score.rules, solution=self._policies.solution)
+        strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
+        fractions: tuple[list[float], list[float]] = ([], [])
+        for choice, rank in zip(found.decisions, found.rank, strict=True):
+            spread = float(np.ptp(choice.optimal))
+            fractions[choice.seat].append(1 - float(choice.regret[rank]) / spread if spread > 0 else 1.0)
+        accuracy = [round(float(np.mean(part)), 4) if part else None for part in fractions]
+        over = rally.winner is not None
+        return Analysis(
+            number=rally.number,
+            strokes=[self._stroke(choice, rank, match_win) for choice, rank, match_win in strokes],
+            landings=[_landings(self._game.catalogue.area, choice) for choice in found.decisions],
+            win_after=float(found.rally_win[-1]) if over else None,
+            match_after=float(found.match_win[-1]) if over else None,
+            accuracy=(accuracy[0], accuracy[1]),
+        )
+
+    def _stroke(self, choice: Decision, rank: int, match_win: float) -> StrokeValue:
+        win, chosen = choice.value, float(choice.win[rank])
+        regret, better = float(choice.regret[rank]), int(np.argmax(choice.optimal))
+        return StrokeValue(
+            win=rounded(win if choice.seat == 0 else 1 - win),
+            chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
+            match=rounded(match_win),
+            probability=rounded(choice.probability[rank]),
+            regret=rounded(regret),
+            mark=self._mark(regret, int(choice.pair[rank])),
+            better=int(choice.stroke[better]),
+            options=self.options(choice, always=(rank, better)),
+            sure=_support_sentence(choice.support[[rank, better]]),
+        )
+
+    def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[Option]:
+        """The strokes of a decision, most probable first.
+
+        Args:
+            choice: the decision.
+            always: positions that are always listed.
+            limit: maximum number of strokes.
+        """
+        order = np.argsort(-choice.probability, kind="stable").tolist()
+        listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
+        return [
+            Option(
+                **msgspec.structs.asdict(stroke_facts(self._game, int(choice.stroke[k]), choice.seat)),
+                p_succ=rounded(choice.p_succ[k]),
+                p_ret=rounded(choice.p_ret[k]),
+                support=None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
+                probability=rounded(choice.probability[k]),
+                win=rounded(choice.win[k]),
+                best=rounded(choice.optimal[k]),
+                regret=rounded(choice.regret[k]),
+            )
+            for k in sorted(listed, key=order.index)
+        ]
+
+    def styles(self, sides: tuple[Side, Side]) -> Styles:
+        """Exact statistics of two players against each other, beside those of two imitated elite players."""
+        return self._styles.get(sides, lambda: self._styles_of(sides))
+
+    def _styles_of(self, sides: tuple[Side, Side]) -> Styles:
+        visits, elite = self._policies.visits(sides), self._policies.visits((ELITE, ELITE))
+        odds = self._policies.values(sides).odds()
+        mixes, reference = [visits.shot_mix(seat) for seat in (0, 1)], elite.shot_mix(0)
+        endings = [_ending_rates(visits.endings(), visits.states, seat) for seat in (0, 1)]
+        elite_endings = _ending_rates(elite.endings(), elite.states, 0)
+        figures = [
+            StyleFigure("rallies won", (odds.rally, 1 - odds.rally), None),
+            StyleFigure("matches won", (odds.match(), 1 - odds.match()), None),
+        ]
+        for name, shots in (
+            ("attack", ("smash", "half-smash", "net-kill")),
+            ("net play", ("net-shot", "cross-court-net-shot", "block")),
+        ):
+            index = [SHOTS.index(shot) for shot in shots]
+            first, second, third = (float(mix[index].sum()) for mix in (*mixes, reference))
+            figures.append(StyleFigure(name, (first, second), third))
+        figures += [StyleFigure(name, (endings[0][name], endings[1][name]), elite_endings[name]) for name in elite_endings]
+        order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
+        shots_ = [StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
+        return Styles(figures=figures, shots=shots_)
+
+    def _mark(self, regret: float, pair: int) -> str:
+        if regret >= _POOR:
+            return "?" if regret >= _BAD else "?!"
+        usual = float(self._policies.table(ELITE).probability_of(np.array([pair]))[0])
+        if regret <= _FINE and usual < _RARE:
+            return "!!" if usual < _VERY_RARE else "!"
+        return ""
+
+
+def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:
+    """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
+    aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, N_AREAS)]
+    return (aims, None) if choice.seat == 0 else (None, aims)
+
+
+def _ending_rates(endings: dict[str, float], states: tuple[F64, F64], seat: int) -> dict[str, float]:
+    """Faults and winners of a player as fractions of their strokes, serves included."""
+    strokes = float(states[seat].sum())
+    return {
+        "faults": endings[f"fault of player {seat}"] / strokes,
+        "winners": endings[f"winner of player {seat}"] / strokes,
+    }
+
+
+def _support_sentence(support: F64) -> str:
+    """Number of real strokes behind the comparison of a stroke with the best one."""
+    if np.isnan(support).any():
+        return "The number of real strokes behind these probabilities is unknown."
+    least = round(float(support.min()))
+    real = f"Real strokes behind the rarer of this stroke and the best one: {least:,}"
+    if least < _THIN:
+        return f"{real}; the models are not reliable here."
+    return f"{real}; the models are fairly reliable here." if least < _SOME else f"{real}; the models are reliable here."
+
 
 _MAX_MATCHES: Final = 64
 _MAX_PACKED: Final = 8

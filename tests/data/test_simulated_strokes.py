@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from shuttle_marl.analysis import strokes_of_log
-from shuttle_marl.data import positions, split_of
+from shuttle_marl.data import split_of
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court, scoring
@@ -16,6 +16,7 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
+from shuttle_marl.recording import simulate as simulation
 from shuttle_marl.recording.replay import check
 from shuttle_marl.recording.simulate import SimulationError, account_of, simulate, simulated_rallies
 
@@ -173,25 +174,25 @@ def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
 
 
 @pytest.mark.parametrize(("shot", "area", "expected"), [
-    (5, 5, positions.FAULT_MIX[5]), (10, 0, positions.FAULT_MIX[10]),
+    (5, 5, simulation.FAULT_MIX[5]), (10, 0, simulation.FAULT_MIX[10]),
     (7, 4, [0.0, 0.35 / 0.51, 0.16 / 0.51]),  # the middle centre has no line to miss
     (2, 4, [0.0, 1.0, 0.0]),  # a clear is never anything but out
 ])  # fmt: skip
 def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -> None:
     n = 4000
     same = np.full(n, 1)
-    played = positions.SimulatedStrokes(
+    played = simulation.SimulatedStrokes(
         shot=shot * same, area=area * same, outcome=Outcome.FAULT * same, stroke=same, new_game=same == 0, right=same == 1
     )
-    reason = positions.sample_positions(played, np.random.default_rng(4)).reason
+    reason = simulation.sample_positions(played, np.random.default_rng(4)).reason
     shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
     np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
 
 
 def test_the_mix_of_faults_consists_of_probabilities() -> None:
-    assert positions.FAULT_MIX.shape == (13, 3)
-    assert ((positions.FAULT_MIX >= 0) & (positions.FAULT_MIX <= 1)).all()
-    np.testing.assert_allclose(positions.FAULT_MIX.sum(axis=1), 1, atol=1e-12)
+    assert simulation.FAULT_MIX.shape == (13, 3)
+    assert ((simulation.FAULT_MIX >= 0) & (simulation.FAULT_MIX <= 1)).all()
+    np.testing.assert_allclose(simulation.FAULT_MIX.sum(axis=1), 1, atol=1e-12)
 
 
 def test_the_contact_of_a_reply_is_the_landing_before(table: pd.DataFrame) -> None:
@@ -207,7 +208,7 @@ def test_players_stand_where_they_can(table: pd.DataFrame) -> None:
     reach = np.hypot(replies.striker_x - replies.contact_x, replies.striker_y - replies.contact_y)
     assert reach.max() < 1.5
     stroke, reply = rows_after(table)
-    seconds = (reply.frame - stroke.frame) / positions.FRAME_RATE
+    seconds = (reply.frame - stroke.frame) / simulation.FRAME_RATE
     moved = np.hypot(reply.receiver_x + stroke.striker_x, reply.receiver_y + stroke.striker_y)
     assert (moved <= 1.6 * seconds + 0.1).all()
     serves = table[table.stroke == 1]
@@ -228,10 +229,10 @@ def test_servers_stand_right_at_even_points(table: pd.DataFrame) -> None:
 
 def test_times(table: pd.DataFrame) -> None:
     stroke, reply = rows_after(table)
-    seconds = (reply.frame - stroke.frame) / positions.FRAME_RATE
+    seconds = (reply.frame - stroke.frame) / simulation.FRAME_RATE
     for shot in stroke["shot"].unique():
-        assert seconds[stroke["shot"] == shot].median() == pytest.approx(positions.FLIGHT[shot], rel=0.15)
-    assert (table.clock == table.frame // positions.FRAME_RATE).all()
+        assert seconds[stroke["shot"] == shot].median() == pytest.approx(simulation.FLIGHT[shot], rel=0.15)
+    assert (table.clock == table.frame // simulation.FRAME_RATE).all()
     assert (table.groupby("match").frame.first() == 0).all()
 
 

@@ -12,9 +12,16 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.compiled import Support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import MIN_STROKES, MIN_STROKES_WITH_PRIOR, _checked_refits, require_enough, train_and_validation
+from shuttle_marl.dynamics.make import (
+    MIN_STROKES,
+    MIN_STROKES_WITH_PRIOR,
+    _checked_refits,
+    _moved,
+    _shift,
+    require_enough,
+    train_and_validation,
+)
 from shuttle_marl.dynamics.models import sigmoid
-from shuttle_marl.dynamics.prior import _moved, _shift
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import load_game, read_model_card, variants
 from shuttle_marl.policy import registry

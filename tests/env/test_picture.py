@@ -18,8 +18,7 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
 
-from shuttle_marl.env.painting import PLAYERS, YELLOW  # noqa: E402
-from shuttle_marl.env.picture import LINE, MAT, PX, CourtRenderer, px  # noqa: E402
+from shuttle_marl.env.picture import LINE, MAT, PLAYERS, PX, YELLOW, CourtRenderer, px  # noqa: E402  # noqa: E402
 
 
 def share_of(picture, colour, tolerance=30):

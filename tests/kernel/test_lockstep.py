@@ -13,8 +13,7 @@ from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.kernel.lockstep import Matches, MatchResults, play
 from shuttle_marl.league.entrants import Strikers, enter
-from shuttle_marl.league.pairings import Pairing, round_robin
-from shuttle_marl.league.tournament import groups, join, matches_of
+from shuttle_marl.league.tournament import Pairing, groups, join, matches_of, round_robin
 from tests.reduced import reduced_game
 
 GAME = reduced_game()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
-from shuttle_marl.league.pairings import COUNTS, PairResult, round_robin
 from shuttle_marl.league.ranking import ExactOdds, rank
+from shuttle_marl.league.tournament import COUNTS, PairResult, round_robin
 
 ROCK = np.array([[0.5, 0.1, 0.8], [0.9, 0.5, 0.3], [0.2, 0.7, 0.5]])
 NAMES = ("rock", "paper", "scissors")

@@ -13,9 +13,8 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
-from shuttle_marl.league.pairings import round_robin
 from shuttle_marl.league.ranking import rank, results_table
-from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of
+from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of, round_robin
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import FunctionPolicy, time_limit
 from shuttle_marl.policy.registry import resolve

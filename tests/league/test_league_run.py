@@ -32,10 +32,10 @@ from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_lea
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.folder import append_results, check_same, manifest, open_run, read_results
-from shuttle_marl.league.pairings import Pairing, PairResult, forfeited, round_robin
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table, report
+from shuttle_marl.league.tournament import Pairing, PairResult, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.runs import LOCK, is_finished, locked

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from shuttle_marl.game import load_game
 from shuttle_marl.league import LeagueConfig, LeagueError, run_league
 from shuttle_marl.league.entrants import Format
-from shuttle_marl.league.pairings import COUNTS, Pairing, PairResult, forfeited, round_robin, stages
+from shuttle_marl.league.tournament import COUNTS, Pairing, PairResult, forfeited, round_robin, stages
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 

@@ -8,8 +8,16 @@ from scipy.optimize import minimize
 
 from shuttle_marl.game import load_game
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.pairings import round_robin
-from shuttle_marl.league.tournament import BOUND, ERROR, MatchOptions, Tournament, decided, log_likelihood_ratio, share_of
+from shuttle_marl.league.tournament import (
+    BOUND,
+    ERROR,
+    MatchOptions,
+    Tournament,
+    decided,
+    log_likelihood_ratio,
+    round_robin,
+    share_of,
+)
 
 ELO = 40.0
 

@@ -14,10 +14,9 @@ from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.recording.simulate import simulated_rallies
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.commentary import percent
 from shuttle_marl.scene.report import report_rally
 from shuttle_marl.scene.topics import BOARDS
-from shuttle_marl.scene.write import write_scene
+from shuttle_marl.scene.write import percent, write_scene
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.scene.conftest import read
 

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.motion_metrics import measure
-from shuttle_marl.staging import Motion, StagingError, packing
+from shuttle_marl.staging import Motion, StagingError
+from shuttle_marl.staging import motion as packing
 from shuttle_marl.staging.skeleton import N_BONES
 
 GOLDEN = Path(__file__).parent / "golden"

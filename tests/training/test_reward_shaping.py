@@ -13,7 +13,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError, train
-from shuttle_marl.training.shaping import added_rewards, fault_penalty
+from shuttle_marl.training.learner import added_rewards, fault_penalty
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()

@@ -24,7 +24,8 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.runs import RunError
-from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, evaluation, train
+from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training import run as training_run
 from shuttle_marl.training.checkpoints import Metrics, last_checkpoint
 from shuttle_marl.training.config import DivergedError
 from tests.reduced import reduced_game, reduced_model
@@ -292,7 +293,7 @@ def test_a_run_without_a_score_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(evaluation, "normalised_score", lambda *_, **__: None)
+    monkeypatch.setattr(training_run, "normalised_score", lambda *_, **__: None)
     sizes = ["--batch", "64", "--width", "4", "--strokes", "64"]
     flags = ["--game", reduced_model(), *sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
     assert command.main(["ppo", *flags]) == 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.staging.packing import from_parents
+from shuttle_marl.staging.motion import from_parents
 from shuttle_marl.watch.building import SOURCE, node
 from tests.watch.conftest import run_script
 

@@ -7,10 +7,10 @@ from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.watch.answers import StrokeValues
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.stroke_values import StrokeValues
 
 SIDES = (Side(policy="bc"), Side(policy="attacking"))
 
