@@ -27,11 +27,11 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
+from shuttle_marl.training.checkpoints import RunLog, open_log
 from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import check_device
-from shuttle_marl.training.run_log import RunLog, open_log
 
 MEASURED: Final = 100
 """Measured iterations; enough to make the time for closing the log negligible."""

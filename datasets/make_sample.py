@@ -23,7 +23,7 @@ from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording.simulate import account_of, simulate
+from shuttle_marl.recording.tables import account_of, simulate
 
 PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from experiments.pictures.raster import Camera, Canvas, linear
 from shuttle_marl.arrays import F64, U8
 from shuttle_marl.scene import SceneError
-from shuttle_marl.scene.models import Mesh, lathe, read_array
+from shuttle_marl.scene.mesh import Mesh, lathe, read_array
 from shuttle_marl.scene.topics import BOARDS, WORLD
 from shuttle_marl.staging.rotation import exponential, matrix
 
@@ -251,7 +251,7 @@ def _cylinder(cylinder: Any) -> Mesh:
 
 
 def read_glb(content: bytes) -> list[Mesh]:
-    """The meshes of a file from :func:`shuttle_marl.scene.models.glb`."""
+    """The meshes of a file from :func:`shuttle_marl.scene.mesh.glb`."""
     document = gltf.GLTF2().load_from_bytes(content)
     out = []
     for primitive in document.meshes[0].primitives:

@@ -23,7 +23,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.shipped import PROFILES
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.recording.simulate import simulate
+from shuttle_marl.recording.tables import simulate
 from shuttle_marl.runs import describe, write_json
 
 _SIMULATED: Final = 4

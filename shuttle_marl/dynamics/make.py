@@ -1,4 +1,4 @@
-"""Model folders: splits of the matches, fit, refits, files, and scores."""
+"""Model folders: splits of the matches, fit or correction of a prior model, refits, files, and scores."""
 
 import dataclasses
 import hashlib

@@ -1,4 +1,4 @@
-"""Pairings of a tournament: which ones are played, in stages of which each has a rally log of its own, and their results."""
+"""Tournament: its pairings in stages, each with a rally log of its own, their results, and how they are played."""
 
 import collections
 import dataclasses

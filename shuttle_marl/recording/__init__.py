@@ -6,12 +6,12 @@ the format.
 """
 
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.export import Derived
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
+from shuttle_marl.recording.tables import Derived
 
 __all__ = [
     "SINGLE_RALLY",

@@ -163,7 +163,7 @@ class RallyLog:
         """All strokes as one table, see :func:`stroke_rows`.
 
         Args:
-            derive: returns further columns, such as :class:`shuttle_marl.recording.export.Derived`.
+            derive: returns further columns, such as :class:`shuttle_marl.recording.tables.Derived`.
         """
         return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self.batches_or_none()])
 

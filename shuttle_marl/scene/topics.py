@@ -31,7 +31,7 @@ from foxglove.messages import (
 
 from shuttle_marl.arrays import Floats
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.scene.models import Mesh, glb
+from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.report import SECOND
 
 COURT: Final = "/scene/court"

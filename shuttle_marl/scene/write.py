@@ -1,4 +1,4 @@
-"""Selection of rallies, and scene files: MCAP with the messages that Foxglove and Lichtblick show."""
+"""Scene files: MCAP with the messages that Foxglove and Lichtblick show, and the comments on the strokes."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Staged rally: path of the shuttle, bones of both players, and the packed form."""
+"""Staged rally: path of the shuttle and bones of both players, and its packed binary form."""
 
 import dataclasses
 import functools

@@ -33,12 +33,20 @@ from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.checkpoints import CHECKPOINTS, Mark, Metrics, last_checkpoint, save_checkpoint
+from shuttle_marl.training.checkpoints import (
+    CHECKPOINTS,
+    RALLIES,
+    Mark,
+    Metrics,
+    RunLog,
+    last_checkpoint,
+    open_log,
+    save_checkpoint,
+)
 from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
-from shuttle_marl.training.run_log import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 

@@ -12,7 +12,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import resolve
-from shuttle_marl.recording.simulate import simulate
+from shuttle_marl.recording.tables import simulate
 
 SHOT_WORDS = (
     "kurzer Aufschlag", "langer Aufschlag", "Clear", "Unterhand-Clear", "Drop", "Smash", "Halbsmash", "Drive", "Treibball",

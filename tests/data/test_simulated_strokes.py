@@ -16,9 +16,9 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
-from shuttle_marl.recording import simulate as simulation
+from shuttle_marl.recording import tables as simulation
 from shuttle_marl.recording.replay import check
-from shuttle_marl.recording.simulate import SimulationError, account_of, simulate, simulated_rallies
+from shuttle_marl.recording.tables import SimulationError, account_of, simulate, simulated_rallies
 
 SERVES = ("short-serve:front-centre:below:backhand", "long-serve:back-right:below:forehand")
 REPLIES = (

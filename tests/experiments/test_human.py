@@ -11,7 +11,7 @@ from experiments.truth.matches import Strokes, states_of, strokes_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import bc
-from shuttle_marl.recording.simulate import simulate
+from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_game
 
 GAME = reduced_game()

@@ -25,7 +25,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-from shuttle_marl.recording.simulate import simulate
+from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

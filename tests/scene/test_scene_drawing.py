@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from experiments.pictures.raster import Camera, Canvas, linear
 from experiments.pictures.scene_file import SceneFile, read_glb
 from shuttle_marl.scene import SceneError, models
-from shuttle_marl.scene.models import GlbWriter, Mesh, glb, joined, lathe, read_array, tube
+from shuttle_marl.scene.mesh import GlbWriter, Mesh, glb, joined, lathe, read_array, tube
 from shuttle_marl.scene.write import percent
 from shuttle_marl.staging import ATHLETES, BONES, RACKET_LENGTH, SHUTTLE_SCALE, SWEET_SPOT, load_skeleton
 

@@ -1,4 +1,4 @@
-"""Page of a tournament: ranking, payoffs, styles, games between the players, robustness of the ranks, recordings."""
+"""HTML pages of a tournament and of a comparison of runs."""
 
 import dataclasses
 import itertools

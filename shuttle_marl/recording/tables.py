@@ -1,24 +1,143 @@
-"""Rallies as strokes in the schema of the annotated matches, and simulated matches."""
+"""Tables of a log: exports as CSV and Parquet, and rallies as strokes in the schema of the annotated matches.
+
+Simulated strokes get positions and times that are drawn from the annotated matches, so that matches of agents and of people can be
+analysed alike.
+"""
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 
 from shuttle_marl.arrays import F64, I64, Bools, Floats
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replacing
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.recording.header import LogHeader, Player, RecordingError
+from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
+from shuttle_marl.recording.replay import require_game, states
+from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
+
+_WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
+    ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
+    ".csv": pyarrow.csv.CSVWriter,
+    ".arrow": pa.ipc.new_file,
+}
+
+
+class Derived:
+    """Columns of strokes that follow from the game; the ``derive`` of :meth:`shuttle_marl.recording.RallyLog.stroke_table`.
+
+    Args:
+        log: the log.
+        game: the game of the log.
+        policies: tabulated policies by name; adds the probability with which they chose each stroke.
+
+    Raises:
+        RecordingError: the log was played on another game.
+    """
+
+    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
+        require_game(log, game)
+        self._game = game
+        chosen = policies or {}
+        self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
+
+    def __call__(self, rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
+        """Columns of the strokes of a batch.
+
+        Returns:
+            ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
+            ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
+            the striker's policy chooses the stroke, NaN for other policies. Illegal strokes have state -1 and probabilities NaN.
+        """
+        state, k = states(self._game, rallies)
+        pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
+        names = ("p_succ", "p_ret", "p_above")
+        known = self._game.stroke_probabilities(pair)
+        columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
+        found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
+        if self._policies:
+            striker = rallies.policy[rallies.row_of_stroke, rallies.striker]
+            probability = np.full(len(state), np.nan)
+            for i, policy in self._policies.items():
+                mine = (striker == i) & (state >= 0)
+                probability[mine] = policy.probability_of(pair[mine])
+            found["probability"] = probability
+        return found
+
+
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
+    """Write a log as a table, complete or not at all.
+
+    Args:
+        source: the log, a file or a folder.
+        target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.table_files`), ``.csv``
+            (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
+            apostrophe) or ``.arrow``.
+        rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.reader`.
+        game: adds to strokes what follows from the game that was played on, see :class:`Derived`.
+
+    Returns:
+        The number of rows.
+
+    Raises:
+        RecordingError: an unknown suffix, or a log that cannot be read or was played on another game.
+        FileWriteError: the table cannot be written.
+    """
+    open_writer = _WRITERS.get(target.suffix)
+    if open_writer is None:
+        raise RecordingError(f"{target}: expected a name that ends in {', '.join(_WRITERS)}")
+    flat = target.suffix == ".csv"
+    count = 0
+    with RallyLog(source) as log:
+        derive = None if game is None else Derived(log, game)
+
+        def rows_of(first: int, rallies: Rallies) -> pa.Table:
+            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies, derive)
+            return _columns(table, log, flat)
+
+        with replacing(target) as file:
+            with open_writer(file, rows_of(0, log.no_rallies()).schema) as writer:
+                for batch in log.batches():
+                    table = rows_of(*batch)
+                    writer.write_table(table)
+                    count += table.num_rows
+            if target.suffix == ".parquet":
+                seal_parquet(file)
+    return count
+
+
+def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
+    """For CSV: dictionaries as words, and a list as one text."""
+    if not flat:
+        return table
+    table = without_formulas(table)
+    for at, field in enumerate(table.schema):
+        column = table.column(at)
+        if pa.types.is_list(field.type):
+            names = pa.array(log.catalogue.names) if field.name == "strokes" else None
+            words = [chunk.values.cast(pa.string()) if names is None else names.take(chunk.values) for chunk in column.chunks]
+            texts = [
+                pa.compute.binary_join(pa.ListArray.from_arrays(chunk.offsets, values), " ")
+                for chunk, values in zip(column.chunks, words, strict=True)
+            ]
+            table = table.set_column(at, field.name, pa.chunked_array(texts, pa.string()))
+    return table
+
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""
@@ -193,7 +312,7 @@ def stroke_table(
     """Strokes of rallies in the schema of the annotated matches.
 
     Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
-    (:mod:`shuttle_marl.recording.simulate`): a good stroke lands in its target area, and flight times are medians of the
+    (:mod:`shuttle_marl.recording.tables`): a good stroke lands in its target area, and flight times are medians of the
     annotated matches. A match is filed under the discipline of its first player who has one
     (:mod:`shuttle_marl.data.upstream`), or under men's singles; its time begins with the first of its rallies that is there.
 
@@ -288,7 +407,7 @@ def simulate(game: Game, players: Mapping[str, Floats], *, matches: int, seed: i
         seed: of all draws; the same arguments give the same table.
 
     Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`~shuttle_marl.recording.simulate`; matches
+        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`~shuttle_marl.recording.tables`; matches
         are called ``simulated-1-PLAYER-PLAYER`` and so on.
 
     Raises:
