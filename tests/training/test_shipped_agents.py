@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ import torch
 from safetensors.numpy import load, save
 
 from shuttle_marl import tensor_files
-from shuttle_marl.files import open_file, seal
+from shuttle_marl.files import read_file, seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
@@ -247,11 +247,11 @@ def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.M
     (folder / CARD).write_bytes(seal({**card, "sha256": {**card["sha256"], "../secret": "0" * 64, str(secret): "0" * 64}}))
     opened: list[Path] = []
 
-    def noted(path: Path) -> BinaryIO:
+    def noted(path: Path) -> bytes:
         opened.append(path)
-        return open_file(path)
+        return read_file(path)
 
-    monkeypatch.setattr(tensor_files, "open_file", noted)
+    monkeypatch.setattr(tensor_files, "read_file", noted)
     load_agent(folder, GAME)
     assert {path.parent for path in opened} == {folder, cache}
     wrong: tuple[Any, ...] = ([], "x", None, {NETWORK: 1})
