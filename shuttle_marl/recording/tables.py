@@ -1,6 +1,6 @@
 """Tables of a log: exports as CSV and Parquet, and rallies as strokes in the schema of the annotated matches.
 
-Simulated strokes get positions and times that are drawn from the annotated matches, so that matches of agents and of people can be
+Simulated strokes get positions and times drawn from the annotated matches, so that matches of agents and of people can be
 analysed alike.
 """
 

@@ -1,4 +1,7 @@
-"""Replies to the requests of pages, and the facts and stroke values in them. A request names all it needs, so pages can reconnect and share links."""
+"""Replies to the requests of pages, and the facts and stroke values in them.
+
+A request names all it needs, so pages can reconnect and share links.
+"""
 
 import contextlib
 import dataclasses
