@@ -1,11 +1,11 @@
-"""Steps a second of PettingZoo's loop in ``rally_v0`` and ``match_v0``, beside two classic environments.
+"""Steps per second of PettingZoo's loop in ``rally_v0`` and ``match_v0``, compared with two classic environments.
 
     python -m benchmarks.aec [--seconds S] [--repeat N] [--json]
 
 All environments run in one process, through the same loop (``agent_iter``, ``last``, ``step``) with the same policy: a
-uniformly random action of the mask. They take turns of S seconds, N times, so that a busy machine hits all alike; the
-median counts. Only steps that carry an action are counted; resets and the steps of agents that are done take time but do
-not count. Seconds are CPU seconds of the process, which has one thread.
+uniformly random action of the mask. They alternate in turns of S seconds, N times, so that other load affects all
+equally; the median is reported. Only steps with an action are counted; the time includes resets and the steps of agents that
+are done. Seconds are CPU seconds of the process, which has one thread.
 """
 
 import dataclasses

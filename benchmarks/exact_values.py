@@ -2,9 +2,9 @@
 
     python -m benchmarks.exact_values [--repeat N] [--json]
 
-Wall-clock and CPU seconds, the medians of N calls in one process after compilation; the cross-play is called once, on all cores.
-On a machine that does nothing else the CPU seconds of a solver are its wall-clock seconds, and those of the cross-play are as
-many times larger as there are cores. The time to compile is that of the first sweep in a fresh interpreter with an empty cache.
+Wall-clock and CPU seconds, the medians of N calls in one process after compilation; the cross-play is called once, on all
+cores. On an idle machine, CPU and wall-clock seconds of a solver are equal; the cross-play takes more CPU seconds by the number
+of cores. The time to compile is the time of the first sweep in a fresh interpreter with an empty cache.
 """
 
 import json

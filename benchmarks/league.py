@@ -1,10 +1,10 @@
-"""Speed and memory of tournaments: matches a second, sampled and exact, by workers and by the size of the pool.
+"""Speed and memory of tournaments: matches per second, sampled and exact, by workers and by the size of the pool.
 
     python -m benchmarks.league [--pools 10 30 100] [--workers 1 2] [--matches 100] [--quick] [--json]
 
 Pools are scripted styles at different temperatures. Sampled: all matches of a round robin between tables, without a log. Exact:
 the odds of all pairs of a part of the pool, solved without the cache. Rating: the fit with 1,000 bootstrap draws. Memory is the
-largest that the process had up to then, so pools grow.
+peak of the process so far, so pools are measured in increasing size.
 """
 
 import itertools
@@ -78,7 +78,7 @@ def measure(pools: tuple[int, ...], workers: tuple[int, ...], matches: int) -> d
     crossplay([entrant.table for entrant in entrants[:1] if entrant.table is not None])
     cases = []
     for size in sorted(pools):
-        entrants += [enter(name, game) for name in names[len(entrants) : size]]  # memory is that of so many
+        entrants += [enter(name, game) for name in names[len(entrants) : size]]  # the peak memory is of this size
         cases += [sampled(entrants, count, matches) for count in workers]
     return {**this_machine(), "exact": exact(entrants), "sampled": cases}
 

@@ -1,8 +1,8 @@
-"""Lower bound on the time of a stroke in any kernel for this game: its reads and writes without anything else.
+"""Lower bound on the time of a stroke in any kernel for this game: its memory reads and writes alone.
 
-Which state and which legal pair a stroke belongs to cannot be foreseen, so each stroke reads two tables at random places. The
-places are those of real play, because some strokes are common; the loop does nothing but read, so that as many reads are under
-way at once as the processor can take. With an observation, a row of the mask and six numbers are copied as well.
+The state and the legal pair of a stroke are unpredictable, so each stroke reads two tables at random positions. The positions are
+recorded from play, because some strokes are common; the loop only reads, so the processor runs as many reads in parallel as it
+can. With an observation, a row of the mask and six numbers are copied as well.
 """
 
 import dataclasses
@@ -69,7 +69,7 @@ class LowerBound:
 
     Attributes:
         read_bytes: bytes of the two tables that a stroke reads.
-        shown_bytes: bytes that are read and written to show the striker what there is to see.
+        shown_bytes: bytes that are read and written for the observation of the striker.
         play: call to read what ``strokes`` strokes need.
         show: call to read it and to write the observations.
         strokes: strokes of a call.

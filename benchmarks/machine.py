@@ -1,4 +1,4 @@
-"""The machine that measures: goes into the results of every benchmark."""
+"""Description of the machine, for the results of every benchmark."""
 
 import os
 import platform

@@ -156,7 +156,7 @@ def dqn(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
             "train_freq": 4,
             "gradient_steps": 8,
             "target_update_interval": 4096,
-            # A share of the strokes it is told to learn from, of which it never sees the end.
+            # A fraction of its training strokes, whose rallies it does not see to the end.
             "exploration_fraction": 200_000 / _FOREVER,
             "policy_kwargs": {"net_arch": [128]},
         }

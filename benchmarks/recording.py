@@ -1,12 +1,12 @@
-"""Cost of recording every rally: a tournament, training, and what is written, read back and found again.
+"""Cost of recording every rally: a tournament, training, and writing, reading and random access of logs.
 
     python -m benchmarks.recording [--quick] [--json]
 
-The tournament is the league's own command with every rally recorded, on all cores; its speed is wall-clock. The log that it
-leaves, of some ten million rallies, is then read back, opened again for each of many single rallies, and copied from memory, so
-that only the log is timed. Training is a run of PPO with its defaults: the CPU time of the recorder's thread and of all calls of
-the log is compared with that of everything else, as if there were no second core. CPU time is that of all threads, user and
-system, so other programs on the machine hardly change it; of several runs the fastest counts.
+The tournament is the league command with every rally recorded, on all cores; its speed is wall-clock. Its log of some ten
+million rallies is then read, opened again for each of many single rallies, and copied from memory, so that only the log is
+timed. Training is a run of PPO with its defaults: the CPU time of the recorder's thread and of all calls of the log is compared
+with the remaining CPU time, as if there were no second core. CPU time is user and system time of all threads, so other programs
+hardly affect it; the fastest of several runs is reported.
 """
 
 import json

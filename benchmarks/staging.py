@@ -4,7 +4,7 @@
 
 Rallies between two behaviour-cloned players are staged, right- and left-handers, male and female athletes in turn, and
 measured as motion: positions, rotations, and the path of the shuttle; each is packed and unpacked again, and every tenth one is
-staged stroke by stroke as it would be in play. Seconds are CPU seconds of the process, which has one thread (set
+staged stroke by stroke as in live play. Seconds are CPU seconds of the process, which has one thread (set
 OMP_NUM_THREADS=1).
 """
 
@@ -38,7 +38,7 @@ _CONTINUED: Final = 10
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     """Stage rallies and measure them; lengths are in metres unless the key names another unit."""
     played = self_play_rallies("bc", rallies, seed=seed)
-    stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are kept
+    stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
     for i, rally in enumerate(track(played, "staging", console=console)):

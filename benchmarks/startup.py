@@ -1,4 +1,4 @@
-"""Time until commands say hello: CPU time of ``--help`` and of imports, each in a fresh interpreter.
+"""Start-up time of commands: CPU time of ``--help`` and of imports, each in a fresh interpreter.
 
     python -m benchmarks.startup [--repeat N] [--json]
 

@@ -1,4 +1,4 @@
-"""Games of any size, to see how speed depends on it: random replies, random probabilities, the same rules."""
+"""Games of any size, to measure its effect on speed: random replies, random probabilities, the same rules."""
 
 import itertools
 from typing import Final
@@ -15,7 +15,7 @@ _SERVES: Final = 4
 
 
 def synthetic_game(strokes: int, replies: int, seed: int = 0) -> Game:
-    """A game of ``strokes`` strokes, ``replies`` of which are legal in every state but the first.
+    """A game of ``strokes`` strokes, with ``replies`` legal strokes in every state but the first.
 
     A rally lasts about eight strokes: between 85 and 99 % of the strokes are good, and as many of those come back.
 

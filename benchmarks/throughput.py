@@ -1,15 +1,14 @@
-"""Strokes a second of everything that plays, from one rally to 65,536 at once, beside environments of other libraries.
+"""Strokes per second of all environments, from one rally to 65,536 in parallel, compared with those of other libraries.
 
     python -m benchmarks.throughput [--quick] [--json] [--only WHAT ...]
 
-Every name is measured in a fresh process of its own, so that the peak of its memory is its own; environments that are played
-one at a time share a process and take turns. Seconds are CPU seconds of the process where one thread plays, so that what else
-the machine does hardly counts, and seconds on the clock where several do. The fastest turn counts, because others can only make
-a turn slower; the median is given as well.
+Every name is measured in a fresh process, so that its peak memory is separate; environments without batches share a process and
+alternate. Seconds are CPU seconds of the process for one thread, so that other programs hardly affect them, and wall-clock
+seconds for several threads. The fastest turn is reported, because other load can only slow a turn down, and the median as well.
 
-``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``. At the end of it stand games of other sizes
-(``strokes``, ``states``, ``legal_pairs``). ``bound_per_s`` is what the reads of a stroke alone would allow
-(:mod:`benchmarks.lower_bound`), ``load`` how many processes wanted a core when a process began to measure.
+``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``, with games of other sizes (``strokes``,
+``states``, ``legal_pairs``) at the end. ``bound_per_s`` is the limit from the reads of a stroke alone
+(:mod:`benchmarks.lower_bound`), ``load`` the load average at the start of a measurement.
 
 What counts as a stroke: of ``vector``, ``match_vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of
 environments of other libraries an action.

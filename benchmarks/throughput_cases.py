@@ -1,7 +1,7 @@
-"""Cases of ``benchmarks.throughput``: for each name, a function that makes something that plays.
+"""Cases of ``benchmarks.throughput``: a factory for each name.
 
-A maker takes a batch and a number of threads and returns a function that plays for a while and says how many strokes (of other
-environments: actions) that were. Libraries are imported by the maker, so that the memory of one is not counted for another.
+A factory takes the batch size and the number of threads and returns a function that plays for some time and returns the number of
+strokes (in other environments: actions). Libraries are imported in the factory, so that their memory is measured separately.
 """
 # ruff: noqa: PLC0415  see above
 
@@ -29,7 +29,7 @@ def game_of_size(catalogue: int, replies: int) -> Game:
 
 
 def lower_bound(threads: int, *, observed: bool) -> tuple[Play, int]:
-    """Reads as many as the kernel has to make and nothing else, and the bytes of a stroke."""
+    """The memory reads of the kernel alone, and the bytes of a stroke."""
     from benchmarks.lower_bound import lower_bound_of
 
     least = lower_bound_of(default_game(), threads)
@@ -76,7 +76,7 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
 
 
 def tournament(batch: int, threads: int) -> Play:
-    """Whole matches between two policies, every stroke kept; the batch is the number of matches."""
+    """Whole matches between two policies, with all strokes in memory; the batch is the number of matches."""
     from shuttle_marl.game import draws
     from shuttle_marl.game.tabulated import tabulate
     from shuttle_marl.kernel import Matches, pack, play_matches
@@ -100,7 +100,7 @@ def torchrl(batch: int, threads: int) -> Play:
 
 
 def torchrl_stock(batch: int, threads: int) -> Play:
-    """The same with TorchRL's own way to step and reset."""
+    """The same with TorchRL's step and reset."""
     from torchrl.envs import EnvBase
 
     from shuttle_marl.env.batched import RallyEnv
@@ -224,7 +224,7 @@ BATCHED: Final[dict[str, Maker]] = {
     "tournament": tournament,
     "cartpole_vector": cartpole_vector,
 }
-"""Cases that play many rallies at once; each is measured in a process of its own."""
+"""Cases that play many rallies in parallel; each is measured in a separate process."""
 SINGLE: Final[dict[str, Maker]] = {
     "gymnasium": gymnasium_env,
     "aec": _loop(_rally),

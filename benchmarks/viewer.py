@@ -1,8 +1,8 @@
-"""The live court as it is used: size of the page, its first picture, work of a frame, a person's turn, many viewers, memory.
+"""Performance of the live court: page size, time to the first picture, frame time, response time, many viewers, memory.
 
     python -m benchmarks.viewer [--quick] [--json]
 
-A server of its own in a process of its own, a browser without a window (software rendering, unless the machine has better).
+The server runs in a separate process, the browser is headless (software rendering, unless the machine has a GPU).
 Needs the extra ``video`` and Chromium.
 """
 

@@ -1,4 +1,4 @@
-"""Strength against likeness: play between how people play and perfect play, and where single players stand.
+"""Strength and similarity to human play of the KL-regularised policies ``human:TAU``, and TAU fitted to single players.
 
     python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
 
@@ -8,7 +8,7 @@ nats per stroke. Then TAU is fitted for each player with a clone: the one under 
 highest likelihood, infinity being the clone itself. A low TAU says that among their usual strokes a player prefers those with a
 higher value in the game.
 
-The target of a fault is not known, so of faults the shot type and technique count, and of other strokes the area too.
+The target of a fault is unknown: faults are scored by shot type and technique, other strokes by the area too.
 """
 
 import dataclasses
@@ -78,7 +78,7 @@ def _taken(strokes: Strokes, which: Bools) -> Strokes:
 
 
 def answers(game: Game, strokes: Strokes) -> Answers:
-    """The legal pairs of real strokes, of which those are left out that the game does not know."""
+    """The legal pairs of real strokes; strokes that are not in the game are dropped."""
     codes, state = strokes.rows.codes, states_of(game, strokes.rows)
     known = np.flatnonzero(state >= 0)
     at, pair = game.pairs(state[known])
@@ -193,7 +193,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
     ticks = [tick for tick in _TICKS if min(x) <= tick <= max(x)]
     axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
-    axes.set_xlabel("cross-entropy of real strokes, nats a stroke: less is more alike")
+    axes.set_xlabel("cross-entropy of real strokes, nats per stroke (lower: more similar)")
     axes.set_ylabel("rallies won against bc, %")
     axes.set_title("human:TAU, points labelled by TAU", fontsize=11)
     axes.spines[["top", "right"]].set_visible(False)

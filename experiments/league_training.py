@@ -148,7 +148,7 @@ def _line(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _least(result: dict[str, Any], share: float) -> float:
-    """Least exploitability up to a share of the time of a run; before the first round it is that of the first."""
+    """Least exploitability up to a fraction of the time of a run; before the first round, the value of the first round."""
     before = [line["exploitability"] for line in result["curve"] if line["seconds"] <= share * result["seconds"]]
     return float(min(before, default=result["curve"][0]["exploitability"]))
 

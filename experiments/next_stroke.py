@@ -1,19 +1,17 @@
-"""The paper's first table: how well the next stroke is predicted (top-1 to top-4), over all and by player.
+"""The paper's first table: accuracy of predictions of the next stroke (top-1 to top-4), overall and by player.
 
     python -m experiments.next_stroke --data DATA [--split validation] [--out FILE] [--json]
 
-Four predict it. The **imitator** knows what can be seen at the moment of the hit: positions, tempo, the four strokes before,
-the players. It is fitted here, on the train matches. **Imitator, match watched** is the same, corrected by the strokes of the
-match that were struck before: matches differ in their annotators, and in the players' day. The game's players know its state
-only: the **average clone** (``bc``) and each player's **own clone** (``bc:<player>``). Both read two strokes and the contact
-height.
+Four models are compared. The **imitator** reads everything that is visible at the hit: positions, tempo, the four previous
+strokes, the players. It is fitted here on the training matches. **Imitator, match watched** is also adapted to the previous
+strokes of the match, because annotators and players differ between matches. The **average clone** (``bc``) and each player's
+**own clone** (``bc:<player>``) read only the state of the game: two strokes and the contact height.
 
-The rows: all strokes, as in the paper; strokes of the rally alone, because serves are easily told; and these without the contact
-height, which tells much of the shot type. Without it the clones are averaged over the heights that the game expects.
+Rows: all strokes, as in the paper; strokes without serves, which are easy to predict; and these without the contact height, which
+is informative about the shot type. Without it the clones are averaged over the heights that the game expects.
 
-ShuttleEnv (arXiv 2603.17324) reports two players of its own private data; ours are other matches of other players, so the
-figures stand side by side, not against each other. The shot type is scored on all strokes, the area on those that were no
-fault (a fault does not say where it was aimed).
+ShuttleEnv (arXiv 2603.17324) reports two players of its own private data, so its figures are not directly comparable. The shot
+type is scored on all strokes, the area on strokes that are no faults (the target of a fault is unknown).
 """
 
 import dataclasses

@@ -1,11 +1,11 @@
-"""Comparison of what two checkouts play, solve and train: both run the same seeded commands, and what they write is compared.
+"""Comparison of two checkouts: both run the same seeded commands, and their output files are compared.
 
     python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
 
-Files have to be equal byte for byte, with these exceptions: JSON is compared without times, folder names are taken out of what
-is printed, and a rally log whose bytes differ (its format may have changed) has to hold the same strokes. Manifests and files
-of TensorBoard are left out: they tell when and by what a run was made. Both checkouts run with this interpreter, one command
-after another, which takes some minutes.
+Files must be equal byte for byte, with these exceptions: JSON is compared without times, printed text without folder names, and a
+rally log whose bytes differ (its format may have changed) must contain the same strokes. Manifests and TensorBoard files are
+excluded, because they contain times and versions. Both checkouts run with this interpreter, one command after another, which
+takes some minutes.
 """
 
 import json
@@ -50,7 +50,7 @@ def run_commands(checkout: Path, out: Path, names: tuple[str, ...]) -> None:
 
     Args:
         checkout: root of the repository.
-        out: each command writes into a folder of its name here, and what it prints into ``printed.txt`` there.
+        out: each command writes to a subfolder with its name, and its printed text to ``printed.txt`` there.
         names: keys of :data:`COMMANDS`.
 
     Raises:
@@ -151,7 +151,7 @@ def main(
     Args:
         before: Root of a checkout.
         after: Root of another one.
-        out: Keep what they write in this new folder, under `before` and `after`.
+        out: Keep the output in this new folder, under `before` and `after`.
         only: Names of the commands to run.
     """
     if unknown := [name for name in only if name not in COMMANDS]:

@@ -1,4 +1,4 @@
-"""Results of experiments that say what made them."""
+"""Result files of experiments with their provenance."""
 
 import json
 from pathlib import Path
@@ -11,15 +11,15 @@ _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 
 
 def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dict[str, Any]:
-    """Finish a run folder: the results, with what made them in front.
+    """Finish a run folder: write the results, preceded by their provenance.
 
     Args:
         folder: of the experiment.
-        result: what was found, as JSON.
-        copy: a second place for the results; None: none.
+        result: JSON values.
+        copy: second file for the results; None: none.
 
     Returns:
-        What was written.
+        The written results.
     """
     about = runs.describe(_PACKAGES)
     whole = {**about, **result}

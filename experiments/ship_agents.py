@@ -1,9 +1,9 @@
-"""Copy trained agents into the package: those of the first seed of the experiments, not the best.
+"""Copy trained agents into the package: the first seed of each experiment, not the best one.
 
     python -m experiments.ship_agents --win-rates runs/win_rates --styles runs/styles
 
-They then play as `ppo`, `a2c`, `sac`, `ppo:self-play`, `ppo:attacking`, `ppo:defensive` and `ppo:cautious` on this game; a model
-that is refitted needs new agents.
+Their names are `ppo`, `a2c`, `sac`, `ppo:self-play`, `ppo:attacking`, `ppo:defensive` and `ppo:cautious`. A model that is fitted
+again needs new agents.
 """
 
 import shutil
@@ -34,7 +34,7 @@ def ship_agents(win_rates: Path | None = None, styles: Path | None = None) -> No
     if styles is not None:
         sources.update({name: styles / run / "agent" for name, run in OF_STYLES.items()})
     for folder in sources.values():
-        load_agent(folder, game)  # refuses what is damaged or of another game before anything is replaced
+        load_agent(folder, game)  # raises an error for a damaged agent or another game before files are replaced
     for name, folder in sources.items():
         target = shipped_folder(name, model)
         shutil.rmtree(target, ignore_errors=True)

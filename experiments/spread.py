@@ -16,7 +16,7 @@ def mean_and_deviation(values: Sequence[float]) -> dict[str, float]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class IQM:
-    """The mean of the middle half, and its 95 % interval (Agarwal et al., NeurIPS 2021, arXiv 2108.13264).
+    """Interquartile mean, and its 95 % interval (Agarwal et al., NeurIPS 2021, arXiv 2108.13264).
 
     Attributes:
         value: interquartile mean over all runs of all tasks.

@@ -1,11 +1,11 @@
-"""Agents with a style: PPO with shaped rewards, and the differences of their play.
+"""Agents with a style: PPO with shaped rewards, and how their play differs.
 
     python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
 
 Every style is a documented change of the reward (`shuttle_marl.training.collecting`), trained with several seeds against
-`bc`. What they play is exact (expected visits of every state against `bc`), so figures of one agent carry no noise; what
-varies is the training. Styles are told apart by Welch's t-test over seeds, and from `bc` by a one-sample t-test; p-values
-are adjusted for their number (Benjamini & Yekutieli 2001, which allows for dependence).
+`bc`. The figures of an agent are exact (expected visits of every state against `bc`), so only the training varies between
+seeds. Styles are compared by Welch's t-test over seeds, and with `bc` by a one-sample t-test; p-values are adjusted for
+multiple comparisons (Benjamini & Yekutieli 2001, which allows for dependence).
 """
 
 import dataclasses
@@ -91,7 +91,7 @@ def style_of(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> dict[str, fl
 
 
 def _metres(game: Game) -> F64:
-    """``[base pairs]`` from the area of the own last stroke, where the opponent struck, to that of the next; NaN without one."""
+    """``[base pairs]`` distance from the area of the own last stroke, where the opponent struck, to the next; NaN without one."""
     centres = np.append(area_centre(game.catalogue.area), np.full((1, 2), np.nan), axis=0)
     before = centres[game.own(game.base_pair_state)]
     return np.asarray(np.linalg.norm(centres[game.base_pair_stroke] - before, axis=1))
@@ -104,7 +104,7 @@ class Styles:
     seeds: int = 3
     """Training runs of each style."""
     fraction: float = 1.0
-    """Strokes of each training run, as a fraction of those of the full experiment."""
+    """Strokes of each training run, as a fraction of the full experiment."""
     quick: bool = False
     """Two seeds and little training: a smoke test without meaningful results."""
     jobs: int = 2
@@ -200,7 +200,7 @@ def alike(result: dict[str, Any], level: float = 0.05) -> list[str]:
 
 
 def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) -> None:
-    """Train the styles, measure what they play, and print the table.
+    """Train the styles, measure their play, and print the table.
 
     Args:
         config: what to train.

@@ -1,13 +1,13 @@
-"""The paper's second table: agents trained against a fixed opponent, and how many of 1,000 matches each then wins.
+"""The paper's second table: win rates in 1,000 matches of agents trained against a fixed opponent.
 
     python -m experiments.win_rates [--quick] [--out FOLDER] [--resume] [--json FILE]
 
 Every algorithm is trained with its default settings and several seeds against one opponent, the behaviour-cloned average
-player `bc`, then plays 1,000 matches against it, every rally of which is recorded. Beside what was sampled stands what is
-exact: the probability of winning a rally and a match, the normalised score (0 for `bc`, 1 for the best response),
-exploitability, and the same against opponents that no agent was trained against. Self-play is trained without any opponent.
+player `bc`, then plays 1,000 recorded matches against it. In addition to the sampled win rate, the following are exact: the
+probability of winning a rally and a match, the normalised score (0 for `bc`, 1 for the best response), exploitability, and the
+same against opponents that no agent was trained against. Self-play is trained without any opponent.
 
-The run folder holds the training runs, the matches, and `results.json`; a run that is broken off continues with --resume.
+The run folder holds the training runs, the matches, and `results.json`; --resume continues an interrupted run.
 """
 
 import dataclasses
@@ -73,7 +73,7 @@ class WinRates:
     matches: int = 1000
     """Matches that every trained agent plays against the opponent; an even number."""
     fraction: float = 1.0
-    """Strokes of each training run, as a fraction of those of the full experiment."""
+    """Strokes of each training run, as a fraction of the full experiment."""
     quick: bool = False
     """Two seeds, 100 matches and a small part of the training: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
@@ -302,7 +302,7 @@ def _print(result: dict[str, Any], config: WinRates) -> None:
     for agent, odds in against.items():
         matrix.add_row(agent, *(f"{100 * probability:.1f}" for probability in odds.values()))
     out.print(matrix)
-    out.print("The paper's agents played its own models and its own opponent, so its column stands beside, not against, ours.")
+    out.print("The paper's agents played its own models and opponent, so its column is not directly comparable.")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

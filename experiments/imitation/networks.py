@@ -133,7 +133,7 @@ class ImitatorNetworks:
 
     @classmethod
     def untrained(cls, contexts: HitContexts, players: int, config: NetworksConfig, seed: int) -> Self:
-        """Networks with random weights; the scales are those of the contexts of the training strokes."""
+        """Networks with random weights, scaled by the contexts of the training strokes."""
         mean, scale = _scales(contexts.numbers)
         with torch.random.fork_rng(devices=()):
             torch.manual_seed(seed)

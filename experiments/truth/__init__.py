@@ -1,12 +1,12 @@
-"""Is the game true? Its promises beside what happened in real matches.
+"""Validation of the game: its predictions compared with unseen matches.
 
-The game is solved exactly, so all that can be wrong with its values is wrong with its models. Each figure here compares the
-game with matches that took no part in fitting it:
+The game is solved exactly, so errors of its values are errors of its models. Each figure compares the game with matches that were
+not used to fit it:
 
-- :mod:`experiments.truth.decisions`: do chosen strokes bring what their exact values promise?
-- :mod:`experiments.truth.likeness`: can simulated rallies be told apart from real ones, and by what?
-- :mod:`experiments.truth.limits`: what keeps promises from coming true?
-- :mod:`experiments.truth.transfer`: does an advantage survive in a game fitted on other matches?
+- :mod:`experiments.truth.decisions`: are the advantages of chosen strokes realised in the outcomes of rallies?
+- :mod:`experiments.truth.likeness`: can a classifier distinguish simulated rallies from real ones, and by which features?
+- :mod:`experiments.truth.limits`: why are advantages realised only in part?
+- :mod:`experiments.truth.transfer`: does the advantage of a policy hold in a game fitted on other matches?
 
-``python -m experiments.truth --help`` says how to run them.
+``python -m experiments.truth --help`` prints the options.
 """

@@ -43,23 +43,23 @@ def truth(
     out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
-    """Compare what a game promises with what happened in matches that took no part in fitting it.
+    """Compare the predictions of a game with matches that were not used to fit it.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
-        split: matches that the game is compared with.
+        split: matches to compare with the game.
         cross: instead of one split, fit this many games, each without one part of the training and validation matches, and
-            compare every match with the game that did not see it.
-        game: with --split, the shipped model or model folder that is compared.
-        profiles: compare every match with the game of its own discipline instead of with that of both.
-        halvings: halvings of the training matches for the transfer; two games are fitted for each. 0 leaves the transfer out.
-        seed: of the fits, halvings and simulated matches.
-        fits: folder where games that were fitted are kept and found again.
-        out: JSON file to write the result to, with its origin.
+            compare every match with the game that was fitted without it.
+        game: with --split, the shipped model or model folder to compare.
+        profiles: compare every match with the game of its own discipline instead of the game of both.
+        halvings: halvings of the training matches for the transfer; two games are fitted for each; 0: no transfer.
+        seed: random seed of the fits, halvings and simulated matches.
+        fits: cache folder of fitted games.
+        out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
     if (split is None) == (cross is None):
-        raise ShuttleError("say what to compare with: either --split NAME or --cross NUMBER")
+        raise ShuttleError("expected either --split NAME or --cross NUMBER")
     if cross is not None and cross < 2:
         raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
     console = Console(stderr=True, highlight=False)
@@ -125,12 +125,14 @@ def _mean(dictionaries: Sequence[dict[str, float]]) -> dict[str, float]:
 
 def _print(result: dict[str, Any]) -> None:
     console = Console(highlight=False)
-    slopes = Table("strokes later", "slope", "95 % interval", title="What happened on what was promised (1 in a true game)")
+    slopes = Table(
+        "strokes later", "slope", "95 % interval", title="Regression of outcomes on predicted advantages (1 in a correct game)"
+    )
     for horizon, slope in result["decision_slope"].items():
         slopes.add_row(horizon, f"{slope['value']:.2f}", f"{slope['low']:.2f} to {slope['high']:.2f}")
     console.print(slopes)
     errors = Table(
-        "shot", "after own", "95 % interval", "after incoming", "95 % interval", title="Points won more than the value says"
+        "shot", "after own", "95 % interval", "after incoming", "95 % interval", title="Points won above the predicted value"
     )
     for shot, roles in result["value_error"].items():
         cells = [shot]
@@ -149,7 +151,7 @@ def _print(result: dict[str, Any]) -> None:
     auc, length = result["two_sample_auc"], result["rally_length"]
     lines = [
         f"log-loss of the value: {result['value_log_loss']:.5f}",
-        f"telling simulated from real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
+        f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
         + ", ".join(auc["gives_away"]),
         f"rally length: {length['simulated']:.2f} simulated, {length['real']:.2f} real, "
         f"KS {length['ks']:.3f} (real against real {length['ks_real']:.3f})",
@@ -158,11 +160,11 @@ def _print(result: dict[str, Any]) -> None:
             for name, found in result["divergence"].items()
         ),
         f"random against bc: {100 * result['random_vs_bc']:.1f} % of rallies",
-        "strokes with fewer than five real ones behind them: "
+        "strokes with fewer than five examples in the data: "
         + ", ".join(f"{name} {100 * share:.0f} %" for name, share in result["support"].items()),
         *(
             f"{name}: wins {100 * found['home']:.1f} % at home, {100 * found['away']:.1f} % away; "
-            f"{found['kept']:.2f} of the edge is kept ({found['low']:.2f} to {found['high']:.2f})"
+            f"{found['kept']:.2f} of the advantage over 50 % is retained ({found['low']:.2f} to {found['high']:.2f})"
             for name, found in result.get("transfer", {}).items()
         ),
     ]

@@ -1,10 +1,10 @@
-"""Do strokes bring what the exact values promise?
+"""Are the advantages of chosen strokes realised in the outcomes of rallies?
 
-For a stroke in state s, the promise is the advantage A = E[Q(s, a)] - V(s) of its shot type and technique, with the area averaged
-over what the average player would choose, because the file does not say where faults were aimed; V and Q are the exact values if
-both continue as the average player. What happened after h strokes is V of the state then reached, with its sign, or +1 or -1
-where the rally was over by then. The **decision slope** is the least-squares slope of (what happened - V(s)) on A with a
-constant for every player in every match, so it is not a figure of skill. In a true game it is 1 at every h.
+The predicted advantage of a stroke in state s is A = E[Q(s, a)] - V(s) of its shot type and technique, averaged over the areas
+that the average player chooses, because the target of a fault is unknown; V and Q are the exact values if both continue as the
+average player. The outcome after h strokes is V of the state reached, with its sign, or +1 or -1 if the rally has ended. The
+**decision slope** is the least-squares slope of (outcome - V(s)) on A with a constant for every player in every match, so it does
+not measure skill. In a correct game it is 1 at every h.
 """
 
 import dataclasses
@@ -125,7 +125,7 @@ def value_error(strokes: Strokes, promised: Promises) -> dict[str, dict[str, dic
 
 
 def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[str, Any]]:
-    """Points that choosing each shot type promises over V of the state, and what it brought by the end of the rally."""
+    """Points predicted above V of the state by choosing each shot type, and points realised by the end of the rally."""
     used = np.isfinite(promised.advantage) & (strokes.result != 0)
     out: dict[str, dict[str, Any]] = {}
     for i, shot in enumerate(SHOTS):

@@ -1,7 +1,7 @@
-"""Can simulated rallies be told apart from real ones, and by what?
+"""Can a classifier distinguish simulated rallies from real ones, and by which features?
 
-Simulated rallies are the average player against itself. Rallies that were not kept from their first to their last stroke are
-left out on both sides, but for a first stroke that the cameras missed, which real tables lack more often.
+Simulated rallies are the average player against itself. Incomplete rallies are excluded on both sides, except those without only
+the first stroke, which the cameras missed.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ _LAGS: Final = (1, 2, 3, 4)
 
 
 def rally_length(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, float]:
-    """Mean lengths, Kolmogorov-Smirnov and Wasserstein distances; ``ks_real`` is that of halves of the real matches."""
+    """Mean lengths, Kolmogorov-Smirnov and Wasserstein distances; ``ks_real`` compares halves of the real matches."""
     ours, theirs = _lengths(simulated), _lengths(real)
     halves = [
         ks_2samp(_lengths(real.take(half)), _lengths(real.take(~half))).statistic for half in _halvings(real, seed, HALVINGS)
@@ -42,7 +42,7 @@ def rally_length(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, 
 
 
 def divergence(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, dict[str, float]]:
-    """Jensen-Shannon divergences in bits, and those of random halves of the real matches against each other."""
+    """Jensen-Shannon divergences in bits, also between random halves of the real matches."""
     halvings = _halvings(real, seed, HALVINGS)
     out = {}
     for name, count in (("shot", _shots), ("transition", _transitions), ("area", _areas), ("endings", _endings)):
@@ -115,7 +115,7 @@ _NAMES: Final = (
 
 
 def _features(strokes: Strokes) -> _Features:
-    # Real tables lack the serve of every fifth rally: what it was would tell them apart, and so would its absence.
+    # Real tables lack the serve of every fifth rally, so the serve or its absence would reveal simulated rallies.
     rallied = strokes.number > 1
     whole, strokes = _whole(strokes)[rallied], strokes.take(rallied)
     rows, rally = strokes.rows, strokes.rally
@@ -149,7 +149,7 @@ def _features(strokes: Strokes) -> _Features:
 
 
 def _whole(strokes: Strokes) -> Bools:
-    """``[N]`` whether the rally was kept from its first or second stroke to a last one of known outcome."""
+    """``[N]`` whether the rally is complete from its first or second stroke to a last stroke of known outcome."""
     first = np.r_[True, np.diff(strokes.rally) != 0]
     start = strokes.number[first][strokes.rally]
     length = strokes.number[strokes.last]

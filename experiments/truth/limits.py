@@ -1,15 +1,14 @@
-"""``python -m experiments.truth.limits --data DATA [--json]``: why promises do not all come true.
+"""``python -m experiments.truth.limits --data DATA [--json]``: why predicted advantages are realised only in part.
 
-The decision slope (:mod:`experiments.truth.decisions`) of a game that was fitted may be below 1 for two reasons, which this
-module tells apart:
+The decision slope (:mod:`experiments.truth.decisions`) of a fitted game may be below 1 for two reasons, which this module
+separates:
 
-- **Few matches.** The best strokes of a fit are in part those that it overrates. Of two games fitted on halves of the matches,
-  one is taken for the truth and the promises of the other are judged by it, exactly: their slope is what such a game would
-  have if its kind were right. Of a fit's variance the part that is noise shrinks with the number of matches, which gives the
-  slope to expect of a fit on more of them.
-- **Memory.** If the state says all that matters, V of the state now is the best forecast of the rally, and an advantage of
-  some strokes ago adds nothing to it: the slope of (result - V) on it is 0, however badly advantages are estimated, but for
-  what errors of V have in common over a rally. Where it is negative, a rally remembers what the state forgets.
+- **Few matches.** A fit overrates some of its best strokes. Two games are fitted on halves of the matches; one is assumed to be
+  correct, and the exact slope of the other in it is the slope of a game of the right structure. The noise in the variance of a
+  fit shrinks with the number of matches, which gives the slope to expect of a fit on more matches.
+- **Memory.** If the state is Markov, V of the current state is the best prediction of the result, and an earlier advantage adds
+  nothing to it: the slope of (result - V) on it is 0, however inaccurate the advantages, except for errors of V that are
+  correlated within a rally. A negative slope means that the result depends on history that is not in the state.
 """
 
 import json as json_format
@@ -47,16 +46,16 @@ def limits(
     out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
-    """Tell apart why the promises of a game do not all come true: few matches, and what the state forgets.
+    """Separate two reasons why predicted advantages are realised only in part: few matches, and history that is not in the state.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
-        cross: fit this many games, each without one part of the training and validation matches, and judge every match by the
-            game that did not see it.
+        cross: fit this many games, each without one part of the training and validation matches, and evaluate every match
+            with the game that was fitted without it.
         halvings: halvings of the training matches for the slope that can be expected; two games are fitted for each.
-        seed: of the fits and halvings.
-        fits: folder where games that were fitted are kept and found again.
-        out: JSON file to write the result to, with its origin.
+        seed: random seed of the fits and halvings.
+        fits: cache folder of fitted games.
+        out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
     if cross < 2 or halvings < 1:
@@ -84,7 +83,7 @@ def limits(
 
 
 def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, matches: float) -> dict[str, dict[str, float]]:
-    """Slopes to expect of a fit whose kind of game is right.
+    """Slopes to expect of a fit if the structure of the game is right.
 
     Args:
         strokes: of the matches to halve.
@@ -94,8 +93,8 @@ def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, ma
         matches: number of matches of the fit.
 
     Returns:
-        For each horizon ``halves``, the mean slope of a game of one half if that of the other is true, and ``value``, that of a
-        fit on so many matches.
+        For each horizon ``halves``, the mean slope of the game of one half in the game of the other, and ``value``, the slope of
+        a fit on that number of matches.
     """
     found: list[dict[str, float]] = []
     for number in range(halvings):
@@ -127,7 +126,7 @@ def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, floa
 def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
     """Slopes of (result of the rally - V of the state now) on the advantage of an earlier stroke, for all of :data:`LAGS`.
 
-    Advantages of the opponent count with the opposite sign. Effects of player and match are taken out.
+    Advantages of the opponent count with the opposite sign. Effects of player and match are removed.
     """
     ended = realised(strokes, promised.value, None)
     return {
@@ -145,7 +144,9 @@ def _ago(strokes: Strokes, advantage: F64, lag: int) -> F64:
 
 def _print(result: dict[str, Any]) -> None:
     console = Console(highlight=False)
-    slopes = Table("strokes later", "slope", "95 % interval", "to expect of a fit", title="What happened on what was promised")
+    slopes = Table(
+        "strokes later", "slope", "95 % interval", "expected of a fit", title="Regression of outcomes on predicted advantages"
+    )
     for horizon, found in result["decision_slope"].items():
         expected = f"{result['attainable'][horizon]['value']:.2f}"
         slopes.add_row(horizon, f"{found['value']:.2f}", f"{found['low']:.2f} to {found['high']:.2f}", expected)

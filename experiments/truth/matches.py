@@ -1,4 +1,4 @@
-"""Annotated strokes as rallies, and where each stands in a game."""
+"""Annotated strokes as rallies, and the state of the game before each stroke."""
 
 import dataclasses
 from collections.abc import Sequence

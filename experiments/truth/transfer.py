@@ -1,7 +1,8 @@
-"""Does an advantage survive in a game that was fitted on other matches?
+"""Does the advantage of a policy hold in a game fitted on other matches?
 
-The training matches are halved; a game is fitted on each half. What a policy that was computed in one wins there (home) is
-compared with what it wins in the other (away), in both against the average player of the game that is played. All exact.
+The training matches are halved, and a game is fitted on each half. The fraction of rallies that a policy wins in the game in
+which it was computed (home) is compared with the other game (away), both against the average player of the game. All values are
+exact.
 """
 
 from typing import Any
@@ -17,7 +18,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> dict[str, dict[str, float]]:
-    """Home and away share of rallies won, and the part ``kept`` of the edge over one half.
+    """Fraction of rallies won at home and away, and the fraction ``kept`` of the advantage over one half.
 
     Args:
         strokes: of the matches to halve.

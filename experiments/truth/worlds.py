@@ -1,4 +1,4 @@
-"""Games fitted on some of the matches, with their average players and what stands behind their strokes."""
+"""Games fitted on subsets of the matches, with their average players and the number of examples of each stroke."""
 
 import dataclasses
 import functools
@@ -53,13 +53,13 @@ def shipped_world(model: str) -> World:
 
 
 class Fitter:
-    """Fits worlds on subsets of the matches, each once: what was fitted is kept in a folder.
+    """Fits worlds on subsets of the matches, and caches them in a folder.
 
     Args:
         strokes: of all matches.
-        folder: where fitted games are kept; a fit is found again by its strokes, its layout, its seed and the source code of
+        folder: cache; the key of a fit is a hash of its strokes, its layout, its seed and the source code of
             :mod:`shuttle_marl.dynamics`.
-        seed: of the fits.
+        seed: random seed of the fits.
         report: called with a line before each stage of a fit.
     """
 
@@ -76,8 +76,8 @@ class Fitter:
         """Fit the models on some matches, and compile their game.
 
         Args:
-            matches: names of those that are fitted to.
-            layout: names of the matches whose strokes decide the catalogue and which stroke may answer which; None: the same.
+            matches: names of the training matches.
+            layout: names of the matches whose strokes define the catalogue and the legal replies; None: the same.
                 Worlds that share a layout can exchange policies.
             discipline: index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES` of the one whose game it is; None: the
                 average of both.
@@ -123,7 +123,7 @@ def cross_parts(
         count: number of parts.
         fitter: fits the games.
         seed: of the parts.
-        profiles: whether each discipline gets a game of its own.
+        profiles: whether to fit a separate game for each discipline.
     """
     fold = folds_of(strokes, count, seed)
     return [
