@@ -43,13 +43,13 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
 }
 """Activations between the layers of a file."""
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
-_PASSED: Final = ("Dropout", "Identity", "Flatten")
+_NO_EFFECT: Final = ("Dropout", "Identity", "Flatten")
 """Modules without effect in evaluation mode."""
 _LARGEST: Final = 1 << 27
 """Largest size of the weights in an archive [bytes]."""
 _ROWS: Final = 4096
 """Batch size of the network."""
-_rows: Final = functools.lru_cache(maxsize=4)(features)
+_features: Final = functools.lru_cache(maxsize=4)(features)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,15 +74,15 @@ class NetworkPolicy:
         Raises:
             PolicyError: outputs are not finite, or not one for each stroke.
         """
-        found = [self._logits(states.game, states.state[i : i + _ROWS]) for i in range(0, len(states), _ROWS)]
-        logits = np.concatenate(found) if found else np.empty((0, states.game.n_strokes))
+        parts = [self._logits(states.game, states.state[i : i + _ROWS]) for i in range(0, len(states), _ROWS)]
+        logits = np.concatenate(parts) if parts else np.empty((0, states.game.n_strokes))
         if self.greedy:
             return np.asarray(np.eye(states.game.n_strokes)[np.where(states.mask, logits, -np.inf).argmax(axis=1)])
         return legal_softmax(logits, states.mask)
 
     def _logits(self, game: Game, state: I32) -> F64:
         seen: npt.NDArray[Any]
-        seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, _rows(game), state)
+        seen = game.observation(state).astype(np.int32) if self.inputs == "tokens" else with_efforts(game, _features(game), state)
         if self.masked:
             seen = np.concatenate([game.mask(state), seen], axis=1, dtype=np.float32)
         logits = np.asarray(self.function(seen), dtype=np.float64)
@@ -169,7 +169,7 @@ def save_network(module: Any, path: Path) -> None:
         PolicyError: the network has other modules.
         FileWriteError: the file cannot be written.
     """
-    parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _PASSED]
+    parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _NO_EFFECT]
     kinds = [type(part).__name__ for part in parts]
     functions = set(kinds[1::2])
     alternate = len(parts) % 2 == 1 and set(kinds[::2]) == {"Linear"}
@@ -226,8 +226,8 @@ def from_sb3(path: Path | str) -> Policy:
             if (size := archive.getinfo("policy.pth").file_size) > _LARGEST:
                 raise ValueError(f"{size:,} bytes of weights")
             arrays = _state_dictionary(archive.read("policy.pth"))
-            told = archive.read("data").decode() if archive.getinfo("data").file_size < _LARGEST else ""
-        named = re.search(r"torch\.nn\.modules\.activation\.(\w+)", told)
+            settings = archive.read("data").decode() if archive.getinfo("data").file_size < _LARGEST else ""
+        named = re.search(r"torch\.nn\.modules\.activation\.(\w+)", settings)
         values = "q_net.q_net.0.weight" in arrays
         function = _TORCH_NAMES.get(named[1], "") if named else ("relu" if values else "tanh")
         prefixes = ("q_net.q_net.",) if values else ("mlp_extractor.policy_net.", "action_net.")
@@ -266,7 +266,7 @@ def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
         ValueError: the weights form no chain, the activation is unknown, or a number is not finite.
     """
     if function not in FUNCTIONS:
-        raise ValueError(f"a function that is not known; expected one of {', '.join(FUNCTIONS)}")
+        raise ValueError(f"unknown activation; expected one of {', '.join(FUNCTIONS)}")
     names = [name.removesuffix(".weight") for name in arrays if name.endswith(".weight")]
     if all(name.isdigit() for name in names):
         names.sort(key=int)  # safetensors keeps no order
@@ -276,7 +276,7 @@ def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
         bias = arrays.get(f"{name}.bias", np.zeros(weight.shape[:1])).astype(np.float64)
         fits = weight.ndim == 2 and bias.shape == weight.shape[:1] and (not layers or layers[-1][0].shape[0] == weight.shape[1])
         if not fits:
-            raise ValueError(f"{name} is no linear layer that follows the one before")
+            raise ValueError(f"{name} does not fit the layer before")
         layers.append((weight, bias))
     known: Sequence[str] = [f"{name}.{part}" for name in names for part in ("weight", "bias")]
     if not layers or set(arrays) - set(known):

@@ -87,8 +87,8 @@ def register(
 
     Args:
         key: the part before the colon, or the whole name.
-        load: as the fields of :class:`Family`, like all that follow.
-        names: default: only ``key``.
+        load: see :class:`Family`.
+        names: see :class:`Family`; default: only ``key``.
         about: description of all names in one line, or a function from a name to its description.
         form, of_policies, from_data: see :class:`Family`.
 

@@ -21,7 +21,7 @@ Rules = Callable[[States], F64]
 """Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
 
 SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
-"""Take the serve short: a long one invites the smash."""
+"""Serves: short, because a long serve can be smashed."""
 
 ATTACK_ABOVE: Final = {
     "smash": 4.0,
@@ -35,7 +35,7 @@ ATTACK_ABOVE: Final = {
     "block": 0.5,
     "clear": -1.0,
 }
-"""Attacking, contact above the net: hit down; the harder the better; a clear gives the attack away."""
+"""Attacking, contact above the net: hit down and hard; a clear loses the attack."""
 ATTACK_BELOW: Final = {
     "net-shot": 2.5,
     "cross-court-net-shot": 2.5,
@@ -63,10 +63,9 @@ DEFEND: Final = {
     "cross-court-net-shot": 0.0,
     "smash": 0.0,
 }
-"""Defensive: lift high and deep from below; from above place the shuttle instead of hitting it hard; no risky angles at
-the net, and nothing hard but for a shuttle that sits on it."""
+"""Defensive: lift high and deep from below; soft strokes from above, except net kills; no risky angles at the net."""
 DEFEND_AGAINST_SMASH: Final = {"lift": 2.0, "block": 1.0, "drive": -1.0}
-"""Defensive, in addition, against a smash, half smash or net kill: lift it out to win time, or soak up its pace."""
+"""Defensive, in addition, against a smash, half smash or net kill: lift to gain time, or absorb the pace."""
 POWER: Final = ("smash", "half-smash", "net-kill")
 
 

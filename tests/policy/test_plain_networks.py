@@ -164,7 +164,7 @@ def test_files_of_others_never_run(
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ({"0.weight": torch.zeros(4, 59), "2.weight": torch.zeros(GAME.n_strokes, 5)}, "no linear layer that follows"),
+        ({"0.weight": torch.zeros(4, 59), "2.weight": torch.zeros(GAME.n_strokes, 5)}, "does not fit the layer before"),
         ({"0.weight": torch.zeros(GAME.n_strokes, 7)}, "it reads 7 numbers; expected the 59"),
         ({"0.weight": torch.full((GAME.n_strokes, 59), torch.nan)}, "not finite"),
         ({"0.weight": torch.zeros(GAME.n_strokes, 59), "norm": torch.zeros(3)}, "norm is no part of a chain"),
