@@ -13,7 +13,7 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
-from shuttle_marl.exact.sweeps import Chances, Weights, block_mean, played
+from shuttle_marl.exact.sweeps import Weights, block_mean, played
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -95,21 +95,16 @@ def induced(policy: StatePolicy) -> InducedChain:
     game = policy.game
     reward, largest = np.empty(game.n_states), 0.0
     weights: list[Weights] = []
-    tables: list[tuple[Chances, dict[int, int]]] = []
+    first_block: dict[tuple[int, bytes], int] = {}
     for block in range(game.n_blocks):
         level, states = block // game.levels, game.block_states(block)
         chance = policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
         # Most policies ignore the efforts, or all but their own: each table is stored once.
-        same = next((blocks for seen, blocks in tables if np.array_equal(seen, chance)), None)
-        if same is None:
-            same = {}
-            tables.append((chance, same))
-        if level in same:
-            twin = same[level]
+        twin = first_block.setdefault((level, chance.tobytes()), block)
+        if twin != block:
             weights.append(weights[twin])
             reward[states] = reward[game.block_states(twin)]
             continue
-        same[level] = block
         weight, reward[states], continuation = played(game, level, chance)
         weights.append(weight)
         continuation[:FIRST_RALLY_STATE] = 0.0
