@@ -57,7 +57,7 @@ class _Run:
         self.learner.prepare(remaining)
         data = self.collector.collect()
         if log is not None:
-            log.add(self.collector.sampler, 0, update)
+            log.record(self.collector.sampler, 0, update)
         self.learner.update(data, remaining)
         if log is not None:
             log.settle()

@@ -29,7 +29,7 @@ from websockets.sync.client import connect
 
 from benchmarks.machine import this_machine
 from shuttle_marl.watch.building import FILES, build
-from shuttle_marl.watch.video import browser_flags, browser_program
+from shuttle_marl.watch.server import browser_flags, browser_program
 
 _VIEWERS: Final = 50
 _WIDTH, _HEIGHT = 1680, 980

@@ -37,7 +37,7 @@ from shuttle_marl.game import load_game
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
-from shuttle_marl.policy import Scorer, bc
+from shuttle_marl.policy import Scorer, baselines
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
 """Values of TAU that are tried, beside infinity."""
@@ -94,7 +94,7 @@ def answers(game: Game, strokes: Strokes) -> Answers:
 
 def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
     """Strength and likeness of ``human:TAU`` for every TAU, None for infinity: ``bc``."""
-    prior = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    prior = PairPolicy(game=game, probability=baselines.probabilities(None, game))
     scorer, refits = Scorer(game), refits_of(game)
     found: list[dict[str, Any]] = []
     for tau in track([*TAUS, math.inf], "strength and likeness", console=console, transient=True):
@@ -116,13 +116,13 @@ def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
 
 def fitted_players(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
     """TAU of every player with a clone and enough strokes, most strokes first."""
-    average = PairPolicy(game=game, probability=bc.probabilities(None, game))
+    average = PairPolicy(game=game, probability=baselines.probabilities(None, game))
     names, counts = np.unique(real.strokes.rows.striker, return_counts=True)
     chosen = [str(names[i]) for i in np.argsort(-counts, kind="stable") if counts[i] >= LEAST_STROKES]
     found = []
-    for player in track([name for name in chosen if name in bc.players(game)], "players", console=console, transient=True):
+    for player in track([name for name in chosen if name in baselines.players(game)], "players", console=console, transient=True):
         mine = real.of(real.strokes.rows.striker == player)
-        own = PairPolicy(game=game, probability=bc.probabilities(player, game))
+        own = PairPolicy(game=game, probability=baselines.probabilities(player, game))
         policies = [solve_soft(own, average, tau=tau, tolerance=_TOLERANCE).policy[0].probability for tau in TAUS]
         losses = np.stack([mine.losses(probability) for probability in (*policies, own.probability)])
         found.append({"player": player, "matches": len(mine.strokes.matches), **fit(losses, mine.strokes.rally)})

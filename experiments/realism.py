@@ -26,7 +26,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import rows_of
 from shuttle_marl.game import load_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 
 RESAMPLES: Final = 2000
 
@@ -62,7 +62,7 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
 
 def simulated(model: str) -> dict[str, float]:
     """The same figures of behaviour cloning against itself, exactly."""
-    figures = play_statistics(bc.load(None, load_game(model)))
+    figures = play_statistics(baselines.load(None, load_game(model)))
     shares = {"mean rally": figures["mean_rally"], "fault share": figures["fault_share"], "winner share": figures["winner_share"]}
     return {**shares, **figures["shot_mix"]}
 

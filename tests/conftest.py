@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
-from shuttle_marl.watch.video import browser_flags
+from shuttle_marl.watch.server import browser_flags
 from tests.needs import chromium
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import node
-from shuttle_marl.watch.video import browser_program
+from shuttle_marl.watch.server import browser_program
 
 _BROWSER = Path(__file__).parent / "browser"
 

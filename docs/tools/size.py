@@ -68,7 +68,7 @@ def play():
         traced(lambda: train(config), {trace})
 """
 TRAINING_STEP: Final = _TRAINING.format(strokes=8, record="none", trace='begin="collect", end="save_checkpoint"')
-RECORDED_RALLY: Final = _TRAINING.format(strokes=32, record="all", trace='within="add"')
+RECORDED_RALLY: Final = _TRAINING.format(strokes=32, record="all", trace='within="record"')
 FRAME: Final = "watch/page/src/frame.ts"
 """Module of the page that draws one frame, relative to the package."""
 _TRACE: Final = """

@@ -14,7 +14,7 @@ from typing import Final
 from playwright.sync_api import Page, sync_playwright
 
 from shuttle_marl.files import replace_file
-from shuttle_marl.watch.video import browser_flags, browser_program
+from shuttle_marl.watch.server import browser_flags, browser_program
 
 FOLDER: Final = Path(__file__).parents[1] / "images"
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}

@@ -22,7 +22,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 
 Report = Callable[[str], None]
 _SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
@@ -49,7 +49,7 @@ class World:
 def shipped_world(model: str) -> World:
     """The world of a shipped model or of a model folder."""
     game = load_game(model)
-    return World(bc=bc.load(None, game), behind=load_support(model_folder(model)).strokes)
+    return World(bc=baselines.load(None, game), behind=load_support(model_folder(model)).strokes)
 
 
 class Fitter:

@@ -41,7 +41,7 @@ def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> 
         base_url: Base URL of the files.
         jobs: Number of concurrent downloads.
     """
-    from shuttle_marl.data.download import download as fetch  # noqa: PLC0415  only this command needs the network
+    from shuttle_marl.data.upstream import download as fetch  # noqa: PLC0415  only this command needs the network
 
     total = len(upstream.manifest())
     columns = (TextColumn("files"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

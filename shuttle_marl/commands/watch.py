@@ -114,9 +114,14 @@ def watch(
     from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
     from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
     from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
-    from shuttle_marl.watch.server import Server, application, bind, hosts_of  # noqa: PLC0415
+    from shuttle_marl.watch.server import (  # noqa: PLC0415
+        Server,
+        application,
+        bind,
+        check_video,
+        hosts_of,
+    )
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
-    from shuttle_marl.watch.video import check_video  # noqa: PLC0415
 
     console = cli.console(stderr=True)
     if video is not None:
@@ -172,7 +177,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
     from rich.progress import track  # noqa: PLC0415
 
-    from shuttle_marl.watch.video import write_video  # noqa: PLC0415
+    from shuttle_marl.watch.server import write_video  # noqa: PLC0415
 
     console = cli.console(stderr=True)
     running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

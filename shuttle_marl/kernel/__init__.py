@@ -9,8 +9,7 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.checks import KernelError
-    from shuttle_marl.kernel.learner import LearnerBatch
-    from shuttle_marl.kernel.learner_matches import LearnerMatchBatch
+    from shuttle_marl.kernel.learner import LearnerBatch, LearnerMatchBatch
     from shuttle_marl.kernel.lockstep import Matches, MatchResults
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.players import Players, pack
@@ -38,11 +37,10 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "checks": ("KernelError",),
         "lockstep": ("MatchResults", "Matches"),
-        "learner_matches": ("LearnerMatchBatch",),
         "matches": ("play_matches",),
         "players": ("Players", "pack"),
         "rally": ("RallyBatch", "Tally"),
         "sampling": ("Distinct", "RallySampler", "play_rallies"),
-        "learner": ("LearnerBatch",),
+        "learner": ("LearnerBatch", "LearnerMatchBatch"),
     },
 )

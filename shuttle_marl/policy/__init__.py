@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.policy.baselines import ScriptedPolicy
     from shuttle_marl.policy.foreign import FunctionPolicy
     from shuttle_marl.policy.plain_network import NetworkPolicy, from_network, from_sb3, save_network
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
     from shuttle_marl.policy.scorecard import SampledOdds, Scorecard, Scorer, sample
-    from shuttle_marl.policy.scripted import ScriptedPolicy
 
 __all__ = [
     "Family",

@@ -22,7 +22,7 @@ from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05
 """Cost of the listed KL-regularised equilibrium, which wins about as often as perfect play in refits of the game."""
@@ -118,8 +118,8 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     from shuttle_marl.exact.optimal import solve_soft  # noqa: PLC0415
     from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba
 
-    average = PairPolicy(game=game, probability=bc.probabilities(None, game))
-    own = average if player is None else PairPolicy(game=game, probability=bc.probabilities(player, game))
+    average = PairPolicy(game=game, probability=baselines.probabilities(None, game))
+    own = average if player is None else PairPolicy(game=game, probability=baselines.probabilities(player, game))
     priors = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
     return cached_table(
         game,
@@ -171,4 +171,4 @@ def load_human(argument: str | None, game: Game) -> Policy:
 
 def human_names(game: Game) -> tuple[str, ...]:
     """The listed name; TAU can be any number."""
-    return (f"human:{TYPICAL_TAU}",) if bc.known_for(game) else ()
+    return (f"human:{TYPICAL_TAU}",) if baselines.known_for(game) else ()

@@ -27,10 +27,10 @@ from shuttle_marl.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, bc, computed
+from shuttle_marl.policy import agents, baselines, computed
+from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module, limited
 from shuttle_marl.policy.plain_network import from_sb3, load_weights
-from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
 
 Load = Callable[[str | None, Game], Policy]
 Names = Callable[[Game], Iterable[str]]
@@ -303,14 +303,14 @@ def _with_argument(
 
 
 def _bc_names(game: Game) -> list[str]:
-    return ["bc", *(f"bc:{player}" for player in bc.players(game))] if bc.known_for(game) else []
+    return ["bc", *(f"bc:{player}" for player in baselines.players(game))] if baselines.known_for(game) else []
 
 
 def _about_bc(name: str) -> str:
     return "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated"
 
 
-register("bc", bc.load, _bc_names, about=_about_bc, from_data=True)
+register("bc", baselines.load, _bc_names, about=_about_bc, from_data=True)
 for _key, _rules in STYLES.items():
     _plain(_key, ScriptedPolicy(_rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
 _plain("random", UniformPolicy(), "every legal stroke equally likely")
@@ -327,7 +327,7 @@ _with_argument(
     "best-response:POLICY", "bc", "the name of a policy",
     lambda name, game: computed.best_response_policy(tabulate(resolve(name, game), game, name)),
     "best response to another policy, solved exactly",
-    names=lambda game: ("best-response:bc",) if bc.known_for(game) else (),
+    names=lambda game: ("best-response:bc",) if baselines.known_for(game) else (),
 )  # fmt: skip
 for _key in agents.ALGORITHMS:
     _load, _names = functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key)

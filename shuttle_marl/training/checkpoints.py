@@ -174,7 +174,7 @@ class RunLog:
         self._thread = ThreadPoolExecutor(1, "recording replays")
         self._pending: Future[Rallies] | None = None
 
-    def add(self, sampler: RallySampler, segment: int, update: int) -> None:
+    def record(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record the rallies of the last iteration; in self-play, only those from the serve without other opponents.
 
         A thread builds the columns while the learner learns; :meth:`settle` waits for it. If all rallies are recorded, the

@@ -323,7 +323,7 @@ class _Run:
 
         def collected() -> None:
             if log is not None:
-                log.add(trainer.collector.sampler, segment, self.iteration - 1)
+                log.record(trainer.collector.sampler, segment, self.iteration - 1)
 
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             with self._diverging():

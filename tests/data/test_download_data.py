@@ -20,7 +20,7 @@ import pytest
 
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import upstream
-from shuttle_marl.data.download import DownloadError, download
+from shuttle_marl.data.upstream import DownloadError, download
 
 CONTENT = {
     "ShuttleSet/set/match.csv": b"id,video\n",
@@ -89,7 +89,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 
 def fetch(server: Server, out: Path, **options: object) -> int:
-    settings: dict[str, Any] = {"base_url": server.url, "manifest": MANIFEST, "pause": 0.01, **options}
+    settings: dict[str, Any] = {"base_url": server.url, "hashes": MANIFEST, "pause": 0.01, **options}
     return download(out, **settings)
 
 
@@ -162,7 +162,7 @@ def test_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with http.server.HTTPServer(("127.0.0.1", 0), Handler) as closed:
         port = closed.server_port
     with pytest.raises(DownloadError, match=r"ConnectionRefusedError.*is this machine online\?"):
-        download(tmp_path, base_url=f"http://127.0.0.1:{port}", manifest=MANIFEST, retries=1, pause=0.01)
+        download(tmp_path, base_url=f"http://127.0.0.1:{port}", hashes=MANIFEST, retries=1, pause=0.01)
     assert files(tmp_path) == {}
 
 
@@ -178,7 +178,7 @@ def test_disk_full(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(pooch, "HTTPDownloader", FullDisk)
     with pytest.raises(DownloadError, match=r"set.*\.csv: cannot be written: No space left on device \(free some space\)"):
-        fetch(server, tmp_path, manifest={SPACED: MANIFEST[SPACED]})
+        fetch(server, tmp_path, hashes={SPACED: MANIFEST[SPACED]})
     assert files(tmp_path) == {}
 
 
@@ -203,8 +203,8 @@ def test_old_rests_are_removed(server: Server, tmp_path: Path) -> None:
 def test_killed_download_leaves_no_half_file_and_resumes(server: Server, tmp_path: Path) -> None:
     server.plan[SPACED] = ["hang"]
     script = (
-        "import pathlib, sys, shuttle_marl.data.download as d\n"
-        f"d.download(pathlib.Path(sys.argv[1]), base_url={server.url!r}, manifest={MANIFEST!r}, jobs=3)"
+        "import pathlib, sys, shuttle_marl.data.upstream as d\n"
+        f"d.download(pathlib.Path(sys.argv[1]), base_url={server.url!r}, hashes={MANIFEST!r}, jobs=3)"
     )
     process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
     try:

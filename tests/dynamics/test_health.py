@@ -17,7 +17,7 @@ from shuttle_marl.game.shipped import BC, default_game, model_folder
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 
 NAMES = (
     "short-serve:front-centre:below:backhand",
@@ -93,7 +93,7 @@ def test_minimax_of_a_game_solved_by_hand() -> None:
 
 def test_statistics_agree_with_sampled_rallies() -> None:
     game = default_game()
-    policy = bc.load(None, game)
+    policy = baselines.load(None, game)
     exact = play_statistics(policy)
     cumulative = policy.padded
     state = np.full(20_000, ROOT, dtype=np.int32)

@@ -22,7 +22,7 @@ from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_f
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import base_pairs
-from shuttle_marl.policy.bc import clones
+from shuttle_marl.policy.baselines import clones
 from shuttle_marl.tensor_files import read_tensors
 from tests.reduced import reduced_model
 

@@ -15,7 +15,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import VARIANTS, load_game, read_model_card, refits_of, variants
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 from tests.dynamics.test_fitting import SAMPLE
 
 TRUTH = {
@@ -67,10 +67,10 @@ def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.Mo
     assert len({game.hash, *(load_game(f"{name}:{variant}").hash for variant in card["variants"])}) == 5
     assert len(refits_of(game)) == 2
     # What is sure to be worse in one game is so in its refits: their tables are of the same layout and of the same world.
-    average = bc.load(None, game)
+    average = baselines.load(None, game)
     for refit in refits_of(game):
         away = TabulatedPolicy(game=refit, cumulative=average.cumulative)
-        assert evaluate(away, bc.load(None, refit)).odds().rally == pytest.approx(0.5, abs=0.01)
+        assert evaluate(away, baselines.load(None, refit)).odds().rally == pytest.approx(0.5, abs=0.01)
     assert (tmp_path / "model" / VARIANTS).stat().st_size < 3 * game.n_base_pairs * len(card["variants"])
     add_truth(tmp_path / "model", TRUTH)
     text = as_markdown(read_model_card(tmp_path / "model"))

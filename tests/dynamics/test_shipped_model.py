@@ -24,7 +24,7 @@ from shuttle_marl.dynamics.models import log_odds
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.shipped import NETWORKS, read_model_card
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 
 ULP = 1.0 / ONE
 
@@ -32,7 +32,7 @@ ULP = 1.0 / ONE
 @functools.cache
 def solved() -> dict:
     game = default_game()
-    return health(bc.load(None, game), load_support(model_folder()).strokes)
+    return health(baselines.load(None, game), load_support(model_folder()).strokes)
 
 
 def test_no_probability_leaves_what_its_data_carries() -> None:

@@ -5,7 +5,7 @@ import pytest
 from shuttle_marl.exact import Solution, solve
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.policy.bc import load
+from shuttle_marl.policy.baselines import load
 from tests.exact.value_iteration import ValueIteration
 from tests.reduced import reduced_game
 

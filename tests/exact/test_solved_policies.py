@@ -11,7 +11,7 @@ from safetensors.numpy import save_file
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
-from shuttle_marl.policy import bc, computed, registry
+from shuttle_marl.policy import baselines, computed, registry
 from shuttle_marl.policy.registry import Family, resolve
 from tests.exact.exact_games import hand_made, random_policy, with_probabilities
 from tests.reduced import reduced_game
@@ -32,11 +32,11 @@ def test_minimax_and_best_responses_have_names() -> None:
 
 def test_human_play_has_names() -> None:
     assert "human:0.05" in registry.names(GAME)
-    prior = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
+    prior = PairPolicy(game=GAME, probability=baselines.probabilities(None, GAME))
     expected = from_pair_probabilities(GAME, solve_soft(prior, tau=0.1).policy[0].probability)
     assert np.array_equal(cumulative("human:0.1"), expected.cumulative)
-    player = bc.players(GAME)[0]
-    own = PairPolicy(game=GAME, probability=bc.probabilities(player, GAME))
+    player = baselines.players(GAME)[0]
+    own = PairPolicy(game=GAME, probability=baselines.probabilities(player, GAME))
     expected = from_pair_probabilities(GAME, solve_soft(own, prior, tau=0.1).policy[0].probability)
     assert np.array_equal(cumulative(f"human:0.1:{player}"), expected.cumulative)
     assert np.array_equal(cumulative("human:1e9"), cumulative("bc"))

@@ -10,12 +10,12 @@ from experiments import human
 from experiments.truth.matches import Strokes, states_of, strokes_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import PairPolicy, solve_soft
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
-PRIOR = PairPolicy(game=GAME, probability=bc.probabilities(None, GAME))
+PRIOR = PairPolicy(game=GAME, probability=baselines.probabilities(None, GAME))
 TRUE_TAU = 0.1
 
 

@@ -16,7 +16,7 @@ from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally, pack, play_rallies
 from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _observe
-from shuttle_marl.policy.bc import load
+from shuttle_marl.policy.baselines import load
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game

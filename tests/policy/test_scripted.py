@@ -8,9 +8,9 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy import scripted
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.scripted import STYLES, ScriptedPolicy
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
@@ -75,7 +75,7 @@ def test_safe_play_faults_least() -> None:
 
 
 def test_points_of_safe_play_are_read_from_the_game() -> None:
-    points = scripted.safe(STATES)
+    points = baselines.safe(STATES)
     good, returned, above = GAME.stroke_probabilities()
     for pair in range(0, GAME.n_pairs, GAME.n_pairs // 50):
         row = np.searchsorted(PLAYABLE, GAME.pair_state[pair])
@@ -85,7 +85,7 @@ def test_points_of_safe_play_are_read_from_the_game() -> None:
 
 
 def test_the_opponent_stands_where_the_last_stroke_went() -> None:
-    distance = scripted.distance_from_opponent(STATES)
+    distance = baselines.distance_from_opponent(STATES)
     row = int(np.argmax(STATES.own < GAME.n_strokes))
     own = STATES.own[row]
     same_area = GAME.catalogue.area == GAME.catalogue.area[own]

@@ -27,7 +27,7 @@ from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
 from shuttle_marl.league import default_pool
-from shuttle_marl.policy import bc
+from shuttle_marl.policy import baselines
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.tensor_files import Tensors, read_tensors
 from shuttle_marl.training import PPOConfig, train
@@ -178,11 +178,11 @@ def test_commands_play_the_game_of_a_discipline(model: Path, tmp_path: Path, cap
 
 
 def test_the_average_player_of_a_discipline_plays_in_its_game(model: Path) -> None:
-    of_game, men, refit = (bc.load(None, load_game(f"{model}{end}")) for end in ("", ":men", ":1"))
+    of_game, men, refit = (baselines.load(None, load_game(f"{model}{end}")) for end in ("", ":men", ":1"))
     assert men.hash != of_game.hash
     assert refit.hash == of_game.hash
-    player = bc.clones(model).players[0]
-    assert len({bc.load(player, table.game).hash for table in (of_game, men)} | {men.hash}) == 3
+    player = baselines.clones(model).players[0]
+    assert len({baselines.load(player, table.game).hash for table in (of_game, men)} | {men.hash}) == 3
 
 
 def test_a_variant_of_the_shipped_model_is_known_to_another_process(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.video import check_video, write_video
+from shuttle_marl.watch.server import check_video, write_video
 
 FPS = 4
 

@@ -1,19 +1,33 @@
-"""The published data sets: addresses, hash of every file, licence, citations, players, and the fixed splits.
+"""The published data sets: download, hash of every file, licence, citations, players, and the fixed splits.
 
-The package contains the hashes, not the files.
+The package contains the hashes, not the files. A download checks every file, and resumes if it was interrupted.
 
 **Splits.** The test split is the twelve matches of ShuttleSet22 in ``splits.json``; nothing is fitted or chosen on them. The
 validation split was sampled once from the others, by match: the first of each stratum (data set x discipline) in the order of the
 SHA-256 of their names, 14 in all. The training split is the rest.
 """
 
+import concurrent.futures
+import contextlib
+import errno
 import functools
 import hashlib
 import json
-from collections.abc import Sequence
+import os
+import tempfile
+import threading
+import time
+import urllib.parse
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Final, Literal, get_args
+
+import pooch
+import requests
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
 
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
@@ -96,3 +110,132 @@ def player_id(name: str) -> str:
 def discipline(player: str) -> str | None:
     """``MS``, ``WS``, or None for an unpublished player."""
     return players().get(player)
+
+
+TIMEOUT: Final = (10.0, 30.0)
+"""Timeouts of connection and response [s]."""
+_TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
+_RESUME: Final = "complete files are kept: run the same command again to continue"
+_STALE: Final = 3600.0
+
+
+class DownloadError(ShuttleError):
+    """A file that cannot be downloaded."""
+
+
+def download(
+    out: Path,
+    *,
+    base_url: str = BASE_URL,
+    hashes: Mapping[str, str] | None = None,
+    jobs: int = 8,
+    retries: int = 3,
+    pause: float = 1.0,
+    on_file: Callable[[int, int], None] | None = None,
+) -> int:
+    """Download every file of the manifest that is missing or has another hash.
+
+    Files are written to a temporary name, checked, and renamed, so a killed download leaves no incomplete file.
+
+    Args:
+        out: output folder.
+        base_url: base URL; the paths of the manifest are appended.
+        hashes: SHA-256 by path; None: that of the published data.
+        jobs: number of concurrent downloads.
+        retries: retries after a broken connection, a busy server or a wrong hash.
+        pause: seconds before the first retry; doubled each time.
+        on_file: called with (number of complete files, number of files) after each file.
+
+    Returns:
+        Number of downloaded files.
+
+    Raises:
+        DownloadError: no connection, an HTTP error, a wrong hash after all retries, or a file cannot be written.
+    """
+    files = dict(manifest() if hashes is None else hashes)
+    stop = threading.Event()
+
+    def ensure_file(path: str) -> bool:
+        target = out / path
+        if stop.is_set() or (target.is_file() and pooch.file_hash(str(target)) == files[path]):
+            return False
+        url = f"{base_url.rstrip('/')}/{urllib.parse.quote(path)}"
+        _fetch(url, target, files[path], retries=retries, pause=pause, stop=stop)
+        return True
+
+    fetched = 0
+    with concurrent.futures.ThreadPoolExecutor(max(1, jobs)) as pool:
+        futures = [pool.submit(ensure_file, path) for path in files]
+        try:
+            for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
+                fetched += future.result()
+                if on_file is not None:
+                    on_file(done, len(files))
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+    replace_file(out / "LICENSE", licence().encode())
+    return fetched
+
+
+def _fetch(url: str, target: Path, digest: str, *, retries: int, pause: float, stop: threading.Event) -> None:
+    """Download one file, with retries of transient failures."""
+    for attempt in range(retries + 1):
+        try:
+            _fetch_once(url, target, digest)
+            return
+        except _TransientError as error:
+            # After a stop, the error of the file that failed is reported instead.
+            if attempt == retries or stop.wait(pause * 2**attempt):
+                raise DownloadError(f"{error}; gave up after {attempt + 1} tries; {_RESUME}") from error
+
+
+class _TransientError(Exception):
+    """A failure that may be transient."""
+
+
+def _fetch_once(url: str, target: Path, digest: str) -> None:
+    temporary = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale(target)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            pooch.HTTPDownloader(timeout=TIMEOUT)(url, file, None)
+            file.flush()
+            os.fsync(file.fileno())
+        got = pooch.file_hash(temporary)
+        if got != digest:
+            raise _TransientError(f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit")
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    except requests.HTTPError as error:
+        message = f"{url}: {error}"
+        if error.response is not None and error.response.status_code in _TRANSIENT:
+            raise _TransientError(message) from error
+        raise DownloadError(f"{message}; is --base-url right? {_RESUME}") from error
+    except requests.RequestException as error:  # a subclass of OSError: it must come first
+        raise _TransientError(f"{url}: no answer ({_cause(error)}); is this machine online?") from error
+    except OSError as error:
+        full = " (free some space)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        raise DownloadError(f"{target}: cannot be written: {error.strerror}{full}; {_RESUME}") from error
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove temporary files of killed downloads; recent ones may belong to a running download."""
+    for partial in target.parent.glob(f".{target.name}.*.part"):
+        with contextlib.suppress(OSError):
+            if time.time() - partial.stat().st_mtime > _STALE:
+                partial.unlink()
+
+
+def _cause(error: BaseException) -> str:
+    """The innermost cause of a network error, the most specific one."""
+    while error.__cause__ or error.__context__:
+        error = error.__cause__ or error.__context__ or error
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

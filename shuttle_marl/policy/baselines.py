@@ -1,0 +1,269 @@
+"""Baseline policies: behaviour-cloned players, and scripted styles. Runs without torch.
+
+The behaviour-cloning model predicts the shot type, technique and target area of the average player in every state; the model of a
+player adds shrunken shifts to these logits (:mod:`shuttle_marl.dynamics.players`). As policies, both are restricted to the legal
+strokes.
+
+Scripted styles play the softmax of points: a stroke with one more point is played e (2.7) times as often. Their rules depend on
+shot types, target areas, contact, incoming shot, and the position of the opponent, who struck where one's own last stroke landed.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from shuttle_marl.arrays import F32, F64, I64
+from shuttle_marl.game.court import N_AREAS, area_centre
+from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.shipped import BC, PROFILES, folder_of, origin_of, read_model
+from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.policy.plain_network import legal_softmax
+from shuttle_marl.tensor_files import checked, parsed
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class BehaviourClones:
+    """The behaviour-cloned players of one game.
+
+    Attributes:
+        log_choice: ``[base pairs]`` unnormalised log-probability of each base pair for the average player.
+        profiles: the same for the average player of each discipline, by name (:data:`~shuttle_marl.game.shipped.PROFILES`).
+        players: M identifiers.
+        style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
+        area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
+    """
+
+    log_choice: F32
+    profiles: dict[str, npt.NDArray[np.float16]]
+    players: tuple[str, ...]
+    style: F64
+    area: F64
+
+    def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> F64:
+        """``[base pairs]`` probability of each base pair in its state, which does not depend on the efforts.
+
+        Args:
+            game: the game.
+            player: identifier; None: the average player.
+            profile: discipline of the average player; None, or a discipline without one: the average of both.
+        """
+        logit = self.profiles.get(profile or "", self.log_choice).astype(np.float64)
+        if player is not None:
+            m = self.players.index(player)
+            stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
+            shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
+            # 13 means "no stroke yet", as in the models.
+            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(state)]
+            logit = logit + self.style[m, incoming, game.contact(state), shot, technique] + self.area[m, shot, technique, area]
+        weight = np.exp(logit)
+        return np.asarray(weight / np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state])
+
+
+@functools.cache
+def clones(folder: Path) -> BehaviourClones:
+    """Read the players of a model folder.
+
+    Raises:
+        PolicyError: the file is missing or damaged.
+    """
+    path = folder / BC
+    try:
+        header, arrays = read_model(folder, BC)
+        players = parsed(header["players"])
+        if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
+            raise ValueError("the players are not a list of names")
+        m = len(players)
+        pairs = arrays["log_choice"].shape[:1]
+        of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
+        return BehaviourClones(
+            log_choice=checked(arrays["log_choice"], np.float32, pairs),
+            profiles={name: checked(arrays[key], np.float16, pairs) for name, key in of_profiles.items() if key in arrays},
+            players=tuple(players),
+            style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
+            area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
+        )
+    except GameError as error:
+        raise PolicyError(str(error)) from error
+    except (OSError, KeyError, ValueError) as error:
+        raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
+
+
+def known_for(game: Game) -> bool:
+    """Whether the model of a game has behaviour-cloned players."""
+    folder = folder_of(game)
+    return folder is not None and (folder / BC).is_file()
+
+
+def players(game: Game) -> list[str]:
+    """Identifiers of the individual players of the model of a game, most strokes first; empty for other games."""
+    folder = folder_of(game)
+    return [] if folder is None else list(clones(folder).players)
+
+
+def probabilities(player: str | None, game: Game) -> F64:
+    """``[base pairs]`` positive probability of each legal pair, for the average player (None) or an individual.
+
+    Raises:
+        PolicyError: there is no such player, or the game was not loaded from a model.
+    """
+    origin = origin_of(game)
+    if origin is None:
+        raise PolicyError("behaviour-cloned players belong to a model; this game was not loaded from one")
+    known = clones(origin.folder)
+    if known.log_choice.shape != (game.n_base_pairs,):
+        raise PolicyError(f"{origin.folder / BC}: its players are not of the game beside it; fit or install the model again")
+    if player is not None and player not in known.players:
+        raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")
+    return known.pair_probabilities(game, player, origin.variant)
+
+
+@functools.lru_cache(maxsize=8)
+def load(player: str | None, game: Game) -> TabulatedPolicy:
+    """The average player (None) or an individual as a table.
+
+    Raises:
+        PolicyError: as :func:`probabilities`.
+    """
+    return from_pair_probabilities(game, np.tile(probabilities(player, game), game.n_blocks))
+
+
+Rules = Callable[[States], F64]
+"""Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
+
+SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
+"""Serves: short, because a long serve can be smashed."""
+
+ATTACK_ABOVE: Final = {
+    "smash": 4.0,
+    "net-kill": 4.0,
+    "half-smash": 3.0,
+    "drop": 2.0,
+    "push": 2.0,
+    "drive": 1.5,
+    "net-shot": 1.0,
+    "cross-court-net-shot": 1.0,
+    "block": 0.5,
+    "clear": -1.0,
+}
+"""Attacking, contact above the net: hit down and hard; a clear loses the attack."""
+ATTACK_BELOW: Final = {
+    "net-shot": 2.5,
+    "cross-court-net-shot": 2.5,
+    "push": 2.0,
+    "drive": 2.0,
+    "block": 1.5,
+    "drop": 1.0,
+    "clear": -1.0,
+    "lift": -1.0,
+}
+"""Attacking, contact below the net: keep the shuttle flat or tight, so that the opponent has to lift."""
+
+DEFEND: Final = {
+    "short-serve": 2.0,
+    "long-serve": 0.0,
+    "net-kill": 4.0,
+    "lift": 3.5,
+    "drop": 1.5,
+    "net-shot": 2.0,
+    "half-smash": 2.0,
+    "clear": 1.0,
+    "block": 1.0,
+    "push": 0.5,
+    "drive": 0.0,
+    "cross-court-net-shot": 0.0,
+    "smash": 0.0,
+}
+"""Defensive: lift high and deep from below; soft strokes from above, except net kills; no risky angles at the net."""
+DEFEND_AGAINST_SMASH: Final = {"lift": 2.0, "block": 1.0, "drive": -1.0}
+"""Defensive, in addition, against a smash, half smash or net kill: lift to gain time, or absorb the pace."""
+POWER: Final = ("smash", "half-smash", "net-kill")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ScriptedPolicy:
+    """Softmax over the points of each stroke.
+
+    Attributes:
+        points: the rules.
+    """
+
+    points: Rules
+
+    def probabilities(self, states: States) -> F64:
+        """``[B, n]`` softmax of the points over the legal strokes."""
+        return legal_softmax(self.points(states), states.mask)
+
+
+def attacking(states: States) -> F64:
+    """Hit down from above, stay flat or tight from below, serve short, and send the opponent running.
+
+    Each metre between the opponent and the target gives 0.5 points.
+    """
+    shot = states.game.catalogue.shot
+    above = states.contact[:, None] == 1
+    preference = np.where(above, _by_shot(ATTACK_ABOVE)[shot], _by_shot({**ATTACK_BELOW, **SERVE})[shot])
+    return preference + 0.5 * distance_from_opponent(states)
+
+
+def defensive(states: States) -> F64:
+    """Play high and deep, absorb the smash, and aim at the centre so that the opponent gets no angle.
+
+    A target off the centre line costs a point, and a lift, clear or long serve that is not deep costs 2 points.
+    """
+    catalogue = states.game.catalogue
+    points = _by_shot(DEFEND)[catalogue.shot]
+    points = points - (catalogue.area % 3 != 1)
+    high = np.isin(catalogue.shot, [SHOTS.index(name) for name in ("lift", "clear", "long-serve")])
+    points = points - 2.0 * (high & (catalogue.area // 3 != 2))
+    smashed = np.isin(_incoming_shot(states), [SHOTS.index(name) for name in POWER])
+    return points + smashed[:, None] * _by_shot(DEFEND_AGAINST_SMASH)[catalogue.shot]
+
+
+def safe(states: States) -> F64:
+    """Keep the shuttle in play, and the opponent from hitting down.
+
+    Each percentage point less of the probability of a fault gives 1 point, each one less of the probability that the opponent
+    returns the shuttle from above the net 0.1, and each one of the probability that it is not returned at all 0.05. The
+    probabilities are read from the game itself.
+    """
+    game = states.game
+    row, pair = game.pairs(states.state)
+    fault, winner, below = game.limits_of(pair).T.astype(np.float64) / ONE  # cumulative
+    points = np.zeros((len(states), game.n_strokes))
+    points[row, game.base_pair_stroke[pair % game.n_base_pairs]] = (
+        100.0 * (1 - fault) - 10.0 * (1 - below) + 5.0 * (winner - fault)
+    )
+    return points
+
+
+STYLES: Final[Mapping[str, Rules]] = {"attacking": attacking, "defensive": defensive, "safe": safe}
+"""The rule sets by the name of the policy."""
+
+
+def distance_from_opponent(states: States) -> F64:
+    """``[B, n]`` metres between the opponent and the centre of each stroke's target area; 0 where no one has moved yet.
+
+    The opponent is taken to stand at the centre of the area to which the striker's own last stroke went.
+    """
+    catalogue = states.game.catalogue
+    target = area_centre(catalogue.area)
+    between = np.linalg.norm(target[:, None] - target[None], axis=-1)
+    return np.vstack([between, np.zeros(len(catalogue))])[states.own]
+
+
+def _by_shot(points: Mapping[str, float]) -> F64:
+    """``[13]`` points of every shot type, 0 for those that are not named."""
+    return np.array([points.get(name, 0.0) for name in SHOTS])
+
+
+def _incoming_shot(states: States) -> I64:
+    """``[B]`` shot type of the incoming stroke, -1 when serving."""
+    return np.r_[states.game.catalogue.shot.astype(np.int64), -1][states.incoming]
