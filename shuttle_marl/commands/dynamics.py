@@ -104,7 +104,10 @@ def card(
     if truth is not None:
         add_truth(model_folder(model), _read_json(truth))
     content = read_model_card(model_folder(model))
-    sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
+    try:
+        sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
     if plot is not None:
         plot_reliability(content, plot)
 

@@ -125,14 +125,28 @@ class Learner(abc.ABC):
         return tensors
 
     def load_state_dict(self, tensors: Tensors) -> None:
-        """Restore the output of :meth:`state_dict`."""
+        """Restore the output of :meth:`state_dict`.
+
+        Raises:
+            KeyError, ValueError, RuntimeError: tensors are missing, or have other shapes or dtypes.
+        """
         for name, module in self.modules.items():
-            module.load_state_dict(with_prefix(name, tensors))
+            found, present = with_prefix(name, tensors), module.state_dict()
+            for part, tensor in present.items():
+                if found[part].shape != tensor.shape or found[part].dtype != tensor.dtype:
+                    raise ValueError(f"{name}.{part}: {found[part].dtype} of shape {tuple(found[part].shape)}")
+            # Indices of embeddings follow from the game; those of a damaged file could lead out of the tables.
+            module.load_state_dict(found | {part: tensor for part, tensor in present.items() if part.endswith("attributes")})
         for name, optimizer in self.optimizers.items():
+            parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
             moments: dict[int, dict[str, torch.Tensor]] = {}
             for part, tensor in with_prefix(name, tensors).items():
                 number, _, entry = part.partition(".")
                 moments.setdefault(int(number), {})[entry] = tensor
+            for index, entries in moments.items():
+                moments_have_shape = [entries[entry].shape == parameters[index].shape for entry in ("exp_avg", "exp_avg_sq")]
+                if not all(moments_have_shape) or entries["step"].shape != ():
+                    raise ValueError(f"{name}.{index}: moments of other shapes than the weights")
             optimizer.load_state_dict({"state": moments, "param_groups": optimizer.state_dict()["param_groups"]})
 
 
