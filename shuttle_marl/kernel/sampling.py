@@ -103,8 +103,8 @@ class RallySampler:
     Args:
         game: the game.
         opponents: tabulated opponents; none: self-play.
-        decay: lambda of the advantages.
-        age: iterations for which cached network outputs are reused.
+        gae_lambda: lambda of the advantages, from 0 to 1.
+        cache_iterations: iterations for which cached network outputs are reused.
         shaping: ``[L * base pairs]`` addition to the learner's reward, by own effort and base pair; None: no shaping.
 
     Raises:
@@ -116,13 +116,15 @@ class RallySampler:
         game: Game,
         opponents: Sequence[TabulatedPolicy] = (),
         *,
-        decay: float = 1.0,
-        age: int = 1,
+        gae_lambda: float = 1.0,
+        cache_iterations: int = 1,
         shaping: Floats | None = None,
     ) -> None:
-        if not 0 <= decay <= 1 or age < 1:
-            raise KernelError(f"decay {decay}, age {age}: expected 0 to 1, and 1 iteration or more")
-        self.game, self._decay, self._age = game, float(decay), age
+        if not 0 <= gae_lambda <= 1 or cache_iterations < 1:
+            raise KernelError(
+                f"gae_lambda {gae_lambda}, cache_iterations {cache_iterations}: expected 0 to 1, and 1 iteration or more"
+            )
+        self.game, self._gae_lambda, self._cache_iterations = game, float(gae_lambda), cache_iterations
         self._tables = tables_of(game)
         players = empty_players(game, 1)
         if opponents:
@@ -265,14 +267,14 @@ class RallySampler:
     @property
     def _oldest(self) -> int:
         """First iteration whose entries may be used."""
-        return max(1, self._now - self._age + 1)
+        return max(1, self._now - self._cache_iterations + 1)
 
     def _finish(self, numbers: I64, assess: Assess) -> None:
         """Play these rallies to their end and add them up."""
         while len(numbers):
             pending = Pending(np.empty_like(numbers), np.empty(len(numbers), np.int32))
             collected = Collected(self._sums, self.strokes, self._listed, self._tape)
-            credit = Credit(self._decay, self._shaping)
+            credit = Credit(self._gae_lambda, self._shaping)
             args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
             shortage = collect(*args)
             if shortage.small == TOO_LONG:

@@ -101,11 +101,11 @@ class Credit(NamedTuple):
     """Rewards and advantages of the learner.
 
     Attributes:
-        decay: lambda of the advantages.
+        gae_lambda: lambda of the advantages.
         shaping: ``[L * base pairs]`` addition to the reward of a stroke, or ``[0]``.
     """
 
-    decay: float
+    gae_lambda: float
     shaping: F32
 
 
@@ -200,14 +200,20 @@ def _add(learned: Learned, collected: Collected, at: int, stroke: _Stroke) -> No
 
 
 @inlined
+def _advantage(reward: float, value: float, next_value: float, next_advantage: float, gamma: float, gae_lambda: float) -> float:
+    """Generalised advantage of Schulman et al. 2016, eq. 16: delta = r + gamma V(s') - V(s), A = delta + gamma lambda A'."""
+    return reward + gamma * next_value - value + gamma * gae_lambda * next_advantage
+
+
+@inlined
 def _credit_both(
     learned: Learned, collected: Collected, first: int, rallies: BlockRallies, i: int, reward: float, credit: Credit
 ) -> None:
-    """Add all strokes of a rally of self-play; each value is that of its striker."""
+    """Add all strokes of a rally of self-play, backwards; each value is that of its striker, so gamma is -1."""
     a, after, following, won = 0.0, 0.0, -1, reward
     for t in range(rallies.length[i] - 1, -1, -1):
         s = rallies.state[i, t]
-        a = won - after - learned.value[s] - credit.decay * a
+        a = _advantage(won, learned.value[s], after, a, -1.0, credit.gae_lambda)
         at = first + t if first >= 0 else -1
         _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
         after, following, won = learned.value[s], s, 0.0
@@ -225,7 +231,7 @@ def _credit_learner(
         s = rallies.state[i, t]
         if credit.shaping.size > 0:
             won += credit.shaping[rallies.limit[i, t]]
-        a = won + after - learned.value[s] + credit.decay * a
+        a = _advantage(won, learned.value[s], after, a, 1.0, credit.gae_lambda)
         at = first + j if first >= 0 else -1
         _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
         after, following, won = learned.value[s], s, 0.0

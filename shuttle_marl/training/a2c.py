@@ -1,7 +1,7 @@
 """Advantage actor-critic: Mnih et al. 2016, arXiv 1602.01783, the synchronous form, with one gradient step per iteration.
 
-The advantages A are generalised (Schulman et al. 2016, arXiv 1506.02438); the collector computes them
-(:mod:`shuttle_marl.training.learner`):
+The advantages A_t = delta_t + gamma lambda A_{t+1} are generalised (Schulman et al. 2016, arXiv 1506.02438); the collector
+computes them (:mod:`shuttle_marl.training.learner`):
 
     loss = -E[log pi(a|s) A] + c_1 E[(V(s) - V_target(s))^2] - c_2 E[H(pi(.|s))].
 """

@@ -298,8 +298,8 @@ class RallyCollector(BaseCollector):
         super().__init__()
         self._config, self._predict, self._distinct = config, predict, distinct
         options: dict[str, Any] = {
-            "decay": config.gae_lambda,
-            "age": config.cache_iterations,
+            "gae_lambda": config.gae_lambda,
+            "cache_iterations": config.cache_iterations,
             "shaping": added_rewards(config, game) if config.shapes_rewards else None,
         }
         device = torch.device(config.device)

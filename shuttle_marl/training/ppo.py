@@ -1,8 +1,10 @@
 """Proximal policy optimisation: Schulman, Wolski, Dhariwal, Radford & Klimov 2017, arXiv 1707.06347.
 
-The clipped surrogate objective of eq. 7, with the generalised advantages of Schulman et al. 2016 (arXiv 1506.02438), which the
-collector computes (:mod:`shuttle_marl.training.learner`):
+The clipped surrogate objective of eq. 7, with generalised advantages (Schulman et al. 2016, arXiv 1506.02438). The collector
+computes them backwards through each rally (:mod:`shuttle_marl.training.learner`); gamma is 1 against opponents, and -1 in
+self-play, where the next state is the opponent's:
 
+    delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1},    V_target(s_t) = A_t + V(s_t),
     L_CLIP = E[min(rho A, clip(rho, 1 - epsilon, 1 + epsilon) A)],    rho = pi(a|s) / pi_old(a|s),
     loss = -L_CLIP + c_1 E[(V(s) - V_target(s))^2] - c_2 E[H(pi(.|s))].
 """

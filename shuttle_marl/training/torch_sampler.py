@@ -106,8 +106,8 @@ class TorchSampler(RallySampler):
         game: the tables.
         opponents: tabulated opponents; none: self-play.
         device: PyTorch device.
-        decay: lambda of the advantages.
-        age: iterations for which an entry of the table may be used.
+        gae_lambda: lambda of the advantages, from 0 to 1.
+        cache_iterations: iterations for which cached network outputs are reused.
         shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
 
     Raises:
@@ -120,8 +120,8 @@ class TorchSampler(RallySampler):
         opponents: Sequence[TabulatedPolicy] = (),
         *,
         device: torch.device | str,
-        decay: float = 1.0,
-        age: int = 1,
+        gae_lambda: float = 1.0,
+        cache_iterations: int = 1,
         shaping: Floats | None = None,
     ) -> None:
         self._device = torch.device(device)
@@ -137,7 +137,7 @@ class TorchSampler(RallySampler):
         self._written = torch.zeros(game.n_states, dtype=torch.int32, device=self._device)
         self._parts: list[_Learners] = []
         self._collected = _Learners(*(torch.zeros(0, dtype=torch.int64, device=self._device) for _ in _Learners._fields))
-        super().__init__(game, opponents, decay=decay, age=age, shaping=shaping)
+        super().__init__(game, opponents, gae_lambda=gae_lambda, cache_iterations=cache_iterations, shaping=shaping)
         self._added = self._there(self._shaping)
         # States without a table entry need a legal stroke too, although it does not count.
         self._learned.players.cumulative[0, game.last_pairs] = CHOICE_ONE
@@ -291,7 +291,7 @@ class TorchSampler(RallySampler):
             state: ``[N]`` state s.
             t: ``[N]`` number within the rally.
         """
-        value, weight = self._value[state].double(), sign * self._decay
+        value, weight = self._value[state].double(), sign * self._gae_lambda
         advantage = torch.zeros(len(t) + 1, dtype=torch.float64, device=self._device)
         advantage[:-1] = gain + sign * value.roll(-1) - value
         # All strokes with the same number at once, backwards from the last number.

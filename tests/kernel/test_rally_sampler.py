@@ -121,7 +121,7 @@ def gae_by_hand(sampler: RallySampler, assess: Assess, decay: float, both: bool)
 @pytest.mark.parametrize("both", [False, True])
 def test_advantages_are_those_of_the_recursion(both: bool) -> None:
     assess = network(2)
-    sampler = RallySampler(GAME, () if both else (RANDOM,), decay=0.7)
+    sampler = RallySampler(GAME, () if both else (RANDOM,), gae_lambda=0.7)
     sampler.collect(3000, assess)
     expected = gae_by_hand(sampler, assess, 0.7, both)
     found = sampler.take()
@@ -134,7 +134,7 @@ def test_advantages_are_those_of_the_recursion(both: bool) -> None:
 
 @pytest.mark.parametrize("opponents", [(), (RANDOM,)], ids=["self-play", "fixed"])
 def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[TabulatedPolicy, ...]) -> None:
-    sampler = RallySampler(GAME, opponents, decay=0.6)
+    sampler = RallySampler(GAME, opponents, gae_lambda=0.6)
     sampler.collect(5000, network(3), keep=True)
     strokes, found = sampler.strokes, sampler.take()
     assert len(strokes.state) == found.strokes == sampler.count
@@ -161,9 +161,9 @@ def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[Tabulated
 
 
 def test_every_state_is_played_as_the_network_then_was() -> None:
-    """With an age of 1; older entries are played with the probabilities that they say."""
+    """With cached outputs of one iteration; older entries are played with the probabilities that they say."""
     for age in (1, 5):
-        sampler = RallySampler(GAME, [RANDOM], age=age)
+        sampler = RallySampler(GAME, [RANDOM], cache_iterations=age)
         stale = 0
         for iteration in range(4):
             assess = network(iteration)
@@ -179,7 +179,7 @@ def test_every_state_is_played_as_the_network_then_was() -> None:
 def test_the_same_seed_and_network_play_the_same() -> None:
     found = []
     for _ in range(2):
-        sampler = RallySampler(GAME, [RANDOM], age=3)
+        sampler = RallySampler(GAME, [RANDOM], cache_iterations=3)
         for number in range(3):
             sampler.collect(1500, network(number))
         sampler.reset(7, sampler.known)
@@ -187,7 +187,7 @@ def test_the_same_seed_and_network_play_the_same() -> None:
         found.append(sampler.take())
     assert found[0].strokes == found[1].strokes
     assert (found[0].advantage == found[1].advantage).all()
-    other = RallySampler(GAME, [RANDOM], age=3)
+    other = RallySampler(GAME, [RANDOM], cache_iterations=3)
     other.reset(7, np.unique(found[0].state))
     other.collect(1500, network(9))
     assert other.take().strokes == found[0].strokes
@@ -274,10 +274,10 @@ def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch
 
 
 def test_numbers_that_cannot_be_meant_are_refused() -> None:
-    with pytest.raises(KernelError, match="decay"):
-        RallySampler(GAME, decay=1.5)
-    with pytest.raises(KernelError, match="age"):
-        RallySampler(GAME, age=0)
+    with pytest.raises(KernelError, match="gae_lambda"):
+        RallySampler(GAME, gae_lambda=1.5)
+    with pytest.raises(KernelError, match="cache_iterations"):
+        RallySampler(GAME, cache_iterations=0)
     with pytest.raises(KernelError, match="shaping"):
         RallySampler(GAME, shaping=np.zeros(3, np.float32))
     sampler = RallySampler(GAME)

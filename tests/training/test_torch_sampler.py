@@ -72,11 +72,11 @@ def test_the_draws_are_those_of_the_game(device: str) -> None:
 
 SHAPING = np.random.default_rng(1).uniform(-0.2, 0.2, GAME.limits[..., 0].size).astype(np.float32)
 MET: dict[str, tuple[tuple[TabulatedPolicy, ...], dict[str, Any]]] = {
-    "self-play": ((), {"decay": 0.8, "age": 4}),
-    "fixed": ((BC,), {"decay": 0.7, "age": 8}),
-    "shaped": ((RANDOM,), {"decay": 0.95, "shaping": SHAPING}),
-    "many": ((RANDOM, BC, SAFE), {"decay": 1.0, "age": 2, "shaping": SHAPING}),
-    "without-trace": ((BC, RANDOM), {"decay": 0.0}),
+    "self-play": ((), {"gae_lambda": 0.8, "cache_iterations": 4}),
+    "fixed": ((BC,), {"gae_lambda": 0.7, "cache_iterations": 8}),
+    "shaped": ((RANDOM,), {"gae_lambda": 0.95, "shaping": SHAPING}),
+    "many": ((RANDOM, BC, SAFE), {"gae_lambda": 1.0, "cache_iterations": 2, "shaping": SHAPING}),
+    "without-trace": ((BC, RANDOM), {"gae_lambda": 0.0}),
 }
 
 
@@ -118,7 +118,7 @@ def test_a_hundred_thousand_rallies_of_the_shipped_game(device: str) -> None:
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("opponents", [(), (BC,)], ids=["self-play", "fixed"])
 def test_the_strokes_one_by_one_are_the_same(opponents: tuple[TabulatedPolicy, ...], device: str) -> None:
-    pair = RallySampler(GAME, opponents, decay=0.6), TorchSampler(GAME, opponents, device=device, decay=0.6)
+    pair = RallySampler(GAME, opponents, gae_lambda=0.6), TorchSampler(GAME, opponents, device=device, gae_lambda=0.6)
     for iteration in range(3):
         for sampler in pair:
             # In a first iteration the kernel's list may grow, and rallies that wait for that come later.
@@ -165,7 +165,7 @@ def test_sums_do_not_depend_on_the_order(device: str) -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_after_a_network_that_failed_its_states_are_asked_for_again(device: str) -> None:
-    pair = RallySampler(GAME, age=5), TorchSampler(GAME, device=device, age=5)
+    pair = RallySampler(GAME, cache_iterations=5), TorchSampler(GAME, device=device, cache_iterations=5)
     for sampler in pair:
         sampler.collect(500, network(0))
         sampler.take()
