@@ -1,6 +1,10 @@
 """Base class of errors that users can fix, and errors, checks and text functions that several packages share."""
 
 import operator
+import shlex
+import shutil
+import sys
+from pathlib import Path
 from typing import Any
 
 
@@ -54,3 +58,18 @@ def printable(text: str, *, keep: str = "") -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def command(name: str, *arguments: str) -> str:
+    """A command line of the package that works as printed: it names the interpreter in use, and is quoted.
+
+    Args:
+        name: command, such as ``watch``.
+        *arguments: its arguments.
+    """
+    here, found = Path(sys.executable).absolute(), shutil.which("python")
+    if found is not None and Path(found).absolute().parent == here.parent:
+        python = "python"
+    else:
+        python = str(here.relative_to(Path.cwd())) if here.is_relative_to(Path.cwd()) else str(here)
+    return " ".join(shlex.quote(printable(word)) for word in (python, "-m", f"shuttle_marl.{name}", *arguments))

@@ -21,7 +21,7 @@ from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import Report, load_account, provenance_of, write_parquet
 from shuttle_marl.data.table import validate as check
 from shuttle_marl.data.upstream import SPLITS, Split
-from shuttle_marl.errors import printable
+from shuttle_marl.errors import command, printable
 from shuttle_marl.files import replace_file
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
@@ -95,7 +95,7 @@ def template(*, out: Path) -> None:
         cli.check_free(out / name)
     for name, content in contents.items():
         replace_file(out / name, content.encode())
-    sys.stdout.write(f"{printable(str(out))}: {', '.join(contents)}; try `python -m shuttle_marl.data import`\n")
+    sys.stdout.write(f"{printable(str(out))}: {', '.join(contents)}; try `{command('data', 'import')}`\n")
 
 
 def summary(root: Root, *, json: bool = False) -> None:

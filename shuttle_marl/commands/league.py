@@ -1,7 +1,6 @@
 """``python -m shuttle_marl.league``: a tournament; ``… train``: policies that learn; ``… report``: runs compared."""
 
 import json as json_format
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import printable
+from shuttle_marl.errors import command, printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.folder import RALLIES
@@ -27,7 +26,9 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
     log = run.folder / RALLIES
     if log.exists():
-        out.print(f"watch it: python -m shuttle_marl.watch --replay {shlex.quote(printable(str(log)))}", soft_wrap=True)
+        game = () if config.game == "default" else ("--game", config.game)
+        profile = () if config.profile is None else ("--profile", config.profile)
+        out.print(f"watch it: {command('watch', '--replay', str(log), *game, *profile)}", soft_wrap=True)
 
 
 def train(

@@ -18,6 +18,7 @@ from shuttle_marl.arrays import I8, I64, Bools
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.errors import command
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
@@ -54,7 +55,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     absent = (wanted or set()) - {m.name for m in matches}
     if absent or not matches:
         missing = ", ".join(sorted(absent)) or "any match"
-        raise DataError(root, f"no files of {missing}; get them with `python -m shuttle_marl.data download`")
+        raise DataError(root, f"no files of {missing}; get them with `{command('data', 'download')}`")
     games = [read_game(match, path) for match in matches for path in match.games()]
     cleaned = [clean_game(game) for game in games]
     strokes = pa.concat_tables([table for table, _ in cleaned])

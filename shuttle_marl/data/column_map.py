@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.errors import command
 from shuttle_marl.files import open_file, problem
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
@@ -135,7 +136,7 @@ class ColumnMap:
         try:
             return cls._checked(fields)
         except (TypeError, ValueError, AttributeError) as error:
-            raise DataError(path, f"{error}; `python -m shuttle_marl.data template` writes an example") from error
+            raise DataError(path, f"{error}; `{command('data', 'template')}` writes an example") from error
 
     @classmethod
     def _checked(cls, fields: dict[str, Any]) -> "ColumnMap":

@@ -44,7 +44,7 @@ def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
     # Unreadable rows would cause false problems of other rows.
     strokes, dropped = (STROKES.empty_table(), 0) if sheet.problems else _Import(sheet, mapped).table()
     if sheet.problems:
-        raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=f"--columns {columns}")
+        raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=("--columns", str(columns)))
     account = Account(
         matches=len(strokes["match"].unique()),
         rallies=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,

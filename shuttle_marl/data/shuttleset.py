@@ -20,6 +20,7 @@ from shuttle_marl.data import upstream
 from shuttle_marl.data.schema import FAR_OFF, REASONS
 from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
 from shuttle_marl.data.upstream import discipline, player_id
+from shuttle_marl.errors import command
 from shuttle_marl.game.stroke import SHOTS
 
 SHOT_NAMES: Final = {
@@ -194,7 +195,7 @@ def list_matches(root: Path, problems: list[Problem] | None = None) -> list[List
     sources = [name for name, folder in upstream.SOURCES.items() if (root / folder / "match.csv").is_file()]
     if not sources:
         expected = ", ".join(f"{folder}/match.csv" for folder in upstream.SOURCES.values())
-        raise DataError(root, f"no match data here: expected {expected}; download it with `python -m shuttle_marl.data download`")
+        raise DataError(root, f"no match data here: expected {expected}; download it with `{command('data', 'download')}`")
     found: list[Problem] = []
     matches: dict[str, ListedMatch] = {}
     for source in sources:

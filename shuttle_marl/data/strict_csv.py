@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.arrays import F64, I8, I64
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.errors import ShuttleError, command
 from shuttle_marl.files import open_file, problem
 
 
@@ -47,15 +47,14 @@ class DataError(ShuttleError):
         super().__init__(str(self.problems[0]))
 
     @classmethod
-    def of(cls, problems: Sequence[Problem], advice: str = "") -> "DataError":
-        """One error for several problems; ``advice``: option with which ``validate`` lists them."""
+    def of(cls, problems: Sequence[Problem], advice: tuple[str, ...] = ()) -> "DataError":
+        """One error for several problems; ``advice``: options with which ``validate`` lists them."""
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems = tuple(problems)
         if len(problems) > 1:
-            command = " ".join(
-                filter(None, ("python -m shuttle_marl.data validate", f"{problems[0].path}" if advice else "", advice))
-            )
-            error.args = (f"{problems[0]} (and {len(problems) - 1} more; `{command}` lists them all)",)
+            files = (str(problems[0].path), *advice) if advice else ()
+            listed = command("data", "validate", *files)
+            error.args = (f"{problems[0]} (and {len(problems) - 1} more; `{listed}` lists them all)",)
         return error
 
 

@@ -20,11 +20,10 @@ from shuttle_marl.data.schema import STROKES, Account, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
+from shuttle_marl.errors import command
 from shuttle_marl.files import problem
 
-_ADVICE: Final = (
-    "`python -m shuttle_marl.data download` downloads them; import your own matches with `python -m shuttle_marl.data import`"
-)
+_ADVICE: Final = f"`{command('data', 'download')}` downloads them; import your own matches with `{command('data', 'import')}`"
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -55,9 +54,7 @@ def load_account(path: Path | str) -> Account:
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise DataError(
-            path, "contains no account of its strokes; create it with `python -m shuttle_marl.data convert`"
-        ) from error
+        raise DataError(path, f"contains no account of its strokes; create it with `{command('data', 'convert')}`") from error
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
@@ -94,7 +91,7 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
     Raises:
         DataError: a column is missing, has another type or position; or the version differs.
     """
-    advice = "create it again with `python -m shuttle_marl.data convert`"
+    advice = f"create it again with `{command('data', 'convert')}`"
     version = (schema.metadata or {}).get(b"version")
     expected = STROKES.metadata[b"version"]
     if version != expected:
@@ -131,7 +128,7 @@ def _open(path: Path) -> pq.ParquetFile:
     except FileNotFoundError as error:
         raise DataError(path, "no such file or folder; expected a folder with the data or a Parquet file") from error
     except pa.ArrowException as error:
-        own = "; `python -m shuttle_marl.data import` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
+        own = f"; `{command('data', 'import')}` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
         raise DataError(path, f"no readable Parquet file ({error}){own}") from error
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
@@ -229,7 +226,7 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
     for (folder, split), names in missing.items():
         if split is None or split in splits:
             of_split = "" if split is None else f" ({split} split)"
-            advice = "download them with `python -m shuttle_marl.data download`"
+            advice = f"download them with `{command('data', 'download')}`"
             problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
     return {split: (whole[split], listed[split]) for split in SPLITS}, problems
 

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from shuttle_marl.arrays import F64
+from shuttle_marl.errors import command
 from shuttle_marl.files import FileReadError, read_sealed
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.variants import hashes_of, unpacked
@@ -92,7 +93,7 @@ def _origin(name: str) -> Origin:
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
     raise GameError(
         f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
-        "fit one with `python -m shuttle_marl.dynamics fit`"
+        f"fit one with `{command('dynamics', 'fit')}`"
     )
 
 

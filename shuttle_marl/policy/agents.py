@@ -10,6 +10,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, Final
 
+from shuttle_marl.errors import command
 from shuttle_marl.files import FileReadError, problem, read_sealed, replace_file, seal
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
@@ -83,7 +84,7 @@ def read_card(folder: Path) -> dict[str, Any]:
         return read_sealed(folder / CARD)
     except FileReadError as error:
         reason = f"{CARD}: {error}"
-        raise PolicyError(f"{folder}: no trained agent ({reason}); `python -m shuttle_marl.training` writes one") from error
+        raise PolicyError(f"{folder}: no trained agent ({reason}); `{command('training')}` writes one") from error
 
 
 def shipped_folder(name: str, model: Path) -> Path:

@@ -19,6 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
 
 from shuttle_marl.arrays import U64
+from shuttle_marl.errors import command
 from shuttle_marl.files import open_file, problem
 from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, records, stream
@@ -98,7 +99,7 @@ def damage(path: Path) -> Iterator[None]:
 
 def advice(path: Path) -> str:
     """Advice for the owner of a damaged log."""
-    return f"save its undamaged batches with `python -m shuttle_marl.recording recover {path}`"
+    return f"save its undamaged batches with `{command('recording', 'recover', str(path))}`"
 
 
 def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> bytes:

@@ -11,6 +11,7 @@ import pytest
 
 import shuttle_marl
 from shuttle_marl.__main__ import main
+from shuttle_marl.errors import command
 from shuttle_marl.game import default_game
 from shuttle_marl.policy import registry
 
@@ -100,3 +101,16 @@ def test_every_public_name_can_be_imported() -> None:
     for name in shuttle_marl.__all__:
         assert getattr(shuttle_marl, name) is not None
     assert set(shuttle_marl.__all__) <= set(dir(shuttle_marl))
+
+
+def test_printed_commands_name_the_interpreter_in_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = tmp_path / "my env"
+    (environment / "bin").mkdir(parents=True)
+    (environment / "bin" / "python").touch(0o755)
+    monkeypatch.setattr(sys, "executable", str(environment / "bin" / "python"))
+    monkeypatch.setenv("PATH", str(environment / "bin"))
+    assert command("watch", "--replay", "a b.mcap") == "python -m shuttle_marl.watch --replay 'a b.mcap'"
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert command("data") == f"'{environment}/bin/python' -m shuttle_marl.data"
+    monkeypatch.chdir(tmp_path)
+    assert command("data") == "'my env/bin/python' -m shuttle_marl.data"
