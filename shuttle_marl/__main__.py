@@ -31,10 +31,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    name, *arguments = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    try:
+        return _run(*(sys.argv[1:] if argv is None else argv) or ["--help"])
+    except KeyboardInterrupt:  # while the command is imported
+        sys.stderr.write("interrupted\n")
+        return 130
+
+
+def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
         command = importlib.import_module(f"shuttle_marl.commands.{name}")
-        return int(command.main(arguments))
+        return int(command.main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())
         return 0

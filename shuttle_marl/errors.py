@@ -5,7 +5,9 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+_LONGEST_MESSAGE: Final = 1000
 
 
 class ShuttleError(Exception):
@@ -37,12 +39,13 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
 
 
 def described(error: BaseException) -> str:
-    """Type and message of an error from foreign code; never raises."""
+    """Type and message of an error from foreign code, cut after :data:`_LONGEST_MESSAGE` characters; never raises."""
     try:
         message = str(error)
     except Exception:
         message = "(its message cannot be read)"
-    return f"{type(error).__name__}: {message}"
+    cut = "…" if len(message) > _LONGEST_MESSAGE else ""
+    return f"{type(error).__name__}: {message[:_LONGEST_MESSAGE]}{cut}"
 
 
 def printable(text: str, *, keep: str = "") -> str:

@@ -83,7 +83,12 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         config = run_folder.continued(config)
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
-    with console.status("evaluating the entrants in every state"), time_limit(config.policy_timeout):
+    # A policy may change the working directory, here and while it plays.
+    with (
+        contextlib.chdir(Path.cwd()),
+        console.status("evaluating the entrants in every state"),
+        time_limit(config.policy_timeout),
+    ):
         entrants = [enter(name, game, requested=name in requested) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:
@@ -98,7 +103,8 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
 
 
 def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None) -> LeagueRun:
-    with run_folder.open_run(config) as folder:
+    with run_folder.open_run(config) as opened:
+        folder = opened.absolute()
         about = run_folder.manifest(config, game, entrants)
         run_folder.check_same(folder, about)
         schedule = functools.partial(stages, config.pool, config.format, rounds=config.rounds, grown=config.grown)
@@ -107,7 +113,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         if finished:
             _say(console, f"{folder}: already finished")
             standings = rank(config.pool, results, config.seed, _exact(config, game, entrants, console))
-            return LeagueRun(folder=folder, standings=standings, results=results)
+            return LeagueRun(folder=opened, standings=standings, results=results)
         begun = time.monotonic()
         runs.write_json(folder / runs.MANIFEST, about)
         strokes, stage = 0, 0
@@ -125,7 +131,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
         runs.write_json(folder / runs.MANIFEST, {**about, **done})
         if strokes:
             _say(console, f"{strokes:,} strokes in {seconds:.1f} s, {float(f'{strokes / seconds:.2g}'):,.0f} a second")
-    return LeagueRun(folder=folder, standings=standings, results=results)
+    return LeagueRun(folder=opened, standings=standings, results=results)
 
 
 def _play(

@@ -39,6 +39,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "plain_network": ("NetworkPolicy", "from_network", "from_sb3", "save_network"),
         "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
         "scorecard": ("SampledOdds", "Scorecard", "Scorer", "sample"),
-        "scripted": ("ScriptedPolicy",),
+        "baselines": ("ScriptedPolicy",),
     },
 )

@@ -63,6 +63,8 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
         BuildError: there is no Node, or something cannot be fetched or built.
     """
     if not SOURCE.is_dir():  # a wheel
+        if not _is_built(None):
+            raise BuildError(f"{BUILT}: the page is damaged; install the package again")
         return BUILT
     digest = _digest()
     if _is_built(digest):
@@ -73,9 +75,13 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
     return BUILT
 
 
-def _is_built(digest: str) -> bool:
-    stamp = BUILT / _STAMP
-    return stamp.is_file() and stamp.read_text(encoding="utf-8") == digest
+def _is_built(digest: str | None) -> bool:
+    """Whether the built page is undamaged and of a source; None: of any."""
+    try:
+        stamp = (BUILT / _STAMP).read_text(encoding="utf-8")
+        return stamp == _stamp(stamp.partition("\n")[0] if digest is None else digest, BUILT)
+    except OSError:  # a file is missing
+        return False
 
 
 @contextlib.contextmanager
@@ -100,10 +106,16 @@ def _build(digest: str, say: Callable[[str], object]) -> None:
         for name in FILES:
             if not (Path(folder) / name).is_file():
                 raise BuildError(f"building the page left no {name}")
-        (Path(folder) / _STAMP).write_text(digest, encoding="utf-8")
+        (Path(folder) / _STAMP).write_text(_stamp(digest, Path(folder)), encoding="utf-8")
         BUILT.mkdir(exist_ok=True)
         for name in (*FILES, _STAMP):  # the stamp last, when all is there
             os.replace(Path(folder) / name, BUILT / name)
+
+
+def _stamp(digest: str, folder: Path) -> str:
+    """Hashes of the source and of the files that were built from it."""
+    built = (f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}" for name in FILES)
+    return "\n".join((digest, *built)) + "\n"
 
 
 def _digest() -> str:

@@ -288,7 +288,6 @@ SIZE: Final = (1280, 720)
 FPS: Final = 25
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 _FLAGS: Final = (
-    "--no-sandbox",
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
     "--disable-component-update",
@@ -395,4 +394,6 @@ def browser_flags(*, mesa: bool | None = None) -> list[str]:
     """
     if mesa is None:
         mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
-    return [*_FLAGS, f"--use-angle={'gl-egl' if mesa else 'swiftshader'}"]
+    # Chromium does not start as root with its sandbox.
+    root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    return [*root, *_FLAGS, f"--use-angle={'gl-egl' if mesa else 'swiftshader'}"]

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl import extras
+from shuttle_marl.__main__ import main as package_main
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
 
@@ -146,3 +147,22 @@ def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch:
 def test_another_missing_module_is_a_defect_and_not_hidden() -> None:
     with pytest.raises(ModuleNotFoundError, match="no_such_module"):
         status_of(lambda: importlib.import_module("no_such_module"))
+
+
+def test_an_interrupt_of_an_import_is_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("importlib.import_module", interrupted)
+    assert package_main(["league"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_memory_that_runs_out_is_a_message(capsys: pytest.CaptureFixture[str]) -> None:
+    def greedy() -> None:
+        raise MemoryError("Unable to allocate 298 GiB")
+
+    assert cli.run(greedy, prog="p", description="", argv=[]) == 1
+    assert "not enough memory (Unable to allocate 298 GiB)" in capsys.readouterr().err
