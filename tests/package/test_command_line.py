@@ -150,8 +150,6 @@ def test_another_missing_module_is_a_defect_and_not_hidden() -> None:
 
 
 def test_an_interrupt_of_an_import_is_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
     def interrupted(name: str) -> None:
         raise KeyboardInterrupt
 

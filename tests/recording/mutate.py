@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
 from shuttle_marl.game import default_game
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
@@ -178,9 +178,11 @@ class Mutator:
 
     def names(self) -> None:
         """A log whose policies have names of a million characters."""
-        header = dataclasses.replace(self.header, policies=tuple(Player(name=f"{i}" * 10**6) for i in range(3)))
-        with RallyLogWriter(self.path, header) as log:
-            log.append(self.rallies)
+        header = StrangeHeader(**{f.name: getattr(self.header, f.name) for f in dataclasses.fields(LogHeader)})
+        header.strange["policies"] = [{"name": f"{i}" * 10**6, "hash": ""} for i in range(3)]
+        log = LogFileWriter(self.path, header, fsync_seconds=60)
+        log.write(0, encode(0, self.rallies.slice(0, 30), len(self.header.strokes)), self.rallies.slice(0, 30))
+        log.close()
 
 
 class StrangeHeader(LogHeader):
