@@ -8,6 +8,7 @@ import json
 import os
 import stat
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -28,6 +29,7 @@ from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.replay import check
 from shuttle_marl.table_files import read_parquet
+from tests.recording.mutate import Mutator, read_all
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
 FORGED = (
@@ -316,6 +318,26 @@ def test_a_chunk_that_says_less_than_it_unpacks_to_is_refused_before_it_does(nam
         message_of_chunk(body_of(honest))
     with pytest.raises(DamagedLogError, match="packed as 'gzip'"):
         message_of_chunk(body_of(dataclasses.replace(honest, compression="gzip")))
+
+
+def test_a_chunk_of_many_records_is_refused() -> None:
+    zeros = bytes(1 << 16)  # records of opcode 0 without a body
+    crc, size = zlib.crc32(zeros), len(zeros)
+    chunk = Chunk("zstd", zstandard.compress(zeros), 0, 0, uncompressed_crc=crc, uncompressed_size=size)
+    with pytest.raises(DamagedLogError, match="more than 8 records"):
+        message_of_chunk(body_of(chunk))
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"), [("bomb", "columns are compressed again"), ("names", "names of up to 1000 characters")]
+)
+def test_files_that_expand_are_refused(kind: str, says: str, tmp_path: Path) -> None:
+    mutator = Mutator(tmp_path, 0)
+    mutator.make(kind)
+    with pytest.raises(RecordingError, match=says):
+        read_all(mutator.path)
+    with pytest.raises(RecordingError):
+        recover(mutator.path)
 
 
 def body_of(chunk: Chunk) -> bytes:
