@@ -44,6 +44,8 @@ COLUMNS: Final[dict[str, str]] = {
     },
 }  # fmt: skip
 """Description of each column."""
+PLAYERS: Final = ("player", "opponent", "winner")
+"""Columns with names of players, whose spellings ``[values.player]`` maps."""
 REQUIRED: Final = ("match", "rally", "player", "shot")
 _COORDINATES: Final = ("striker", "court")
 FAULTS: Final = ("out", "net", "short", "foul")
@@ -92,7 +94,7 @@ def template_map() -> str:
         "[columns]",
     ]
     lines += [f'{"" if name in used else "# "}{name} = "{name}"  # {text}' for name, text in COLUMNS.items()]
-    lines += ["", "# Your words = words used here, by column.", "[values.shot]"]
+    lines += ["", "# Your words = words used here, by column; in values.player, your spellings = names.", "[values.shot]"]
     lines += ['# "Schmetterball" = "smash"', "", "[values.ending]", '# "Aus" = "out"', ""]
     return "\n".join(lines)
 
@@ -143,7 +145,7 @@ class ColumnMap:
         _known(fields, _SETTINGS, "setting")
         columns, values = fields.get("columns", {}), fields.get("values", {})
         _known(columns, COLUMNS, "column")
-        _known(values, WORDS, "column with words")
+        _known(values, (*WORDS, "player"), "column with words")
         if missing := [name for name in REQUIRED if name not in columns]:
             raise ValueError(f"[columns] lacks {', '.join(missing)}")
         if not {"ending", "winner"} & set(columns):
@@ -152,7 +154,10 @@ class ColumnMap:
             raise ValueError("[columns] needs area, or landing_x and landing_y")
         for name, words in values.items():
             for word, meant in words.items():
-                if meant not in WORDS[name]:
+                if name == "player":
+                    if not isinstance(meant, str) or not meant.strip() or not meant.isprintable():
+                        raise ValueError(f"[values.player] {word!r} = {meant!r}; expected a name")
+                elif meant not in WORDS[name]:
                     raise ValueError(f"[values.{name}] {word!r} = {meant!r}; expected one of {', '.join(WORDS[name])}")
         lower = {name: {word.strip().casefold(): meant for word, meant in words.items()} for name, words in values.items()}
         found = cls(**{**fields, "source": fields.get("source", "own matches"), "columns": columns, "values": lower})

@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.arrays import F64, I64, Bools
-from shuttle_marl.data.column_map import FAULTS, WINNERS, WORDS, ColumnMap
+from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap
 from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, STROKES, Account, Cleaned, Outcome, violations
-from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
+from shuttle_marl.data.strict_csv import DataError, StrictCsv
 from shuttle_marl.data.upstream import discipline as discipline_of
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.game import court
@@ -41,8 +41,7 @@ def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
     """
     mapped = ColumnMap.read(columns)
     sheet = StrictCsv(path, list(mapped.columns.values()), delimiter=mapped.delimiter, decimal=mapped.decimal)
-    # Unreadable rows would cause false problems of other rows.
-    strokes, dropped = (STROKES.empty_table(), 0) if sheet.problems else _Import(sheet, mapped).table()
+    strokes, dropped = _Import(sheet, mapped).table()
     if sheet.problems:
         raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=("--columns", str(columns)))
     account = Account(
@@ -74,9 +73,13 @@ class _Import:
         key = np.stack([np.unique(self._match, return_inverse=True)[1], self._game, self._rally])
         self._first = np.r_[True, (key[:, 1:] != key[:, :-1]).any(axis=0)]
         self._group = np.cumsum(self._first) - 1
+        columns = [sheet.text(column) for column in mapped.columns.values()]
+        for row in range(1, self._n):
+            if all(column[row] == column[row - 1] for column in columns):
+                sheet.mark(row, "duplicate of the row before")
 
     def table(self) -> tuple[pa.Table, int]:
-        """The strokes, and the number of dropped rows; the table is empty if there are problems."""
+        """The strokes of the rallies without unreadable rows, and the number of dropped rows."""
         sheet = self._sheet
         shot = self._code("shot", -1)
         serve = (shot >= 0) & (shot < N_SERVES)
@@ -116,21 +119,22 @@ class _Import:
             "points_opponent": self._optional("points_opponent", "points_opponent"),
             "label_area": pa.nulls(self._n, pa.int8()),
         }
-        if sheet.problems:
-            return STROKES.empty_table(), 0
-        known = np.flatnonzero(shot < len(SHOTS))
-        if not len(known):
+        # An unreadable row would cause false problems of the other rows of its rally.
+        readable = ~np.isin(self._group, np.unique(self._group[sheet.unreadable]))
+        known = np.flatnonzero((shot < len(SHOTS)) & readable)
+        if not len(known) and not sheet.problems:
             raise DataError(sheet.path, "no stroke of a known shot type")
         arrays = [_array(columns[field.name], field.type).take(pa.array(known)) for field in STROKES]
         strokes = pa.table(arrays, schema=STROKES)
         for violation in violations(strokes):
-            line = int(sheet.line[known[violation.rows[0]]])
-            sheet.problems.append(Problem(sheet.path, str(violation), line))
+            for row in violation.rows:
+                sheet.add(int(sheet.line[known[row]]), f"expected: {violation.rule}")
         return strokes, self._n - len(known)
 
     def _text(self, name: str) -> tuple[str, ...]:
         column = self._map.columns[name]
-        values = tuple(value.strip() for value in self._sheet.text(column))
+        spellings = self._map.values.get("player", {}) if name in PLAYERS else {}
+        values = tuple(spellings.get(value.strip().casefold(), value.strip()) for value in self._sheet.text(column))
         for row, value in enumerate(values):
             if not value or not value.isprintable():
                 self._sheet.mark(row, f"{column} {value!r}; expected a name")
@@ -186,25 +190,20 @@ class _Import:
         for match in np.unique(self._match):
             rows = np.flatnonzero(self._match == match)
             names, first, count = np.unique(player[rows], return_index=True, return_counts=True)
-            if self._sheet.unreadable[rows].any():
-                continue  # reported already
             if len(names) != 2:
-                listed = ", ".join(names[:5])
-                rarest = rows[first[np.lexsort((-first, count))[0]]]
-                self._sheet.mark(
-                    rarest, f"match {str(match)!r} has {len(names)} players ({listed}); expected two, or a column opponent"
-                )
+                if not self._sheet.unreadable[rows].any():  # else reported already
+                    listed = ", ".join(names[:5])
+                    rarest = rows[first[np.lexsort((-first, count))[0]]]
+                    self._sheet.mark(
+                        rarest, f"match {str(match)!r} has {len(names)} players ({listed}); expected two, or a column opponent"
+                    )
+                self._sheet.unreadable[rows] = True
                 continue
             opponent[rows] = np.where(player[rows] == names[0], names[1], names[0])
         return player, opponent
 
     def _identifiers(self, name: str) -> npt.NDArray[Any]:
-        return np.array([self._identifier(row, value) for row, value in enumerate(self._text(name))], dtype=object)
-
-    def _identifier(self, row: int, name: str) -> str:
-        if set(name) & set(":@,="):
-            self._sheet.mark(row, f"player {name!r}: a name must not contain : @ , =")
-        return player_id(name)
+        return np.array([player_id(value) for value in self._text(name)], dtype=object)
 
     def _points(self) -> dict[str, F64]:
         """``[n, 2]`` points in the striker's frame, NaN missing."""
@@ -257,7 +256,9 @@ class _Import:
         if "winner" not in self._map.columns:
             return np.full(self._n, -1)
         winner_of: dict[int, str] = {}
-        for row, name in enumerate(self._sheet.text(self._map.columns["winner"])):
+        spellings = self._map.values.get("player", {})
+        for row, text in enumerate(self._sheet.text(self._map.columns["winner"])):
+            name = spellings.get(text.strip().casefold(), text)
             if name.strip() and winner_of.setdefault(int(self._group[row]), player_id(name)) != player_id(name):
                 self._sheet.mark(row, f"{name.strip()!r} contradicts another winner of this rally")
         winners = [winner_of.get(int(group)) for group in self._group]

@@ -49,6 +49,7 @@ class DataError(ShuttleError):
     @classmethod
     def of(cls, problems: Sequence[Problem], advice: tuple[str, ...] = ()) -> "DataError":
         """One error for several problems; ``advice``: options with which ``validate`` lists them."""
+        problems = grouped(problems)
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems = tuple(problems)
         if len(problems) > 1:
@@ -56,6 +57,17 @@ class DataError(ShuttleError):
             listed = command("data", "validate", *files)
             error.args = (f"{problems[0]} (and {len(problems) - 1} more; `{listed}` lists them all)",)
         return error
+
+
+def grouped(problems: Sequence[Problem]) -> list[Problem]:
+    """Problems with equal messages as one, with their number, at the line of the first."""
+    groups: dict[tuple[Path, str], list[Problem]] = {}
+    for found in problems:
+        groups.setdefault((found.path, found.message), []).append(found)
+    return [
+        first if not others else dataclasses.replace(first, message=f"{first.message} ({len(others) + 1:,} times, first here)")
+        for first, *others in groups.values()
+    ]
 
 
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
@@ -106,10 +118,12 @@ class StrictCsv:
         rows, lines = [], []
         try:
             for row in reader:
+                if not any(cell.strip() for cell in row):
+                    continue
                 if len(row) == len(header):
                     rows.append(row)
                     lines.append(reader.line_num)
-                elif row:
+                else:
                     self.add(
                         reader.line_num,
                         f"{len(row)} fields instead of {len(header)}, ending in {row[-1]!r}: is the file truncated?",
@@ -120,6 +134,9 @@ class StrictCsv:
             raise DataError.of(self.problems) if self.problems else DataError(path, "no rows below the header")
         self.line = np.array(lines)
         self.unreadable = np.zeros(len(rows), dtype=bool)
+        for found in self.problems:  # a row is missing between these two
+            after = int(np.searchsorted(self.line, found.line or 0))
+            self.unreadable[max(0, after - 1) : after + 1] = True
         columns = zip(*rows, strict=True)
         self._columns = {name: column for name, column in zip(header, columns, strict=True) if name in required}
 

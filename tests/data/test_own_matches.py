@@ -160,7 +160,7 @@ def test_strokes_of_an_unknown_type_are_left_out(tmp_path: Path) -> None:
         ("final,1,Bea", "final,one,Bea", 3, "rally 'one' is not a number"),
         ("final,2,Bea", "final,2,Cleo", 6, "match 'final' has 3 players"),
         ("final,1,Bea", "final,1,", 3, "who ''; expected a name"),
-        ("final,1,Bea", "final,1,a:b", 3, "must not contain"),
+        ("final,1,Bea", "final,1,a:b", 6, "match .final. has 3 players"),
         ("lift,,out", "lift,,", 6, "neither an ending nor a winner"),
         ("lift,back-left,", "lift,back-left,net", 3, "ending 'net' of a stroke that is not the last"),
         ("lift,back-left,", "lift,,", 3, "only faults have neither a landing nor an area"),
@@ -241,3 +241,37 @@ def test_a_csv_file_and_a_folder_say_what_to_do(tmp_path: Path, name: str, says:
     (tmp_path / "own.csv").write_text(ROWS)
     assert main(["validate", str(tmp_path / name)]) == 1
     assert says in capsys.readouterr().out
+
+
+def test_names_may_have_commas_and_spellings_are_merged(tmp_path: Path) -> None:
+    rows = ROWS.replace("Bea", '"Müller, Bea"').replace("final,2,Ada", "final,2,A. Lovelace")
+    strokes = read(tmp_path, rows=rows, more='[values.player]\n"Ada" = "Lovelace, A."\n"a. lovelace" = "Lovelace, A."\n')
+    assert set(strokes["player"].to_pylist()) == {"lovelace-a", "müller-bea"}
+    with pytest.raises(DataError, match=r"\[values.player\] 'ada' = ''; expected a name"):
+        read(tmp_path, rows=rows, more='[values.player]\n"ada" = ""\n')
+
+
+def test_blank_rows_are_skipped_and_duplicates_are_named(tmp_path: Path) -> None:
+    lines = ROWS.splitlines()
+    assert read(tmp_path, rows="\n".join([*lines[:3], "", "," * 9, *lines[3:], ",,,,,,,,,"])).num_rows == 5
+    with pytest.raises(DataError, match=r"line 4: duplicate of the row before"):
+        read(tmp_path, rows="\n".join([*lines[:3], lines[2], *lines[3:]]))
+
+
+def test_problems_of_all_kinds_are_listed_once_in_one_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rallies = [ROWS.splitlines()[0]]
+    for number in range(1, 40):
+        end = "smahs" if number < 30 else "SMASH"
+        serve = "clear" if number == 35 else "short serve"
+        rallies += [
+            f"final,{number},Ada,{serve},front-centre,,,,,",
+            f"final,{number},Bea,lift,back-left,,,,,",
+            f"final,{number},Ada,{end},middle-right,landed,,,,",
+        ]
+    (tmp_path / "own.csv").write_text("\n".join(rallies), encoding="utf-8")
+    (tmp_path / "map.toml").write_text(MAP.format(more=""), encoding="utf-8")
+    assert main(["validate", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml")]) == 1
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == 2
+    assert "line 4: unknown shot 'smahs'; did you mean smash? (29 times, first here)" in printed[0]
+    assert "line 104: expected: the first stroke of a rally, and no other, is a serve" in printed[1]

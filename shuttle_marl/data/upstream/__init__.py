@@ -14,6 +14,7 @@ import functools
 import hashlib
 import json
 import os
+import re
 import tempfile
 import threading
 import time
@@ -102,9 +103,8 @@ def matches_of(split: Split) -> Sequence[str]:
 
 
 def player_id(name: str) -> str:
-    """Identifier of a player: ``chen-yufei`` for ``'CHEN Yufei'`` and ``'Chen Yufei'``."""
-    words = name.replace(".", " ").replace("-", " ").lower().split()
-    return "-".join(words)
+    """Identifier of a player: ``chen-yufei`` for ``'CHEN Yufei'`` and ``'Chen, Yufei'``; without separators of command lines."""
+    return "-".join(re.split(r"[\s.:@,=-]+", name.lower().strip(" .:@,=-")))
 
 
 def discipline(player: str) -> str | None:
