@@ -30,11 +30,15 @@ def fit(
 ) -> None:
     """Fit the models to the training matches and compile the game; takes a few minutes, and a few more for each refit.
 
-    Args: data: folder of the download, or a Parquet file of `data convert` or `data import`. out: model folder to write. seed:
-        random seed; equal seeds give equal weights. refits: number of refits on resampled matches, which show the uncertainty
-        of the fit, as variants OUT:1, OUT:2, …; default 8, or 0 for fewer than 6 training matches. validation_share: fraction
-        of your own matches for validation, such as 0.2; the published matches have a fixed split. prior: model to correct
-        instead of a full fit, such as default; for few matches. overwrite: replace an existing model.
+    Args:
+        data: folder of the download, or a Parquet file of `data convert` or `data import`.
+        out: model folder to write.
+        seed: random seed; equal seeds give equal weights.
+        refits: number of refits on resampled matches, which show the uncertainty of the fit, as variants OUT:1, OUT:2, …;
+            default: 8; 0 with --prior, or for fewer than 6 training matches.
+        validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
+        prior: model to correct instead of a full fit, such as default; for few matches.
+        overwrite: replace an existing model.
     """
     from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
 

@@ -195,4 +195,4 @@ COMMANDS: Final = watch
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.watch", description=watch.__doc__ or "", argv=argv)
+    return cli.run(COMMANDS, prog="python -m shuttle_marl.watch", description=(watch.__doc__ or "").partition("\n")[0], argv=argv)

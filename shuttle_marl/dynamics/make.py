@@ -243,7 +243,8 @@ def make_model(
         data: folder of the download, or a Parquet file.
         out: folder to write.
         seed: random seed.
-        refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches.
+        refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches
+            and with a prior.
         validation_share: fraction of the unpublished matches for validation; None: all matches are published ones.
         prior: name or folder of a model to correct; None: fit without prior.
         config: settings of the networks; None: the default, and quick refits.
@@ -260,7 +261,7 @@ def make_model(
     rows = rows_from_strokes(strokes)
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)
-    refits = _checked_refits(refits, len(np.unique(train.match)))
+    refits = _checked_refits(0 if refits is None and prior is not None else refits, len(np.unique(train.match)))
     start = None if prior is None else _prior(prior)
     fitted = (
         fit(train, validation, seed=seed, config=config, report=report)
@@ -347,8 +348,10 @@ def rows_of(rows: Rows, split: Split) -> Rows:
 def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     """Split rows by match into training and validation.
 
-    Args: rows: all strokes. share: fraction of the unpublished matches for validation, at least one and not all, in the order
-        of the SHA-256 of their names. None: all matches are published ones, whose split is fixed.
+    Args:
+        rows: all strokes.
+        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
+            names; None: all matches are published ones, whose split is fixed.
 
     Raises:
         ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
