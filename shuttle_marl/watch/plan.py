@@ -1,6 +1,6 @@
-"""The plan of a match: all that a link has to name so that the same match is seen again.
+"""The plan of a match: the content of a link, from which the match is reproduced.
 
-Plans come from pages and links, so they are untrusted: decoding validates every field.
+Plans are untrusted input from pages and links; decoding validates every field.
 """
 
 from typing import Annotated, Any, Final

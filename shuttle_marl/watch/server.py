@@ -297,18 +297,18 @@ _FLAGS: Final = (
     "--use-gl=angle",
 )
 _WAIT: Final = 120_000
-"""Time that the page has for each thing it is asked to do [ms]."""
+"""Time limit of each operation of the page [ms]."""
 _FAILED: Final = ".notice:not(.hidden):not(.good), p[role=alert]"
-"""Places on the page that say what went wrong."""
+"""Selector of error messages on the page."""
 _PICTURE: Final = {"format": "jpeg", "quality": 95, "optimizeForSpeed": True}
 _FORMATS: Final = {".mp4": "libx264", ".webm": "libvpx-vp9"}
 
 
 def check_video(path: Path) -> None:
-    """Refuse what cannot be made before any work is done.
+    """Check the format and the required programs of a video.
 
     Raises:
-        WatchError: the name of the file says no format, or a library or the browser is missing.
+        WatchError: the suffix is not a known format, or a library or the browser is missing.
     """
     if path.suffix not in _FORMATS:
         raise WatchError(f"--video {path}: expected a name that ends in {' or '.join(_FORMATS)}")
@@ -319,20 +319,17 @@ def check_video(path: Path) -> None:
 
 
 def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
-    """Film the rally that a page shows.
+    """Render the rally of a page to a video; returns the number of frames.
 
     Args:
-        address: of the page, with what it shall show.
-        path: the video, ``.mp4`` or ``.webm``; moved into place when it is whole.
-        progress: wraps the numbers of the frames, to show how far it is.
-        size: width and height of the picture, both even.
-        fps: pictures a second.
-
-    Returns:
-        How many frames it has.
+        address: URL of the page, with the rally in its fragment.
+        path: the video, ``.mp4`` or ``.webm``; written atomically.
+        progress: wraps the frame numbers, such as a progress bar.
+        size: width and height [pixels], both even.
+        fps: frames per second.
 
     Raises:
-        WatchError: there is no browser, or the page shows nothing.
+        WatchError: no browser is installed, or the page shows no rally.
     """
     from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
 
@@ -373,10 +370,10 @@ def _encode(page: "Page", frames: Iterable[int], file: BinaryIO, suffix: str, si
 
 
 def browser_program() -> str:
-    """The program Chromium, or a relative of it; ``$CHROMIUM`` names another.
+    """Path of Chromium or a related browser; ``$CHROMIUM`` takes precedence.
 
     Raises:
-        WatchError: there is none.
+        WatchError: none is installed.
     """
     for name in (os.environ.get("CHROMIUM", ""), *BROWSERS):
         if name and (found := shutil.which(name)):
@@ -385,12 +382,10 @@ def browser_program() -> str:
 
 
 def browser_flags(*, mesa: bool | None = None) -> list[str]:
-    """Flags of a browser without a window, which asks for nothing from outside.
-
-    Where Mesa is installed it draws: without a graphics card two to three times as fast as the renderer that Chromium brings.
+    """Flags of a headless browser that makes no network requests of its own.
 
     Args:
-        mesa: whether Mesa draws; None: where it is installed.
+        mesa: render with Mesa, which is two to three times as fast as SwiftShader without a GPU; None: if it is installed.
     """
     if mesa is None:
         mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
