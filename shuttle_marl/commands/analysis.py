@@ -2,8 +2,6 @@
 
 import dataclasses
 import math
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -89,8 +87,6 @@ def _draw(out: Path, summaries: dict[str, "Summary"], name: str, reference: "Sum
 
 
 def _print_json(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
-    import json  # noqa: PLC0415  the flag has its name
-
     import numpy as np  # noqa: PLC0415
 
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
@@ -110,7 +106,7 @@ def _print_json(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> N
         }
         for name, s in summaries.items()
     }
-    sys.stdout.write(json.dumps(listed) + "\n")
+    cli.print_json(listed)
 
 
 def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
@@ -153,6 +149,4 @@ def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> 
 COMMANDS: Final = analysis
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.analysis", description=__doc__ or "", argv=argv)
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.analysis", __doc__ or "")

@@ -7,6 +7,7 @@ import contextlib
 import errno
 import functools
 import importlib
+import json
 import os
 import select
 import sys
@@ -125,6 +126,20 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     return 0
 
 
+def entry_point(commands: Command | dict[str, Command], prog: str, description: str) -> Callable[..., int]:
+    """The function ``main(argv=None)`` of a command, which runs its command line and returns the exit status."""
+
+    def main(argv: Sequence[str] | None = None) -> int:
+        return run(commands, prog=prog, description=description, argv=argv)
+
+    return main
+
+
+def print_json(value: Any, *, ensure_ascii: bool = True) -> None:
+    """Print a value as one line of JSON."""
+    sys.stdout.write(json.dumps(value, ensure_ascii=ensure_ascii) + "\n")
+
+
 def write_completion(shell: str, commands: Mapping[str, str]) -> None:
     """Print the completion script of all commands and their options.
 
@@ -158,6 +173,16 @@ def check_free(path: Path, *, overwrite: bool = False) -> None:
         raise ShuttleError(f"{path}: is there already; --overwrite replaces it, --out names another")
 
 
+def _table(title: str | Text, *left: str, right: Sequence[str] = ()) -> Table:
+    """Empty table with columns aligned left, then columns aligned right."""
+    table = Table(title=title, title_justify="left", header_style="bold")
+    for heading in left:
+        table.add_column(heading)
+    for heading in right:
+        table.add_column(heading, justify="right")
+    return table
+
+
 def facts(rows: Mapping[str, str]) -> Table:
     """Table of names and values, one per line."""
     table = Table.grid(padding=(0, 3))
@@ -174,10 +199,9 @@ def shares(named: Mapping[str, float], count: int | None = None) -> str:
 
 def scorecards(cards: Sequence["Scorecard"]) -> Table:
     """Table of scorecards, one policy per row."""
-    table = Table(title="Against bc, its best response, and perfect play", title_justify="left", header_style="bold")
-    table.add_column("policy", no_wrap=True)
-    for heading in ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"):
-        table.add_column(heading, justify="right")
+    right = ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin")
+    table = _table("Against bc, its best response, and perfect play", "policy", right=right)
+    table.columns[0].no_wrap = True
     for card in cards:
         rally = _with_interval(card.rally_win_vs_bc, card.rally_interval)
         match = _with_interval(card.match_win_vs_bc, card.match_interval)
@@ -189,9 +213,7 @@ def scorecards(cards: Sequence["Scorecard"]) -> Table:
 
 def play(cards: Sequence["Scorecard"]) -> Table:
     """Endings and shots of rallies against bc, one policy per row."""
-    table = Table(title="Rallies against bc", title_justify="left", header_style="bold")
-    for heading in ("policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots"):
-        table.add_column(heading)
+    table = _table("Rallies against bc", "policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots")
     for card in cards:
         if card.endings_vs_bc is not None and card.shot_mix_vs_bc is not None:
             table.add_row(_name(card.policy), shares(card.endings_vs_bc), shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
@@ -201,11 +223,10 @@ def play(cards: Sequence["Scorecard"]) -> Table:
 def holes(policy: str, found: "Holes") -> Table:
     """The states in which a policy loses most, one per row."""
     title = Text(f"Where {printable(policy)} loses most to its best response")
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("state", overflow="fold")
-    table.add_column("plays, better", overflow="fold")
-    for heading in ("in self-play", "against its best response", "lost a stroke", "lost a rally"):
-        table.add_column(heading, justify="right")
+    right = ("in self-play", "against its best response", "lost a stroke", "lost a rally")
+    table = _table(title, "state", "plays, better", right=right)
+    for column in table.columns[:2]:
+        column.overflow = "fold"
     for hole in found.holes:
         played = f"{hole.played} {percent(hole.played_share)}"
         better = "" if hole.best == hole.played else f"\n{hole.best} {percent(hole.best_share)}"
@@ -217,11 +238,8 @@ def holes(policy: str, found: "Holes") -> Table:
 
 def home_and_away(rows: Sequence[Headlines]) -> Table:
     """Results in the game and in its refits, one per row."""
-    table = Table(title="In the game and in its refits", title_justify="left", header_style="bold")
-    table.add_column("", no_wrap=True)
-    table.add_column("result")
-    for heading in ("game", "refits", "95 %"):
-        table.add_column(heading, justify="right")
+    table = _table("In the game and in its refits", "", "result", right=("game", "refits", "95 %"))
+    table.columns[0].no_wrap = True
     for name, home, away in rows:
         known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
         for i, (figure, value, there) in enumerate(known):
@@ -252,8 +270,8 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
 
 def matrix(title: str, names: Sequence[str], probabilities: F64) -> Table:
     """Table of ``[N, N]`` probabilities of the row player against the column player."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("", no_wrap=True)
+    table = _table(title, "")
+    table.columns[0].no_wrap = True
     for name in names:
         table.add_column(_name(name), justify="right", no_wrap=True)
     for i, name in enumerate(names):

@@ -1,8 +1,6 @@
 """``python -m shuttle_marl.data``: download, convert, summarise and check annotated matches."""
 
 import sys
-from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -107,7 +105,7 @@ def summary(root: Root, *, json: bool = False) -> None:
     """
     account = load_account(root)
     if json:
-        sys.stdout.write(dumps(account.as_json()) + "\n")
+        cli.print_json(account.as_json())
     else:
         _show(account)
 
@@ -128,7 +126,7 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
             "notes": report.notes,
             "splits": {split: {"whole": whole, "files": files} for split, (whole, files) in report.splits.items()},
         }
-        sys.stdout.write(dumps(values, ensure_ascii=False) + "\n")
+        cli.print_json(values, ensure_ascii=False)
     else:
         _show_report(report)
     if report.problems:
@@ -175,11 +173,8 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; returns its exit status."""
-    return cli.run(
-        COMMANDS,
-        prog="python -m shuttle_marl.data",
-        description="Annotated matches, published ones and your own: download, convert, import, summarise and check them.",
-        argv=argv,
-    )
+main: Final = cli.entry_point(
+    COMMANDS,
+    "python -m shuttle_marl.data",
+    "Annotated matches, published ones and your own: download, convert, import, summarise and check them.",
+)

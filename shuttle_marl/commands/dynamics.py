@@ -2,14 +2,13 @@
 
 import json as json_format
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
 from rich.table import Table
 
-from shuttle_marl.commands.cli import Command, check_free, console, run
+from shuttle_marl.commands.cli import Command, check_free, console, entry_point, print_json
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game.shipped import model_folder, read_model_card
@@ -72,7 +71,7 @@ def evaluate(
 
     result = evaluate_model(data, model_folder(model), split, report=_report)
     if json:
-        sys.stdout.write(json_format.dumps(result) + "\n")
+        print_json(result)
         return
     table = Table(title=f"{split} split: models and boosted trees")
     for column in ("", "rows", "log-loss", "trees", "ratio", "Brier", "AUC", "ECE"):
@@ -134,6 +133,4 @@ def _read_json(path: Path) -> dict[str, Any]:
 COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(COMMANDS, prog="python -m shuttle_marl.dynamics", description=__doc__ or "", argv=argv)
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

@@ -3,8 +3,6 @@
 import contextlib
 import dataclasses
 import functools
-import json as json_format
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -90,7 +88,7 @@ def solve(
         **cli.home_and_away_json({"server_win": (1 + solution.value_at_serve) / 2, "exploitability": 0.0}, spreads),
     }
     if json_output:
-        _say(json_format.dumps(figures))
+        cli.print_json(figures)
         return
     serving = (1 + solution.value_at_serve) / 2
     seen = visits(*solution.policy)
@@ -145,7 +143,7 @@ def evaluate(
             watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
             cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
     if json_output:
-        _say(json_format.dumps([card.as_json() for card in cards]))
+        cli.print_json([card.as_json() for card in cards])
         return
     console = cli.console()
     console.print(cli.scorecards(cards))
@@ -214,7 +212,7 @@ def best_response(
         **cli.home_and_away_json({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
     }
     if json_output:
-        _say(json_format.dumps(figures))
+        cli.print_json(figures)
         return
     wins = f"{cli.percent(odds.rally)} of rallies ({cli.percent(odds.serving)} serving, {cli.percent(odds.receiving)} receiving)"
     rows = {
@@ -255,7 +253,7 @@ def holes(
     tables = model.load()
     found = find(*model.tabulate([policy], tables), top=top)
     if json_output:
-        _say(json_format.dumps({"policy": policy, **found.as_json()}))
+        cli.print_json({"policy": policy, **found.as_json()})
         return
     console = cli.console()
     console.print(cli.holes(policy, found))
@@ -311,7 +309,7 @@ def crossplay(
             "seconds": seconds,
             **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
         }
-        _say(json_format.dumps(figures))
+        cli.print_json(figures)
         return
     console = cli.console()
     console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
@@ -381,10 +379,6 @@ def _progress(things: Any, what: str) -> Any:
     return track(things, what, console=cli.console(stderr=True), transient=True)
 
 
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-
-
 COMMANDS: Final[dict[str, cli.Command]] = {
     "solve": solve,
     "evaluate": evaluate,
@@ -394,7 +388,8 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    description = "Exact solution of the game, and policies measured against it; every result states its error bound."
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.exact", description=description, argv=argv)
+main: Final = cli.entry_point(
+    COMMANDS,
+    "python -m shuttle_marl.exact",
+    "Exact solution of the game, and policies measured against it; every result states its error bound.",
+)

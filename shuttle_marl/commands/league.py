@@ -1,6 +1,5 @@
 """``python -m shuttle_marl.league``: a tournament; ``… train``: policies that learn; ``… report``: runs compared."""
 
-import json as json_format
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,7 +44,7 @@ def train(
     done = train_league(config, cli.console(stderr=True))
     figures = done.figures
     if json_output:
-        sys.stdout.write(json_format.dumps({**figures, "run": str(done.folder)}) + "\n")
+        cli.print_json({**figures, "run": str(done.folder)})
         return
     table = printable(str(done.folder / MAIN))
     rows = {

@@ -1,8 +1,5 @@
 """``shuttle-marl policies``: all policies by name, with one line about each."""
 
-import sys
-from collections.abc import Sequence
-from json import dumps
 from typing import Final
 
 import tyro
@@ -33,7 +30,7 @@ def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: 
     named = described_names(model.load())
     own = {**forms(), **_OWN}
     if json:
-        sys.stdout.write(dumps({"policies": named, "forms": own}, ensure_ascii=False) + "\n")
+        cli.print_json({"policies": named, "forms": own}, ensure_ascii=False)
         return
     out = cli.console()
     for title, lines in (("Policies by name", named), ("Names that you complete", own)):
@@ -48,6 +45,4 @@ def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: 
 COMMANDS: Final = policies
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return cli.run(COMMANDS, prog="shuttle-marl policies", description=__doc__ or "", argv=argv)
+main: Final = cli.entry_point(COMMANDS, "shuttle-marl policies", __doc__ or "")

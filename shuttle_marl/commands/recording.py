@@ -1,7 +1,6 @@
 """``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
 import dataclasses
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -67,7 +66,7 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
             "software": list(dict.fromkeys(header.software for header in headers)),
         }
     if json_output:
-        _print(json.dumps(facts))
+        cli.print_json(facts)
         return
     for name, fact in facts.items():
         words = [printable(str(each)) for each in (fact if isinstance(fact, list) else [fact])]
@@ -261,10 +260,9 @@ COMMANDS: Final[dict[str, cli.Command]] = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    description = "Read, check, recover and export rally logs, and write 3D scenes."
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.recording", description=description, argv=argv)
+main: Final = cli.entry_point(
+    COMMANDS, "python -m shuttle_marl.recording", "Read, check, recover and export rally logs, and write 3D scenes."
+)
 
 
 def _describe(log: RallyLog, number: int) -> str:

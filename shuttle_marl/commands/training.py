@@ -1,14 +1,13 @@
 """``python -m shuttle_marl.training ppo | a2c | sac``: train an agent."""
 
 import os
-from collections.abc import Sequence
 from typing import Annotated, Final
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.commands.cli import Command, console, run
+from shuttle_marl.commands.cli import Command, console, entry_point
 from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
 
 
@@ -66,6 +65,4 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jo
 COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(COMMANDS, prog="python -m shuttle_marl.training", description=__doc__ or "", argv=argv)
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "")

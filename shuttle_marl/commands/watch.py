@@ -6,7 +6,6 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -114,13 +113,7 @@ def watch(
     from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
     from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
     from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
-    from shuttle_marl.watch.server import (  # noqa: PLC0415
-        Server,
-        application,
-        bind,
-        check_video,
-        hosts_of,
-    )
+    from shuttle_marl.watch.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
 
     console = cli.console(stderr=True)
@@ -193,6 +186,4 @@ def _film(server: "Server", listener: socket.socket, address: str, path: Path) -
 COMMANDS: Final = watch
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.watch", description=(watch.__doc__ or "").partition("\n")[0], argv=argv)
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.watch", (watch.__doc__ or "").partition("\n")[0])
