@@ -1,10 +1,10 @@
-// What the server says of the worth of strokes, and the panels that show it.
+// Panels that show the values of strokes.
 
 import { h, percent, replaceChildren, s, signed, words } from "./dom";
 import { COLOURS } from "./stage";
 import type { Analysis, HallFacts, RallyFacts, StrokeValue } from "./wire.gen";
 
-/** Probability that seat 0 wins the rally: what it is after each moment. */
+/** Probability that seat 0 wins the rally, over time. */
 export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number; win: number }[] {
   const steps: { time: number; win: number }[] = [];
   analysis.strokes.forEach((value, i) => {
@@ -66,7 +66,7 @@ export class Curve {
       }),
     ];
     this.names.replaceChildren();
-    let free = 0; // where the next name has room
+    let free = 0; // left edge of the free space for the next label
     for (const [i, stroke] of rally.strokes.entries()) {
       const name = `${i + 1} ${words(stroke.shot)}`;
       const end = (rally.strokes[i + 1]?.time ?? duration) / duration;
@@ -167,7 +167,7 @@ export class MoveList {
     this.moved = true;
   }
 
-  /** Scrolls to the stroke that is marked; to be called before anything changes in a frame, because the page is measured for it. */
+  /** Scrolls to the current stroke. Call it before other changes of a frame: it measures the layout. */
   keepInView(): void {
     const row = this.moved ? this.rows[this.current] : undefined;
     this.moved = false;
@@ -241,7 +241,7 @@ export class OptionTable {
   }
 }
 
-/** P(success) and P(returned) of the stroke in the air. */
+/** P(success) and P(returned) of the current stroke. */
 export class Chances {
   readonly element = h("section", { class: "panel pair", "aria-label": "Probabilities of the stroke" });
 
@@ -266,7 +266,7 @@ export class Chances {
   }
 }
 
-/** The court from above: where the policy aims, the way of the shuttle. Seat 0 is on the left. */
+/** The court from above: target areas of the policy and path of the shuttle. Seat 0 is on the left. */
 export class LandingMap {
   readonly element = h("section", { class: "panel", "aria-label": "Where the striker's policy aims" });
   private readonly drawing = s("svg", { class: "map", viewBox: "-7 -3.35 14 6.7", role: "img" });

@@ -1,4 +1,4 @@
-// The page: what is played, how time passes, and what the viewer does.
+// The page: state, playback and actions of the viewer.
 
 import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
@@ -10,9 +10,9 @@ import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
 import type { Stage } from "./stage";
 import { state } from "./state";
-import { Worth } from "./strokeValues";
+import { StrokeValues } from "./strokeValues";
 import { summary } from "./summary";
-import { Course } from "./timeline";
+import { Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
@@ -21,12 +21,12 @@ export class App {
   readonly stage: Stage | null;
   private readonly frames: Frames;
   private readonly player: Player;
-  private readonly course: Course;
+  private readonly course: Timeline;
   private readonly screen: Screen;
   private readonly rallies: Rallies;
   private readonly saving: Saving;
   private readonly keys: Record<string, () => void>;
-  private readonly worth: Worth;
+  private readonly values: StrokeValues;
   private shown: Shown | null = null;
   private loopRally = false;
   private autoNext = true;
@@ -43,7 +43,7 @@ export class App {
     private readonly source: Source,
   ) {
     const place = readLink(location.hash);
-    this.course = new Course(hello.recorded ? null : (place.plan ?? hello.plan), place.tried);
+    this.course = new Timeline(hello.recorded ? null : (place.plan ?? hello.plan), place.tried);
     const quality = new URLSearchParams(location.search).get("quality");
     const known = quality === "full" || quality === "lite" ? quality : "auto";
     this.frames = new Frames(hello.hall, (name) => source.model(name), known, STILL.matches);
@@ -59,7 +59,7 @@ export class App {
       async (rally) => this.stage?.prepare(rally),
       (error) => layout.say(error.message, true),
     );
-    this.worth = new Worth(source, this.course, this.rallies, this.screen);
+    this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
     this.saving = new Saving(this.course, this.player, this.stage, source, layout);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
@@ -104,7 +104,7 @@ export class App {
     };
   }
 
-  // What is shown.
+  // Navigation.
 
   /** Shows a rally, from its start or from a stroke of it. */
   async go(number: number, stroke: number | null = null, playing = this.player.playing): Promise<void> {
@@ -134,14 +134,14 @@ export class App {
     document.body.dataset["ready"] = "";
     const where = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
-    this.saving.remember();
-    void this.worth.ask(rally);
+    this.saving.updateAddress();
+    void this.values.request(rally);
     if (rally.winner !== null && !rally.after?.over && this.screen.mode !== "learn") {
       this.rallies.load({ ...course.wanted(course.number + 1), tried: {} }).catch(() => {}); // staged while this one plays
     }
   }
 
-  /** The costliest decisions of a person in the game that is over. */
+  /** Shows the costliest decisions of a person in the finished game. */
   private async showGame(rally: RallyFacts): Promise<void> {
     const { person } = this.course;
     if (person) {
@@ -153,13 +153,13 @@ export class App {
         this.setMode("analyse");
         void this.go(number, stroke);
       };
-      dialog.querySelector("div")!.replaceChildren(...(await summary(rally, person.seat, this.worth.played, open)));
+      dialog.querySelector("div")!.replaceChildren(...(await summary(rally, person.seat, this.values.played, open)));
       dialog.addEventListener("close", next, { once: true });
       dialog.showModal();
     }
   }
 
-  // What the viewer does.
+  // Actions.
 
   setMode(mode: Mode): void {
     const { course, screen } = this;
@@ -198,12 +198,12 @@ export class App {
   seekStroke(stroke: number): void {
     this.player.playing = false;
     this.seek(this.shown?.rally.strokes[stroke]?.time ?? 0);
-    this.saving.remember();
+    this.saving.updateAddress();
   }
 
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
-      this.saving.remember();
+      this.saving.updateAddress();
     } else {
       this.seek(step > 0 ? this.player.duration : 0);
     }
@@ -212,12 +212,12 @@ export class App {
   newMatch(): void {
     if (this.course.plan && this.source.share) {
       this.course.newMatch();
-      this.worth.played.length = 0;
+      this.values.played.length = 0;
       void this.go(0, null, true);
     }
   }
 
-  /** Shows what a link names that was put into the address. */
+  /** Opens the link in the address. */
   private visit(): void {
     const place = readLink(location.hash);
     const played = this.course.person !== null;
@@ -229,7 +229,7 @@ export class App {
     void this.go(place.rally, place.stroke);
   }
 
-  /** Another agent, or another temperature, from the next rally on; before the first serve from this one on. */
+  /** Changes agent or temperature from the next rally on; before the first serve, from this one on. */
   changeSide(seat: number, side: Side): void {
     const { course } = this;
     if (!course.plan) {
@@ -243,11 +243,11 @@ export class App {
     }
     const { layout } = this.screen;
     layout.say(`${side.policy} plays from the next rally on`);
-    this.saving.remember();
+    this.saving.updateAddress();
     this.rallies.load(course.wanted(from)).catch((error: Error) => layout.say(error.message, true));
   }
 
-  /** A person takes the place of a policy from the next stroke that can still be chosen, or hands it back. */
+  /** Replaces a policy by a person from the next stroke that can still be chosen, or the person by the policy. */
   async takeOver(seat: number): Promise<void> {
     const { course, player, shown } = this;
     const { layout } = this.screen;
@@ -273,7 +273,7 @@ export class App {
     }
   }
 
-  /** The person plays no more. */
+  /** Ends the play of the person. */
   private leave(): void {
     this.course.person = null;
     this.seeFrom(0);
@@ -310,7 +310,7 @@ export class App {
     }
   }
 
-  /** Plays another stroke where one was struck; the rally continues from there. */
+  /** Replaces a played stroke; the rally continues from it. */
   async whatIf(stroke: number): Promise<void> {
     const { course } = this;
     if (!this.shown || !this.source.share) {
@@ -333,7 +333,7 @@ export class App {
     void this.go(this.course.number, Math.max(this.player.stroke, 0));
   }
 
-  /** Does what a key stands for; returns whether it stands for anything. */
+  /** Handles a key; returns whether it has an action. */
   key(key: string): boolean {
     if (this.screen.board.key(key)) {
       return true;
@@ -382,7 +382,7 @@ export class App {
     this.frames.draw(this.listener);
   }
 
-  /** Leaves nothing but the court, for a video. */
+  /** Hides everything except the court, for a video. */
   film(): void {
     this.player.playing = false;
     this.frames.onDemand = true;
@@ -392,7 +392,7 @@ export class App {
     this.seek(0);
   }
 
-  /** What is seen, for tests and scripts. */
+  /** State of the page for tests and scripts. */
   state(): Record<string, unknown> {
     const { course, player, screen, stage } = this;
     return state(this.shown, course, player, screen, stage, {

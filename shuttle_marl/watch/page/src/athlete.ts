@@ -61,14 +61,14 @@ export class Athlete {
     this.bones[hand]!.add(this.racket);
   }
 
-  /** Takes the pose of a player at a time. */
+  /** Sets the pose of a player at a time. */
   pose(motion: Motion, time: number, seat: number): void {
     motion.rotationsAt(time, seat, this.rotations);
     this.bones[0]!.position.copy(at(...motion.hipsAt(time, seat, this.hips)));
     this.bones.forEach((bone, i) => turned(this.rotations, i * 4, (i === this.racketBone ? this.racket : bone!).quaternion));
   }
 
-  /** Moves the pose back towards that of another motion; `share` 1 leaves it as it is. */
+  /** Blends the pose with that of another motion; `share` is the weight of the current pose. */
   moveFrom(motion: Motion, time: number, seat: number, share: number): void {
     motion.rotationsAt(time, seat, this.rotations);
     const old = new THREE.Quaternion();
@@ -93,7 +93,7 @@ class Ring extends THREE.Curve<THREE.Vector3> {
   }
 }
 
-/** A racket whose shaft is the y axis and whose strings face z, turned into the hand. */
+/** A racket whose shaft is the y axis and whose strings face z, rotated into the hand. */
 function makeRacket({ racket }: HallFacts, me: AthleteFacts, colour: number): THREE.Group {
   const [middle, [half, wide]] = [racket.sweet_spot, racket.head];
   const inner = new THREE.Group();

@@ -32,7 +32,7 @@ export class Board {
   private shot = "";
   private area = "";
   private technique = "";
-  private worth = new Map<number, Option>();
+  private values = new Map<number, Option>();
 
   constructor(
     private readonly hall: HallFacts,
@@ -44,7 +44,7 @@ export class Board {
       return;
     }
     this.turn = turn;
-    this.worth.clear();
+    this.values.clear();
     this.element.classList.toggle("hidden", turn === null);
     document.body.classList.toggle("choosing", turn !== null);
     if (turn) {
@@ -61,7 +61,7 @@ export class Board {
     return this.turn?.strokes.find((s) => s.shot === this.shot && s.area === this.area && s.technique === this.technique);
   }
 
-  /** Chooses parts of a stroke; parts that do not fit together any more move to the first that does. */
+  /** Sets parts of a stroke; the others change to the most probable legal ones if necessary. */
   private choose(parts: { shot?: string; area?: string; technique?: string }): void {
     const { strokes } = this.turn!;
     const fits = (test: (s: TurnStroke) => boolean) => strokes.filter(test);
@@ -80,9 +80,9 @@ export class Board {
     return strokes.reduce((best, s) => (s.p_succ > best.p_succ ? s : best));
   }
 
-  /** How probably the best of some strokes wins, once that is known. */
+  /** Win probability of the best of several strokes; null until hints arrive. */
   private best(strokes: TurnStroke[]): string | null {
-    const wins = strokes.flatMap((s) => this.worth.get(s.stroke)?.win ?? []);
+    const wins = strokes.flatMap((s) => this.values.get(s.stroke)?.win ?? []);
     return wins.length ? percent(Math.max(...wins)) : null;
   }
 
@@ -143,7 +143,7 @@ export class Board {
       );
     });
     const now = this.selected;
-    const option = now ? this.worth.get(now.stroke) : undefined;
+    const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
       ? `good ${percent(now.p_succ)} · returned ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
       : "";
@@ -174,7 +174,7 @@ export class Board {
     const { turn } = this;
     const options = await this.hooks.hints();
     if (turn === this.turn && turn) {
-      this.worth = new Map(options.map((option) => [option.stroke, option]));
+      this.values = new Map(options.map((option) => [option.stroke, option]));
       this.draw();
     }
   }
@@ -186,7 +186,7 @@ export class Board {
     }
   }
 
-  /** Chooses the area that a place on the court lies in. */
+  /** Selects the area that contains a point of the court. */
   aimAt(x: number, y: number): void {
     const found = this.turn?.strokes.find(
       ({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1,
@@ -234,7 +234,7 @@ export class Board {
   }
 }
 
-/** The key of a place in the grid of areas, as on a keypad. */
+/** Numeric keypad key of a cell of the area grid. */
 function keypad(place: number): number {
   return [7, 8, 9, 4, 5, 6, 1, 2, 3][place]!;
 }

@@ -1,20 +1,20 @@
-// Motions of a whole match in few bytes, for a page that holds them all. Rotations are written as vectors from the mean of
-// their bone; every number is foretold from its neighbours in time, coarse steps first, and only the rest is kept, in whole
-// steps. What is read back is off by half a step at most, less where a racket meets the shuttle.
+// Lossy compression of motions for pages with whole matches. Rotations are rotation vectors relative to the mean of their
+// bone; every value is predicted from its neighbours in time, coarse intervals first, and the residual is quantized. The error
+// is at most half a quantization step, and smaller near contacts.
 
 import { BONES, type Frames, type Head, Motion } from "./motion";
 
 const MAGIC = "CMOT";
-// Metres that turn with a bone, in the order of the bones: the more there are, the finer its steps.
+// Length of the chain that each bone moves [m]; longer chains have finer steps.
 const ARM = [1.3, 1.2, 0.95, 0.75];
 const LEG = [0.95, 0.5, 0.2, 0.1];
 const REACH = [1.7, 1.5, 1.45, 1.4, 0.3, 0.25, ...ARM, ...ARM, ...LEG, ...LEG, 0.65];
-const TURN_STEP = 0.0064; // of a turn, times the metres that turn with it [m]
-const PLACE_STEP = 0.002; // of a place [m]
-const FAR = 4; // frames that are foretold from this distance on have steps half as wide: others are foretold from them
-const NEAR = 2; // frames before and after a contact whose steps are a third as wide
+const TURN_STEP = 0.0064; // step of a rotation times the length of the chain [m]
+const PLACE_STEP = 0.002; // step of a position [m]
+const FAR = 4; // frames predicted from at least this distance have half the step, because others are predicted from them
+const NEAR = 2; // frames before and after a contact with a third of the step
 
-/** Distances from which frames are foretold, the farthest first; 0 stands for the first frame, which nothing foretells. */
+/** Distances of prediction, largest first; 0 is the first frame, which is not predicted. */
 function distances(count: number): number[] {
   const out: number[] = [];
   for (let distance = 1; distance < count; distance *= 2) {
@@ -36,9 +36,9 @@ function foretold(values: Float64Array, i: number, distance: number): number {
   return earlier < 0 || later >= values.length ? sum / 2 : (9 * sum - values[earlier]! - values[later]!) / 16;
 }
 
-/** Turns columns of numbers into whole steps, or back: both foretell from what is read back. */
+/** Quantizes columns or restores them; both directions predict from restored values. */
 interface Steps {
-  /** The value that is read back for a number of a column. */
+  /** The restored value of an element of a column. */
   next(value: number, guess: number, step: number): number;
 }
 
@@ -75,7 +75,7 @@ class Reader implements Steps {
   }
 }
 
-/** Runs columns of numbers through steps, one distance of all columns after the other; afterwards they hold what is read back. */
+/** Codes all columns, one distance after the other; afterwards they hold the restored values. */
 function run(steps: Steps, columns: Float64Array[], widths: number[], near: Uint8Array): void {
   const count = columns[0]?.length ?? 0;
   for (const distance of distances(count)) {
@@ -89,7 +89,7 @@ function run(steps: Steps, columns: Float64Array[], widths: number[], near: Uint
   }
 }
 
-/** All columns of a motion, places and turns, with the width of their steps. */
+/** All columns of a motion, positions and rotations, with their quantization steps. */
 function all(steps: Steps, parts: Parts, head: Head, coarse: number): void {
   const near = new Uint8Array(head.first + head.frames);
   head.strokes.forEach(({ frame }) => near.fill(1, Math.max(0, frame - NEAR), frame + NEAR + 1));
@@ -128,7 +128,7 @@ function product([ax, ay, az, aw]: Turn, [bx, by, bz, bw]: Turn): Turn {
 
 const columns = (count: number, length: number) => Array.from({ length: count }, () => new Float64Array(length));
 
-/** The mean turn of a bone, `[2 * BONES]` for seat 0 and then seat 1. */
+/** The mean rotation of a bone, `[2 * BONES]` for seat 0 and then seat 1. */
 function means(local: Float32Array, frames: number): Turn[] {
   return Array.from({ length: 2 * BONES }, (_, bone) => {
     const sum: Turn = [0, 0, 0, 0];
@@ -181,14 +181,14 @@ function joined(parts: Parts, feet: Uint8Array, mean: Turn[], kept: number[]): F
   return out;
 }
 
-/** Frames in which the shuttle is in no flight. */
+/** Frames outside of flights. */
 function outside({ strokes }: Head, frames: number): number[] {
   return Array.from({ length: frames }, (_, frame) => frame).filter(
     (frame) => !strokes.some((s) => s.frame <= frame && frame <= s.end_frame),
   );
 }
 
-/** A motion in few bytes, to be compressed; steps are `coarse` times as wide. */
+/** Quantizes a motion with steps multiplied by `coarse`; the result is still to be compressed. */
 export function condense(motion: Motion, coarse: number): Uint8Array<ArrayBuffer> {
   const { fps, frames, head, kept } = motion;
   const { players } = head;
@@ -210,7 +210,7 @@ export function isCondensed(content: ArrayBuffer): boolean {
   return new TextDecoder().decode(content.slice(0, MAGIC.length)) === MAGIC;
 }
 
-/** The motion that was condensed. */
+/** Restores a quantized motion. */
 export function expanded(content: ArrayBuffer): Motion {
   const bytes = new Uint8Array(content);
   const end = bytes.indexOf(10);

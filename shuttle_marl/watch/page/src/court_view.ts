@@ -1,4 +1,4 @@
-// What lies over the court: score, shot, speed, cameras.
+// Overlays of the court: score, shot, speed, cameras.
 
 import { h, percent, replaceChildren, words } from "./dom";
 import { CAMERAS, type Camera, COLOURS } from "./stage";
@@ -37,7 +37,7 @@ function fact(name: string, value: string, style = ""): HTMLElement {
   return h("dl", {}, h("dt", {}, name), h("dd", { style }, value));
 }
 
-/** The stroke that is in the air. */
+/** The current stroke. */
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
   readonly speed = h("div", { class: "speed", "aria-hidden": "true" });

@@ -3,7 +3,7 @@
 type Child = Node | string | null | undefined | false;
 type Props = Record<string, string | number | boolean | null | undefined | ((event: Event) => void)>;
 
-/** An element with attributes, listeners (`onclick`, …) and children. */
+/** Creates an element with attributes, listeners (`onclick`, …) and children. */
 export function h<K extends keyof HTMLElementTagNameMap>(
   tag: K,
   props: Props = {},
@@ -27,7 +27,7 @@ export function h<K extends keyof HTMLElementTagNameMap>(
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** An element of a drawing. */
+/** Creates an SVG element. */
 export function s(tag: string, attributes: Record<string, string | number> = {}, ...children: (Node | string)[]): SVGElement {
   const element = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -37,7 +37,7 @@ export function s(tag: string, attributes: Record<string, string | number> = {},
   return element;
 }
 
-/** A number from 0 to 1 in percent; what may happen is never 0 %, and what may not never 100 %. */
+/** A number from 0 to 1 in percent; only 0 is shown as 0 %, and only 1 as 100 %. */
 export function percent(p: number): string {
   if (p > 0 && p < 0.005) {
     return "<1 %";

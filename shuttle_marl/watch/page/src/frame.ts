@@ -1,14 +1,14 @@
-// One frame: time passes, and the court is drawn if anything on it changed.
+// Frame loop: advances the time and draws the court if something changed.
 
 import type { Motion } from "./motion";
 import { Player } from "./player";
 import { Stage } from "./stage";
 import type { HallFacts, RallyFacts } from "./wire.gen";
 
-const SETTLING = 45; // frames in which cameras and poses come to rest
-const RESTING = 300; // between two pictures of waiting players with software rendering, so that input is not delayed [ms]
-const LONGEST = 0.1; // longest time that passes in a frame [s]
-const FRAMES = 240; // whose durations are kept
+const SETTLING = 45; // frames until cameras and poses settle
+const RESTING = 300; // frame interval of waiting players in software rendering, which keeps input responsive [ms]
+const LONGEST = 0.1; // maximum time step of a frame [s]
+const FRAMES = 240; // number of frame durations that are stored
 
 export interface FrameListener {
   /** Time has passed; `ended`: the rally reached its end. */
@@ -24,19 +24,19 @@ export class Frames {
   readonly stage: Stage | null;
   /** Durations of the last frames [ms]. */
   readonly durations: number[] = [];
-  /** Area at which a person aims: x0, x1, y0, y1. */
+  /** Target area of a person: x0, x1, y0, y1. */
   aim: [number, number, number, number] | null = null;
-  /** Whether frames are drawn on demand only, for a film. */
+  /** Whether frames are drawn on demand only, for a video. */
   onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
   private last = 0; // time of the last frame [ms]
-  private version = 0; // of what is shown
-  private seen = ""; // everything on which the last picture depends
-  private unsettled = 0; // pictures to draw although nothing changed
+  private version = 0; // increases with each rally shown
+  private seen = ""; // state that the last frame depends on
+  private unsettled = 0; // frames to draw although nothing changed
   private drawnAt = 0;
   private drawnTime = 0;
 
-  /** @param still whether cameras and waiting players do not move. */
+  /** @param still whether cameras and waiting players stand still. */
   constructor(
     hall: HallFacts,
     model: (athlete: string) => Promise<ArrayBuffer>,

@@ -1,14 +1,14 @@
-// The hall: floor, court, net, boards, stands and lights. All that does not move.
+// The hall: floor, court, net, boards, stands and lights. All static objects.
 
 import * as THREE from "three";
 import type { HallFacts } from "./wire.gen";
 
-/** A point of the court in the axes of the drawing. */
+/** Converts court axes to three.js axes. */
 export function at(x: number, y: number, z: number): THREE.Vector3 {
   return new THREE.Vector3(-x, z, y);
 }
 
-/** Colour of what is farther than the light of the hall reaches. */
+/** Background colour. */
 export const DARK = 0x05080f;
 const FLOOR = 0x16305c;
 const MAT_COLOUR = "#12785a";
@@ -24,7 +24,7 @@ function canvasTexture(width: number, height: number, paint: (g: CanvasRendering
   return texture;
 }
 
-/** Draws numbers that are the same on every machine. */
+/** Seeded random numbers. */
 function* numbers(seed: number): Generator<number, never> {
   let state = seed;
   for (;;) {
@@ -46,7 +46,7 @@ export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): 
   }
 }
 
-/** Gives parts materials and textures that cost little where the processor draws every pixel. */
+/** Replaces materials and textures by ones that are cheap in software rendering. */
 export function simplify(parts: THREE.Object3D): void {
   const made = new Map<THREE.Material, THREE.Material>();
   parts.traverse((part) => {
@@ -214,7 +214,7 @@ function addBoards(scene: THREE.Scene): void {
   board(19, -6.9, 0, Math.PI / 2);
 }
 
-/** Four stands of seats that rise from the boards, with people in most of them. */
+/** Four stands with spectators. */
 function addStands(scene: THREE.Scene, lite: boolean): void {
   const rows = lite ? 9 : 16;
   const random = numbers(20417);
@@ -243,7 +243,7 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
   const tiers = new THREE.Mesh(joined(steps), new THREE.MeshLambertMaterial({ color: 0x111a2b }));
   scene.add(tiers);
   const body = lite
-    ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // thousands of them, and each corner costs time
+    ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // few vertices: there are thousands of them
     : joined([
         new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0),
         new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0),
@@ -266,7 +266,7 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
   scene.add(crowd);
 }
 
-/** Geometries of one material as one, so that they are drawn at once. */
+/** Merges geometries of one material into one draw call. */
 export function joined(parts: THREE.BufferGeometry[]): THREE.BufferGeometry {
   const flat = parts.map((part) => (part.index ? part.toNonIndexed() : part));
   const out = new THREE.BufferGeometry();
@@ -283,7 +283,7 @@ export function joined(parts: THREE.BufferGeometry[]): THREE.BufferGeometry {
   return out;
 }
 
-/** Layer of what does not move and stands behind all that does. */
+/** Layer of static objects behind all moving ones. */
 export const BEHIND = 1;
 const MAX_PICTURES = 4;
 
@@ -319,7 +319,7 @@ export class Backdrop {
     this.screen.add(sheet);
   }
 
-  /** Draws a scene as an eye sees it, from `BEHIND` only what is not known of this view yet. */
+  /** Renders a scene; the layer `BEHIND` is rendered once per view and cached. */
   render(scene: THREE.Scene, eye: THREE.PerspectiveCamera): void {
     const { renderer } = this;
     eye.updateMatrixWorld();

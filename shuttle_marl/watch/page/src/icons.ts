@@ -1,4 +1,4 @@
-// Icons as paths in a box of 16 by 16.
+// Icons as SVG paths in a 16 by 16 view box.
 
 import { s } from "./dom";
 

@@ -1,11 +1,11 @@
-// Keys of the whole page.
+// Keyboard shortcuts of the page.
 
 import type { Layout } from "./layout";
 import { type Player, SPEEDS } from "./player";
 import type { Acts } from "./screen";
 import { CAMERAS, type Stage } from "./stage";
 
-/** What keys do, where no stroke is chosen. */
+/** Actions of keys outside of the stroke board. */
 export function keyTable(acts: Acts, player: Player, stage: Stage | null, layout: Layout): Record<string, () => void> {
   const speed = (step: number) => {
     const at = SPEEDS.findIndex((speed) => speed >= player.speed);
@@ -38,7 +38,7 @@ export function keyTable(acts: Acts, player: Player, stage: Stage | null, layout
   };
 }
 
-/** Calls `act` with every key that is not meant for a control; it says whether the key does something. */
+/** Calls `act` with every key that no control handles; it returns whether it handled the key. */
 export function listen(act: (key: string) => boolean, board: HTMLElement): void {
   document.addEventListener("keydown", (event) => {
     const target = event.target as HTMLElement;

@@ -1,4 +1,4 @@
-// Where everything stands on the page.
+// Layout of the page.
 
 import { h, replaceChildren } from "./dom";
 import { icon } from "./icons";
@@ -26,7 +26,7 @@ export interface Hooks {
   textMode(on: boolean): void;
 }
 
-/** Panels that others fill. */
+/** Containers of panels. */
 export interface Parts {
   canvas: HTMLCanvasElement | null;
   overlays: HTMLElement[];
@@ -205,7 +205,7 @@ export class Layout {
     this.autoNext.setAttribute("aria-pressed", String(on));
   }
 
-  /** Whether the words take the place of the court. */
+  /** Whether text replaces the court. */
   showText(on: boolean): void {
     document.body.classList.toggle("text", on);
     this.textButton.setAttribute("aria-pressed", String(on));
@@ -219,7 +219,7 @@ export class Layout {
     }
   }
 
-  /** Says something; it goes away by itself unless it is a failure. */
+  /** Shows a message; it disappears unless it is an error. */
   say(words: string, failure = false): void {
     clearTimeout(this.timer);
     this.notice.textContent = words;

@@ -1,13 +1,13 @@
-// Find the better stroke: stops before the costliest decisions of a rally, asks, and only then tells.
+// Quiz: stops before the costliest decisions of a rally and asks for a better stroke.
 
 import { h, percent, replaceChildren, words } from "./dom";
 import type { Analysis, Option, RallyFacts, StrokeValue } from "./wire.gen";
 
 const QUESTIONS = 3;
-const WORTH_ASKING = 0.03; // least regret of a decision that is asked about
+const WORTH_ASKING = 0.03; // minimum regret of a question
 const ANSWERS = 4;
 
-/** Numbers of the costliest decisions of a rally, in their order. */
+/** Numbers of the costliest decisions of a rally, in order of time. */
 export function questions(analysis: Analysis): number[] {
   const found = analysis.strokes
     .map((value, i) => ({ i, regret: value.regret }))
@@ -19,7 +19,7 @@ export function questions(analysis: Analysis): number[] {
     .sort((a, b) => a - b);
 }
 
-/** Strokes to choose from: the best one, the one that was played, and others; in the order of the court's areas, which tells nothing. */
+/** Answers of a question: the best stroke, the one played, and others, ordered by area to hide which is which. */
 export function answers(value: StrokeValue, played: number): Option[] {
   const pick = (stroke: number) => value.options.find((option) => option.stroke === stroke);
   const first = [pick(value.better), pick(played)].filter((option) => option !== undefined);
@@ -89,7 +89,7 @@ export class Learn {
     this.hooks.stopBefore(question);
   }
 
-  /** Asks, when the playback has come to the decision. */
+  /** Shows the question when the playback reaches the decision. */
   ask(): void {
     const question = this.current;
     if (question === null || this.element.querySelector(".quiz")) {

@@ -1,4 +1,4 @@
-// The address of the page names what is seen: plan, rally and stroke.
+// Links: plan, rally and stroke in the fragment of the address.
 
 import type { Plan, Side } from "./wire.gen";
 
@@ -18,7 +18,7 @@ function sideText({ policy, temperature }: Side): string {
   return temperature === 1 ? policy : `${policy}*${temperature}`;
 }
 
-/** An object in a link; a link that was cut off still names the rest. */
+/** Parses a JSON object of a link; empty if it is truncated. */
 function parsed<T extends object>(text: string | null): T {
   try {
     return JSON.parse(text ?? "{}") as T;
@@ -27,7 +27,7 @@ function parsed<T extends object>(text: string | null): T {
   }
 }
 
-/** What a link names; parts that it does not name are null or 0. */
+/** Parses a link; missing parts are null or 0. */
 export function readLink(hash: string): Place {
   const found = new URLSearchParams(hash.replace(/^#/, ""));
   const [a, b, seed] = [sideOf(found.get("a")), sideOf(found.get("b")), Number(found.get("seed"))];

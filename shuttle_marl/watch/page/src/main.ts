@@ -1,4 +1,4 @@
-// Starts the page: connects to its server, or opens what it was saved with, and shows what is played.
+// Entry point: connects to the server, or opens the content of a saved page.
 
 import "./style.css";
 import { App } from "./app";
@@ -24,7 +24,7 @@ async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: A
   return { rally: facts.rally, motion: isCondensed(body) ? expanded(body) : await Motion.unpack(body, before) };
 }
 
-/** Everything from a server. */
+/** Source of a page that a server sent. */
 async function served(): Promise<{ hello: Hello; source: Source }> {
   const lost = h(
     "div",
@@ -70,7 +70,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   return { hello, source };
 }
 
-/** Everything from the page itself. */
+/** Source of a saved page. */
 async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
   const { facts: hello } = await openShared<Hello>(shared.hello);
   const find = <F>(key: string) => {

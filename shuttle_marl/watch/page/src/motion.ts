@@ -1,5 +1,5 @@
-// Motion of a rally, from its packed form (docs/motion_format.md), and what it is between two frames. Axes are those of the
-// court: x along the net, y along the court, z up, metres. Rotations are quaternions (x, y, z, w) against the parent bone.
+// Motion of a rally: unpacking (docs/motion_format.md) and interpolation between frames. Axes are those of the
+// court: x along the net, y along the court, z up, metres. Rotations are quaternions (x, y, z, w) relative to the parent bone.
 
 import type { Vec3 } from "./wire.gen";
 
@@ -7,7 +7,7 @@ export const BONES = 23;
 const SCALE = ((1 << 14) - 1) * Math.SQRT2;
 const HIPS_STEP = 2.5e-4;
 const SHUTTLE_STEP = 5e-4;
-const FLIP = 0.06; // time in which a shuttle turns its cork round after it was struck [s]
+const FLIP = 0.06; // time in which the shuttle flips after a contact [s]
 
 // The flight of a shuttle from its launch, integrated as staging/flight.py does.
 const TERMINAL = 6.8; // [m/s]
@@ -102,7 +102,7 @@ export interface Head {
   strokes: Launch[];
 }
 
-/** What is kept of every frame. */
+/** Data of all frames. */
 export interface Frames {
   hips: Float32Array; // [frames, 2, 3]
   local: Float32Array; // [frames, 2, BONES, 4]
@@ -115,7 +115,7 @@ async function inflated(content: Uint8Array<ArrayBuffer>): Promise<Uint8Array> {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Reads blocks of a packed motion one after the other. */
+/** Sequential reader of a packed motion. */
 class Reader {
   private offset = 0;
   constructor(private readonly data: Uint8Array) {}
@@ -128,7 +128,7 @@ class Reader {
     return this.data.subarray(this.offset - count, this.offset);
   }
 
-  /** Three columns of whole numbers, kept as second differences, into every `stride`-th number of `out`. */
+  /** Decodes three integer columns from second differences into every `stride`-th element of `out`. */
   columns(rows: number, scale: number, out: Float32Array, start: number, stride: number): void {
     for (let k = 0; k < 3; k++) {
       const low = this.bytes(rows);
@@ -150,7 +150,7 @@ export class Motion {
   readonly frames: number;
   private readonly flights: Flight[];
 
-  /** @param kept has all frames, those before the first one of the head too. */
+  /** @param kept data of all frames, including those before the first frame of the header. */
   constructor(
     readonly head: Head,
     readonly kept: Frames,
@@ -217,7 +217,7 @@ export class Motion {
     return [(bits & 1) === 1, (bits & 2) === 2];
   }
 
-  /** Frame before a time, and how far it is towards the next one. */
+  /** Frame before a time, and the fraction of the interval to the next one. */
   private at(time: number): [number, number] {
     const exact = Math.min(Math.max(time * this.fps, 0), this.frames - 1);
     const frame = Math.min(Math.floor(exact + 1e-6), Math.max(this.frames - 2, 0));
@@ -235,7 +235,7 @@ export class Motion {
     return out;
   }
 
-  /** Rotations of all bones of a player against their parents, four numbers each. */
+  /** Rotations of all bones of a player relative to their parents, as quaternions. */
   rotationsAt(time: number, seat: number, out: Float64Array): void {
     const [frame, share] = this.at(time);
     const size = BONES * 4;
@@ -261,13 +261,13 @@ export class Motion {
     }
   }
 
-  /** Number of the flight in which the shuttle is at a time, -1 outside of flights. */
+  /** Index of the flight at a time; -1 outside of flights. */
   private flightAt(time: number): number {
     const exact = time * this.fps;
     return this.head.strokes.findLastIndex((s) => s.frame <= exact + 1e-6 && exact <= s.end_frame + 1e-6);
   }
 
-  /** Where the shuttle is. */
+  /** Position of the shuttle. */
   shuttleAt(time: number, out: Vec3, velocity?: Vec3): Vec3 {
     const flight = this.flightAt(time);
     if (flight >= 0) {
@@ -293,7 +293,7 @@ export class Motion {
     return [loose[3 * frame]!, loose[3 * frame + 1]!, loose[3 * frame + 2]!];
   }
 
-  /** Direction in which the cork points: ahead, but for a moment after it was struck. */
+  /** Direction of the cork: the direction of flight, except shortly after a contact. */
   headingAt(time: number, out: Vec3): Vec3 {
     const flight = this.head.strokes.findLastIndex((s) => s.frame <= time * this.fps + 1e-6);
     if (flight < 0) {
@@ -358,7 +358,7 @@ function flat(v: Vec3): Vec3 {
   return unit([v[0] + 1e-6, v[1], 0]);
 }
 
-/** Turns direction `a` towards `b` by a share of the angle between them; the result is in `b`. */
+/** Turns direction `a` towards `b` by a fraction of the angle between them; the result is in `b`. */
 function mix(a: Vec3, b: Vec3, share: number): void {
   const dot = Math.min(1, Math.max(-1, a[0] * b[0] + a[1] * b[1] + a[2] * b[2]));
   const angle = Math.acos(dot);

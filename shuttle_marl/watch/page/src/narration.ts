@@ -1,4 +1,4 @@
-// The rally in words, for those who listen or read.
+// Text description of a rally, for screen readers and text mode.
 
 import { percent, words } from "./dom";
 import type { RallyFacts } from "./wire.gen";

@@ -1,12 +1,12 @@
-// Plays a rally by the clock: time, speed, steps.
+// Playback of a rally: time, speed, steps.
 
 import type { Motion } from "./motion";
 import type { RallyFacts } from "./wire.gen";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
-/** How long before they strike a person is waited for [s]. */
+/** Time before the contact at which the playback waits for a person [s]. */
 export const EARLY = 0.45;
-const HASTE = 1.2; // of breathing while players wait; twice the highest speed of their time
+const HASTE = 1.2; // rate of breathing of waiting players; twice the maximum speed of playback
 
 export class Player {
   time = 0;
@@ -14,14 +14,14 @@ export class Player {
   playing = false;
   rally: RallyFacts | null = null;
   motion: Motion | null = null;
-  /** Where the playback stops once, for example before a decision; null: nowhere. */
+  /** Time at which the playback stops once, for example before a decision; null: none. */
   stopAt: number | null = null;
-  /** End of the time in which players wait for the serve of a person, who may take long; null: they do not. */
+  /** End of the interval in which players wait for the serve of a person; null: none. */
   waiting: number | null = null;
-  private breath = 0; // phase of the waiting
+  private breath = 0; // phase of breathing
   private until: { time: number; speed: number } | null = null;
 
-  /** @param still whether players who wait do not move. */
+  /** @param still whether waiting players stand still. */
   show(rally: RallyFacts, motion: Motion, time: number, still: boolean): void {
     this.rally = rally;
     this.motion = motion;
@@ -37,7 +37,7 @@ export class Player {
     return this.motion?.duration ?? 0;
   }
 
-  /** Number of the stroke that was struck last, -1 before the serve. */
+  /** Number of the last stroke; -1 before the serve. */
   get stroke(): number {
     return this.rally?.strokes.findLastIndex((stroke) => stroke.time <= this.time + 1e-6) ?? -1;
   }
@@ -47,7 +47,7 @@ export class Player {
     return this.waiting !== null && !this.playing;
   }
 
-  /** Plays what is left of the motion. */
+  /** Plays the rest of the motion. */
   finish(): void {
     this.waiting = null;
     this.stopAt = Math.max(this.time, this.duration - 0.1);
@@ -59,10 +59,10 @@ export class Player {
     this.endReplay();
   }
 
-  /** Lets time pass; returns whether the end was reached. */
+  /** Advances the time; returns whether the end was reached. */
   advance(seconds: number): boolean {
     if (this.waits) {
-      // They breathe and shift their weight: their time goes to and fro.
+      // Breathing and weight shifts: the time of their motion oscillates.
       this.breath += (seconds * HASTE) / this.waiting!;
       this.time = (this.waiting! * (1 + Math.cos(this.breath))) / 2;
     }
@@ -88,7 +88,7 @@ export class Player {
     this.seek((Math.round(this.time * fps) + frames) / fps);
   }
 
-  /** Goes to the contact of the next stroke, or the one before; false if there is none. */
+  /** Seeks the contact of the next or previous stroke; false if there is none. */
   stepStroke(step: number): boolean {
     const strokes = this.rally?.strokes ?? [];
     const next = this.stroke + step;
@@ -100,7 +100,7 @@ export class Player {
     return true;
   }
 
-  /** Shows the last stroke again, slowly, and then continues as before. */
+  /** Replays the last stroke in slow motion, then continues. */
   replayLast(): void {
     const stroke = this.rally?.strokes[Math.max(this.stroke, 0)];
     if (!stroke) {

@@ -1,9 +1,9 @@
-// Rallies that are asked for: each once, the next one ahead of time, and only the last answer counts.
+// Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
 import type { Analysis, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
-/** A rally that is asked for: of a match by its plan, or of what was recorded. */
+/** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
   plan: Plan | null;
   rally: number;
@@ -23,22 +23,22 @@ export interface Source {
   options(wanted: Wanted): Promise<Option[]>;
   styles(wanted: Wanted): Promise<Styles>;
   model(athlete: string): Promise<ArrayBuffer>;
-  /** A page that opens from disk with these rallies, told of each as it is fetched; null where the page itself is one. */
+  /** Creates a page that opens from disk with these rallies; null on such a page. */
   share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;
 }
 
-const KEPT = 10;
+const MAX_CACHED = 10;
 
 export class Rallies {
-  /** Number of the request that counts. */
+  /** Number of the last request. */
   request = 0;
-  /** Whether its rally is still on its way. */
+  /** Whether the last request is unanswered. */
   pending = false;
   private readonly cache = new Map<string, Promise<Shown>>();
 
   /**
    * @param prepare awaited before a rally is shown.
-   * @param failed told why a rally cannot be had.
+   * @param failed receives errors.
    */
   constructor(
     private readonly source: Source,
@@ -53,14 +53,14 @@ export class Rallies {
       found = this.source.rally(wanted, before);
       this.cache.set(key, found);
       found.catch(() => this.cache.delete(key));
-      while (this.cache.size > KEPT) {
+      while (this.cache.size > MAX_CACHED) {
         this.cache.delete(this.cache.keys().next().value!);
       }
     }
     return found;
   }
 
-  /** A rally, or null if something else was asked for meanwhile, or it cannot be had; `undo` then takes back what it was for. */
+  /** Fetches a rally; null after an error, which calls `undo`, or if a later request superseded it. */
   async fetch(wanted: Wanted, before: Motion | null = null, undo: () => void = () => {}): Promise<Shown | null> {
     const request = ++this.request;
     this.pending = true;

@@ -1,9 +1,9 @@
-// Films the court while it plays, in the browser itself.
+// Records the court as a video in the browser.
 
 const FORMATS = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"];
-const RATE = 6_000_000; // bits a second
+const RATE = 6_000_000; // [bit/s]
 
-/** The kind of video that this browser can make, null if it makes none. */
+/** Video format that this browser supports, or null. */
 export function filmFormat(): string | null {
   const able = typeof MediaRecorder !== "undefined" && "captureStream" in HTMLCanvasElement.prototype;
   return (able && FORMATS.find((format) => MediaRecorder.isTypeSupported(format))) || null;
@@ -26,7 +26,7 @@ export class Recorder {
     this.running = recorder;
   }
 
-  /** Ends the film, if there is one. */
+  /** Stops a running recording. */
   stop(): void {
     this.running?.stop();
     this.running = null;

@@ -1,4 +1,4 @@
-// What a viewer takes away: the link, a picture, a film, a page.
+// Exports: link, picture, video, page.
 
 import type { Layout } from "./layout";
 import type { Player } from "./player";
@@ -6,13 +6,13 @@ import type { Source } from "./rallies";
 import { Recorder } from "./recorder";
 import { save } from "./share";
 import type { Stage } from "./stage";
-import type { Course } from "./timeline";
+import type { Timeline } from "./timeline";
 
 export class Saving {
   private readonly recorder = new Recorder(save);
 
   constructor(
-    private readonly course: Course,
+    private readonly course: Timeline,
     private readonly player: Player,
     private readonly stage: Stage | null,
     private readonly source: Source,
@@ -23,24 +23,24 @@ export class Saving {
     return this.course.link(this.player.stroke);
   }
 
-  /** Puts the link into the address of the page. */
-  remember(): void {
+  /** Updates the address of the page. */
+  updateAddress(): void {
     history.replaceState(null, "", this.link);
   }
 
   copyLink(): void {
-    this.remember();
+    this.updateAddress();
     navigator.clipboard?.writeText(location.href).catch(() => {});
     this.layout.say("The address names seed, rally and stroke; it is in the clipboard");
   }
 
-  /** The court as it is drawn now. */
+  /** Saves the current frame. */
   picture(): void {
     const name = `rally-${this.course.number + 1}.png`;
     this.stage?.canvas.toBlob((picture) => picture && save(picture, name));
   }
 
-  /** Plays the rally from its start, at the speed that is set, and saves the court as it is seen. */
+  /** Plays the rally from its start at the selected speed and records it. */
   film(): void {
     if (!this.stage) {
       return;
@@ -53,12 +53,12 @@ export class Saving {
     this.layout.say("filming until the rally is over, or is paused");
   }
 
-  /** Ends a film, if there is one. */
+  /** Stops a running recording. */
   endFilm(): void {
     this.recorder.stop();
   }
 
-  /** The rally, or the match up to it, as a page that opens from disk. */
+  /** Saves the rally, or the match up to it, as a page that opens from disk. */
   async page(match: boolean): Promise<void> {
     const { course, source, layout } = this;
     const names = this.player.rally?.names;

@@ -1,4 +1,4 @@
-// Everything that is seen of a rally at a moment: the court, what lies over it, and the panels beside it.
+// View of a rally at a given time: the court, its overlays, and the panels.
 
 import { Chances, Curve, LandingMap, MoveList, OptionTable } from "./analysis";
 import { Board } from "./board";
@@ -25,12 +25,12 @@ export interface Acts extends Hooks {
   gameOver(rally: RallyFacts): void;
 }
 
-const BEFORE = 0.03; // how long before a decision it is asked about [s]
+const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
 
 export class Screen {
   mode: Mode = "watch";
   analysis: Analysis | null = null;
-  /** The turn of a person that was answered, until the rally that follows is here. */
+  /** The last turn of a person, until the reply to it arrives. */
   answered: Turn | null = null;
   readonly layout: Layout;
   readonly learn: Learn;
@@ -48,14 +48,14 @@ export class Screen {
   private readonly back: HTMLElement;
   private readonly sides: [SideCard, SideCard];
   private rally: RallyFacts | null = null;
-  private hidden: number | null = null; // in Learn: number of strokes whose worth may be seen
+  private hidden: number | null = null; // in Learn mode: number of strokes with visible values
   private saidStroke = -2;
   private shownStroke = -2;
   private ended = false;
   private readonly player: Player;
   private readonly stage: Stage | null;
 
-  /** @param live whether a server stands behind the page. */
+  /** @param live whether the page has a server. */
   constructor(
     hello: Hello,
     private readonly frames: Frames,
@@ -129,11 +129,11 @@ export class Screen {
   }
 
   /**
-   * Shows another rally, or the same one played on.
-   * @param where what it is a rally of.
-   * @param sides who plays, null where it was recorded.
-   * @param seat of the person who plays, if one does.
-   * @param tried whether it is one that was not played.
+   * Shows a rally or its continuation.
+   * @param where name of the match or log.
+   * @param sides players; null for recorded rallies.
+   * @param seat seat of the person; null: none plays.
+   * @param tried whether it has tried strokes.
    */
   show(rally: RallyFacts, where: string, sides: [Side, Side] | null, seat: number | null, tried: boolean): void {
     this.rally = rally;
@@ -150,18 +150,18 @@ export class Screen {
     this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
-    this.showWorth();
+    this.showValues();
   }
 
   showAnalysis(analysis: Analysis): void {
     this.analysis = analysis;
-    this.showWorth();
+    this.showValues();
     if (this.mode === "learn") {
       this.learn.begin(this.rally!, analysis);
     }
   }
 
-  private showWorth(): void {
+  private showValues(): void {
     const rally = this.rally!;
     const seen = this.hidden === null ? this.analysis : null;
     this.curve.show(rally, this.player.duration, seen);
@@ -177,14 +177,14 @@ export class Screen {
       this.player.seek(Math.max(0, from));
     }
     this.hidden = stroke;
-    this.showWorth();
+    this.showValues();
     this.player.stopAt = target;
     this.player.playing = true;
   }
 
   private reveal(upTo: number): void {
     this.hidden = upTo === Infinity ? null : upTo + 1;
-    this.showWorth();
+    this.showValues();
     if (upTo !== Infinity) {
       this.player.stopAt = this.rally!.strokes[upTo]!.end_time;
       this.player.playing = true;
@@ -229,7 +229,7 @@ export class Screen {
 
   private showStroke(rally: RallyFacts, stroke: number): void {
     if (this.mode === "play") {
-      this.showWorth();
+      this.showValues();
     }
     this.shownStroke = stroke;
     const at = Math.max(stroke, 0);

@@ -1,16 +1,16 @@
-// A rally or a match as one page that opens from disk, and a picture of the moment.
+// A rally or a match as one page that opens from disk, and downloads.
 
+import { decode, encode } from "./base91";
 import { condense } from "./condensed";
 import { parseMessage } from "./connection";
-import { fromLetters, toLetters } from "./labels";
 import { Motion } from "./motion";
 import type { RallyFacts } from "./wire.gen";
 
-/** Seconds of play above which motions are condensed the more coarsely, the more there are, so that the page stays small. */
+/** Total duration above which the quantization of motions gets coarser, which limits the size of the page [s]. */
 const FINE = 1000;
 const COARSEST = 4;
 
-/** What a shared page holds: replies of the server by request, and models; all packed with gzip and written as letters. */
+/** Content of a shared page: replies of the server by request, and models; compressed with gzip and encoded with basE91. */
 export interface Shared {
   hello: string;
   replies: Record<string, string>;
@@ -19,14 +19,14 @@ export interface Shared {
 
 async function gzipped(content: ArrayBuffer): Promise<string> {
   const stream = new Blob([content]).stream().pipeThrough(new CompressionStream("gzip"));
-  return toLetters(new Uint8Array(await new Response(stream).arrayBuffer()));
+  return encode(new Uint8Array(await new Response(stream).arrayBuffer()));
 }
 
 export async function ungzipped(text: string): Promise<ArrayBuffer> {
-  return new Response(new Blob([fromLetters(text)]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+  return new Response(new Blob([decode(text)]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
 
-/** What a page is made of: its script and style, and replies of the server. */
+/** Parts of a shared page: script, style, and replies of the server. */
 export interface Content {
   script: string;
   style: string;
@@ -36,7 +36,7 @@ export interface Content {
 }
 
 /**
- * A page that opens from disk; the motions of a match are condensed.
+ * Creates a page that opens from disk; the motions of a match are compressed.
  * @param rallies names of the replies with rallies.
  */
 export async function sharedPage(
@@ -70,14 +70,14 @@ export async function sharedPage(
   );
 }
 
-/** A reply with a rally, its motion condensed; `seconds` is how long all rallies of the page play. */
+/** A reply with a rally and its compressed motion; `seconds` is the duration of all rallies of the page. */
 async function condensedReply(reply: ArrayBuffer, seconds: number): Promise<ArrayBuffer> {
   const { body } = parseMessage(reply);
   const motion = condense(await Motion.unpack(body), Math.min(COARSEST, Math.max(1, seconds / FINE)));
   return new Blob([reply.slice(0, reply.byteLength - body.byteLength), motion]).arrayBuffer();
 }
 
-/** The page itself, with script, style and what it shows inside. */
+/** HTML of the page with script, style and content. */
 function written(script: string, style: string, shared: Shared, title: string, hash: string): Blob {
   const safe = (text: string) => text.replaceAll("<", "\\u003c");
   const plain = title.replace(/[<>&"]/g, "");
@@ -93,7 +93,7 @@ function written(script: string, style: string, shared: Shared, title: string, h
   );
 }
 
-/** What the page was shared with, null where it comes from a server. */
+/** Content of this shared page; null if a server sent it. */
 export function readShared(): Shared | null {
   const element = document.getElementById("shared");
   return element ? (JSON.parse(element.textContent!) as Shared) : null;

@@ -84,7 +84,7 @@ export class Shuttle {
     this.trail.frustumCulled = false;
   }
 
-  /** Moves to where the shuttle is at a time; the trail begins where it was struck last. */
+  /** Moves to the position at a time; the trail starts at the last contact. */
   show(motion: Motion, time: number, since: number, moving: boolean, colour: THREE.Color, eye: THREE.Vector3): void {
     this.root.position.copy(at(...motion.shuttleAt(time, this.place)));
     const heading = at(...motion.headingAt(time, this.way)).normalize();
@@ -124,7 +124,7 @@ export class Shuttle {
   }
 }
 
-/** The area that a stroke is meant for, and the place where a rally ended. */
+/** Markers of the target area of a stroke and of the point where a rally ended. */
 export class Marks {
   readonly area: THREE.Group;
   readonly landing: THREE.Mesh;

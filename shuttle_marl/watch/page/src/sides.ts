@@ -1,4 +1,4 @@
-// Who plays, and how: pickers of both sides, bars of their style.
+// Selection of both players, and bars of their playing styles.
 
 import { h, percent, replaceChildren, words } from "./dom";
 import { COLOURS } from "./stage";

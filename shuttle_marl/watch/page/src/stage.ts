@@ -1,4 +1,4 @@
-// Draws a rally at a time, from a camera.
+// Renders a rally at a given time.
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -21,9 +21,9 @@ const KITS: [Kit, Kit] = [
 
 const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
-const CLICK = 5; // how far a pointer moves in a click at most [px]
-const LATE = 80; // time between two pictures above which fewer pixels are drawn, where the processor draws them [ms]
-const FEWER = 0.6; // pixels of the picture to pixels of the page then, along each side
+const CLICK = 5; // maximum pointer movement of a click [px]
+const LATE = 80; // frame time above which software rendering lowers the resolution [ms]
+const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 interface View {
   eye: THREE.Vector3;
@@ -31,7 +31,7 @@ interface View {
   fov: number;
 }
 
-/** Whether pictures are drawn with the processor alone; asked of a canvas of its own, because smooth edges are chosen before the first picture. */
+/** Whether WebGL renders in software; tested on a separate canvas, because antialiasing is fixed when a context is created. */
 function isSlow(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -45,9 +45,9 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
-  /** Share of the height by which the picture is moved up, to make room below. */
+  /** Vertical shift of the picture as a fraction of its height, to make room below. */
   raised = 0;
-  /** Whether the pointer was last used to turn the view. */
+  /** Whether the last pointer gesture was a drag. */
   dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
@@ -65,9 +65,9 @@ export class Stage {
   private shownCamera: Camera | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
   private area: [number, number, number, number] | null = null;
-  private drawn = 0; // time of the last picture
-  private late = 0; // pictures in a row that came late
-  private hurried = true; // whether pictures that come late are made of fewer pixels
+  private drawn = 0; // time of the last frame
+  private late = 0; // consecutive slow frames
+  private hurried = true; // whether slow frames lower the resolution
 
   constructor(
     private readonly facts: HallFacts,
@@ -115,7 +115,7 @@ export class Stage {
     }
   }
 
-  /** Lets the view be turned: by a drag or a wheel, not by a click, which aims. */
+  /** Orbit controls: drag and wheel turn the view; a click aims. */
   private watchPointer(): void {
     const { canvas } = this;
     let from: [number, number] | null = null;
@@ -132,7 +132,7 @@ export class Stage {
     canvas.addEventListener("wheel", () => (this.camera = "free"), { passive: true });
   }
 
-  /** Puts the right athletes on the court; to be awaited before their first rally is drawn. */
+  /** Loads the athletes of a rally; await it before the rally is drawn. */
   async prepare(rally: RallyFacts): Promise<void> {
     const cast = JSON.stringify(rally.players);
     if (cast === this.cast) {
@@ -165,12 +165,12 @@ export class Stage {
     this.eye.updateProjectionMatrix();
   }
 
-  /** From now on for a moment, poses move from what was seen in another motion to what is drawn. */
+  /** Blends from the poses of another motion for a short time. */
   blendFrom(motion: Motion, time: number): void {
     this.blend = { motion, time, began: performance.now() };
   }
 
-  /** Draws a rally at a time [s]; `target` replaces the area that is shown, null leaves it as it is played. */
+  /** Draws a rally at a time [s]; `target` replaces the target area of the stroke unless it is null. */
   draw(rally: RallyFacts, motion: Motion, time: number, target: [number, number, number, number] | null): void {
     if (!this.athletes) {
       return;
@@ -207,7 +207,7 @@ export class Stage {
     } else {
       this.eye.clearViewOffset();
     }
-    // Where the processor draws, what lies behind all that moves is drawn once for each view.
+    // Software rendering draws the static background once per view.
     if (this.lite && this.camera !== "free" && this.camera !== "follow") {
       this.backdrop.render(this.scene, this.eye);
     } else {
@@ -218,13 +218,13 @@ export class Stage {
     }
   }
 
-  /** Draws every pixel from now on, however long a picture takes: for a film, whose pictures depend on nothing but the rally. */
+  /** Keeps the full resolution from now on, so that the frames of a video depend on the rally only. */
   drawWhole(): void {
     this.hurried = false;
     this.renderer.setPixelRatio(1);
   }
 
-  /** Draws fewer pixels from now on if pictures keep coming late. */
+  /** Lowers the resolution after several slow frames. */
   private easeOff(): void {
     const now = performance.now();
     const since = now - this.drawn;
@@ -238,7 +238,7 @@ export class Stage {
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
     const changed = this.shownCamera !== this.camera;
     this.shownCamera = this.camera;
-    // A finger on the picture scrolls a page that is longer than its window, unless it is to turn the view.
+    // Touch scrolls the page unless it turns the view.
     this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
     if (this.camera === "free") {
@@ -291,7 +291,7 @@ export class Stage {
     }
   }
 
-  /** Where the middle of the strings of a player is, in the axes of the court. */
+  /** Centre of the string bed of a player, in court axes. */
   sweetSpot(seat: number): Vec3 | null {
     const athlete = this.athletes?.[seat];
     if (!athlete) {
@@ -301,7 +301,7 @@ export class Stage {
     return [-v.x, v.z, v.y];
   }
 
-  /** Point of the floor under a place of the window, or null. */
+  /** Point of the floor at window coordinates, or null. */
   floorAt(clientX: number, clientY: number): [number, number] | null {
     const box = this.canvas.getBoundingClientRect();
     const point = new THREE.Vector2((2 * (clientX - box.left)) / box.width - 1, 1 - (2 * (clientY - box.top)) / box.height);

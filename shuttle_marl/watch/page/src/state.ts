@@ -1,14 +1,14 @@
-// What is seen, for tests and scripts.
+// State of the page for tests and scripts.
 
 import type { Player } from "./player";
 import type { Shown } from "./rallies";
 import type { Screen } from "./screen";
 import type { Stage } from "./stage";
-import type { Course } from "./timeline";
+import type { Timeline } from "./timeline";
 
 export function state(
   shown: Shown | null,
-  course: Course,
+  course: Timeline,
   player: Player,
   screen: Screen,
   stage: Stage | null,

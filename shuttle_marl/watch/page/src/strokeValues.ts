@@ -1,25 +1,25 @@
-// The worth of what is shown: asked for when a rally is shown, and told when it is here.
+// Requests stroke values and styles of the rally on the page, and shows them when they arrive.
 
 import type { Rallies, Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { Played } from "./summary";
-import type { Course } from "./timeline";
+import type { Timeline } from "./timeline";
 import type { RallyFacts } from "./wire.gen";
 
-export class Worth {
+export class StrokeValues {
   /** Rallies of the match that a person played to their end. */
   readonly played: Played[] = [];
   private styled = ""; // sides whose style is shown
 
   constructor(
     private readonly source: Source,
-    private readonly course: Course,
+    private readonly course: Timeline,
     private readonly rallies: Rallies,
     private readonly screen: Screen,
   ) {}
 
-  /** Asks for the worth of the strokes of a rally, and for the style of both players; shows it if the rally is still shown then. */
-  async ask(rally: RallyFacts): Promise<void> {
+  /** Requests stroke values and styles; shows them unless another rally was requested meanwhile. */
+  async request(rally: RallyFacts): Promise<void> {
     const { course, source, screen } = this;
     const { request } = this.rallies;
     const wanted = course.wanted(course.number);

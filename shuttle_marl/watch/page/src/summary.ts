@@ -13,7 +13,7 @@ export interface Played {
 const MOST = 5;
 
 /**
- * What is told of the game that a rally ended.
+ * Content of the dialog after a game.
  * @param go opens a stroke of a rally.
  */
 export async function summary(

@@ -1,16 +1,16 @@
-// What is played: the plan of the match, the rally of it, and what a person chose or tried.
+// Position in the match: plan, rally, and strokes that a person chose or tried.
 
 import { type Place, writeLink } from "./link";
 import type { Wanted } from "./rallies";
 import type { Person, Plan, Side } from "./wire.gen";
 
-/** All that a course consists of, to return to it. */
-type Mark = Pick<Course, "plan" | "number" | "tried" | "person" | "original">;
+/** Snapshot for undo. */
+type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original">;
 
-export class Course {
+export class Timeline {
   number = 0;
   person: Person | null = null;
-  /** The plan before strokes were tried, null while none was. */
+  /** The plan before strokes were tried; null if none was. */
   original: Plan | null = null;
 
   constructor(
@@ -27,12 +27,12 @@ export class Course {
     return () => Object.assign(this, { plan, number, tried, person, original } satisfies Mark);
   }
 
-  /** Who plays the rally, null for what was recorded. */
+  /** Players of the rally; null for recorded rallies. */
   get sides(): [Side, Side] | null {
     return this.plan && sidesIn(this.plan, this.number);
   }
 
-  /** Whether something was tried that was not played. */
+  /** Whether the rally has tried strokes. */
   get isTried(): boolean {
     return this.original !== null || Object.keys(this.tried).length > 0;
   }
@@ -45,7 +45,7 @@ export class Course {
     }
   }
 
-  /** A place that a link names; a person who plays has left. */
+  /** Opens the position of a link; ends the play of a person. */
   visit({ plan, rally, tried }: Place): void {
     if (plan && this.plan) {
       this.plan = plan;
@@ -55,7 +55,7 @@ export class Course {
     this.tried = tried;
   }
 
-  /** Another side from a rally on. */
+  /** Changes a player from a rally on. */
   changeSide(seat: number, side: Side, from: number): void {
     const plan = this.plan!;
     if (from === 0) {
@@ -70,14 +70,14 @@ export class Course {
     }
   }
 
-  /** A stroke that a person chose. */
+  /** Adds a stroke chosen by a person. */
   choose(at: number, stroke: number): void {
     const plan = this.plan!;
     const chosen = { ...plan.chosen?.[this.number], [at]: stroke };
     this.plan = { ...plan, chosen: { ...plan.chosen, [this.number]: chosen } };
   }
 
-  /** A stroke that is tried in place of what was played; whatever was chosen after it is void. */
+  /** Replaces a played stroke; drops strokes chosen after it. */
   try(at: number, stroke: number): void {
     const { plan } = this;
     const earlier = (chosen: Record<string, number>) =>
@@ -98,13 +98,13 @@ export class Course {
     this.tried = {};
   }
 
-  /** Address of a stroke of the rally, -1 for its start. */
+  /** Link to a stroke of the rally; -1: its start. */
   link(stroke: number): string {
     return writeLink({ plan: this.plan, rally: this.number, stroke: stroke >= 0 ? stroke : null, tried: this.tried });
   }
 }
 
-/** Who plays a rally of a plan. */
+/** Players of a rally of a plan. */
 function sidesIn(plan: Plan, rally: number): [Side, Side] {
   const sides: [Side, Side] = [...plan.sides];
   for (const change of plan.changes ?? []) {
