@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
@@ -19,6 +19,8 @@ Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Policy = Annotated[str, tyro.conf.Positional]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+Athlete = Literal["male", "female"]
+Hand = Literal["right", "left"]
 _MOST_MATCHES: Final = 10_000_000
 
 
@@ -50,6 +52,16 @@ class PolicyOptions(GameOptions):
 
         with time_limit(self.policy_timeout):
             return [tabulate(resolve(name, game), game, name) for name in names]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Appearance:
+    """Appearance of the players."""
+
+    athletes: tuple[Athlete, Athlete] = ("male", "male")
+    """Athletes at seats 0 and 1 (A and B)."""
+    hands: tuple[Hand, Hand] = ("right", "right")
+    """Racket hands at seats 0 and 1 (A and B)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ import tyro
 
 from shuttle_marl.arrays import Ints
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Appearance, GameOptions
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-Athlete = Literal["male", "female"]
-Hand = Literal["right", "left"]
 Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
 _HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
@@ -176,35 +175,21 @@ class Selection:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Appearance:
-    """Athletes and frame rate.
+class SceneAppearance(Appearance):
+    """Athletes and frame rate."""
 
-    Attributes:
-        athletes: athletes at seats 0 and 1.
-        hands: racket hands of seats 0 and 1.
-        fps: frames per second, 25 to 50.
-    """
-
-    athletes: tuple[Athlete, Athlete] = ("male", "male")
-    hands: tuple[Hand, Hand] = ("right", "right")
     fps: int = 50
+    """Frames per second, 25 to 50."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Model:
-    """Game and policies of the log.
+class Model(GameOptions):
+    """Game and policies of the log."""
 
-    Attributes:
-        game: model on whose game the rallies were played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
-        policy: policy for a name in the log; modules and files are allowed here.
-        trust_policies: load policies from the modules and files that the log names, which runs their code.
-    """
-
-    game: str = "default"
-    profile: Profile | None = None
     policy: Policies = ()
+    """Policy for a name in the log; modules and files are allowed here."""
     trust_policies: bool = False
+    """Load policies from the modules and files that the log names, which runs their code."""
 
 
 def scene(
@@ -212,7 +197,7 @@ def scene(
     *,
     out: Path,
     selection: tyro.conf.OmitArgPrefixes[Selection] = Selection(),
-    appearance: tyro.conf.OmitArgPrefixes[Appearance] = Appearance(),
+    appearance: tyro.conf.OmitArgPrefixes[SceneAppearance] = SceneAppearance(),
     model: tyro.conf.OmitArgPrefixes[Model] = Model(),
 ) -> None:
     """Write rallies as a 3D scene for Foxglove or Lichtblick.
@@ -234,7 +219,7 @@ def scene(
         content, unknown = write_scene(
             log,
             numbers,
-            resolve_game(model.game, model.profile),
+            model.load(),
             athletes=appearance.athletes,
             handedness=appearance.hands,
             fps=appearance.fps,

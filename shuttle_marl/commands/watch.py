@@ -7,11 +7,12 @@ import sys
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final
 
 import tyro
 
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Appearance
 from shuttle_marl.errors import printable
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from shuttle_marl.watch.recorded import Recorded
     from shuttle_marl.watch.server import Server
 
-Athlete = Literal["male", "female"]
-Hand = Literal["right", "left"]
+
+_APPEARANCE: Final = Appearance()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,19 +59,6 @@ class RallyOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Appearance:
-    """Appearance of the players.
-
-    Attributes:
-        athletes: athletes at seats A and B.
-        hands: racket hands at seats A and B.
-    """
-
-    athletes: tuple[Athlete, Athlete] = ("male", "male")
-    hands: tuple[Hand, Hand] = ("right", "right")
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ServerOptions:
     """The server of the page.
 
@@ -89,7 +77,7 @@ def watch(
     *,
     match: tyro.conf.OmitArgPrefixes[MatchOptions] = MatchOptions(),
     rallies: tyro.conf.OmitArgPrefixes[RallyOptions] = RallyOptions(),
-    appearance: tyro.conf.OmitArgPrefixes[Appearance] = Appearance(),
+    appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     record: Path = Path("runs/watch"),
     video: Path | None = None,
     game: str = "default",
