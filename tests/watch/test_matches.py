@@ -34,7 +34,7 @@ def match(tables: PolicyTables, **fields: object) -> Match:
     return Match(Plan.parse({**PLAN, **fields}), tables.game, tables)
 
 
-def test_a_rally_follows_from_its_draws(tables: PolicyTables) -> None:
+def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None:
     game = tables.game
     played = match(tables)
     for number in range(6):
@@ -69,7 +69,7 @@ def test_a_match_ends_by_the_rules(tables: PolicyTables) -> None:
         played.rally(number + 1)
 
 
-def test_a_change_leaves_what_was_played_before(tables: PolicyTables) -> None:
+def test_changing_a_player_keeps_earlier_rallies(tables: PolicyTables) -> None:
     before = match(tables)
     after = match(tables, changes=[{"rally": 3, "seat": 0, "side": {"policy": "random"}}])
     assert [before.rally(k).stroke.tolist() for k in range(3)] == [after.rally(k).stroke.tolist() for k in range(3)]
@@ -77,7 +77,7 @@ def test_a_change_leaves_what_was_played_before(tables: PolicyTables) -> None:
     assert [before.rally(k).stroke.tolist() for k in range(3, 8)] != [after.rally(k).stroke.tolist() for k in range(3, 8)]
 
 
-def test_a_person_is_waited_for_and_their_stroke_is_played(tables: PolicyTables) -> None:
+def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -> None:
     game = tables.game
     seat = match(tables).rally(0).server
     person = Person(seat=seat, rally=0, stroke=0)
@@ -96,7 +96,7 @@ def test_a_person_is_waited_for_and_their_stroke_is_played(tables: PolicyTables)
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
 
 
-def test_a_stroke_that_is_tried_out_leaves_those_before(tables: PolicyTables) -> None:
+def test_a_tried_stroke_keeps_earlier_strokes(tables: PolicyTables) -> None:
     game = tables.game
     played = match(tables)
     number = next(k for k in range(40) if len(played.rally(k).stroke) > 4)
@@ -130,12 +130,12 @@ def test_a_stroke_that_is_tried_out_leaves_those_before(tables: PolicyTables) ->
         {**PLAN, "chosen": {"99999999999": {"0": 1}}},
     ],
 )
-def test_a_plan_that_is_none_is_refused(raw: object) -> None:
+def test_invalid_plans_are_rejected(raw: object) -> None:
     with pytest.raises(WatchError):
         Plan.parse(raw)
 
 
-def test_a_plan_is_read_as_it_was_meant() -> None:
+def test_valid_plans_are_decoded() -> None:
     plan = Plan.parse({**PLAN, "changes": [{"rally": 4, "seat": 1, "side": BC}], "chosen": {"2": {"1": 7, "0": 3}}})
     assert plan.changes == (Change(rally=4, seat=1, side=Side(policy="bc")),)
     assert [side.policy for side in plan.sides_in(3)] == ["bc", "attacking"]
@@ -144,7 +144,7 @@ def test_a_plan_is_read_as_it_was_meant() -> None:
     assert plan.chosen_in(3) == {}
 
 
-def test_equal_plans_have_one_key() -> None:
+def test_equal_plans_have_equal_keys() -> None:
     first = Plan.parse({**PLAN, "chosen": {"2": {"1": 7, "0": 3}, "0": {"0": 1}}})
     second = Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3, "1": 7}}})
     assert first.key == second.key
@@ -170,7 +170,7 @@ def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) 
     assert len(rest) < len(branch), "the frames before the branch are left out"
 
 
-def test_a_page_may_not_name_code_or_files(tables: PolicyTables) -> None:
+def test_pages_cannot_load_code_or_files(tables: PolicyTables) -> None:
     for name in ("os:getcwd", "table:/etc/passwd", "agent:/tmp", "tests.watch:x"):
         plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})
         with pytest.raises(Exception, match="no modules and no files"):

@@ -52,7 +52,7 @@ def test_playing_pausing_seeking_and_stepping(viewer: Any, served: Any) -> None:
     viewer.until(lambda: viewer.state("time") > before + 0.3)
     viewer.press(" ")
     stopped = viewer.state("time")
-    viewer.page.wait_for_timeout(200)
+    viewer.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert viewer.state("time") == stopped
     for number, camera in enumerate(("broadcast", "side", "corner", "follow", "top", "free"), start=1):
         assert viewer.press(str(number)).state("camera") == camera
@@ -66,7 +66,7 @@ def test_playing_pausing_seeking_and_stepping(viewer: Any, served: Any) -> None:
     viewer.until(lambda: viewer.state("rally") == 1)
 
 
-def test_a_rally_is_looped_or_followed_by_the_next_and_its_score(viewer: Any, served: Any) -> None:
+def test_loop_and_automatic_next_rally(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1").press(" ")
     points, winner, duration = viewer.state("points", "winner", "duration")
     assert points == [0, 0]
@@ -150,7 +150,7 @@ def test_analysis_marks_values_and_seeks(viewer: Any, served: Any) -> None:
     assert viewer.state("time") == pytest.approx(viewer.state("duration") / 2, abs=0.1)
 
 
-def test_the_better_stroke_is_asked_for_before_it_is_told(viewer: Any, served: Any) -> None:
+def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
     viewer.page.get_by_role("tab", name="Learn").click()
     asked = 0
@@ -218,7 +218,7 @@ def choose(viewer: Any, stroke: dict[str, Any]) -> None:
     raise AssertionError(f"{stroke} cannot be chosen: {viewer.state('selected')}")
 
 
-def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any, served: Any) -> None:
+def test_person_takes_over_at_the_end_of_a_rally_on_a_narrow_screen(viewer: Any, served: Any) -> None:
     viewer.page.set_viewport_size({"width": 480, "height": 320})
     viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1")
     # The rally comes to its end before the server has answered: the next one must not start in its place.
@@ -231,7 +231,7 @@ def test_a_side_is_taken_over_while_a_rally_ends_on_a_narrow_screen(viewer: Any,
     viewer.press("T").until(lambda: viewer.state("names", "flipped") == [["bc", "bc"], False])
 
 
-def test_players_breathe_while_a_serve_is_waited_for_and_are_still_where_less_motion_is_wished(viewer: Any, served: Any) -> None:
+def test_waiting_players_breathe_unless_reduced_motion_is_preferred(viewer: Any, served: Any) -> None:
     viewer.page.set_viewport_size({"width": 1000, "height": 640})
     viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1").press("t")
     viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
@@ -358,7 +358,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
 
 
 @pytest.mark.parametrize(("width", "height"), [(1680, 980), (390, 844)])
-def test_everyone_can_use_it(viewer: Any, served: Any, width: int, height: int) -> None:
+def test_page_is_accessible(viewer: Any, served: Any, width: int, height: int) -> None:
     axe = (SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
 
     def violations() -> Any:

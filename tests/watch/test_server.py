@@ -71,7 +71,7 @@ def test_only_the_page_of_this_server_may_connect(hosts: list[str], origins: lis
     assert (refusal(hosts, origins, hosts_of("127.0.0.1")) is None) == allowed
 
 
-def test_an_open_server_is_called_by_its_addresses_alone() -> None:
+def test_a_server_on_all_interfaces_accepts_ip_addresses_only() -> None:
     names = hosts_of("0.0.0.0")
     assert refusal(["192.0.2.7:8090"], [], names) is None
     assert refusal(["evil.example:8090"], [], names) is not None
@@ -146,7 +146,7 @@ def test_large_messages_and_bytes_end_the_connection(served: Served) -> None:
 
 
 @pytest.mark.slow
-def test_pages_that_vanish_or_never_read_do_not_hold_up_others(served: Served) -> None:
+def test_disconnected_or_stalled_clients_do_not_block_others(served: Served) -> None:
     request = json.dumps({"id": 1, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
     with contextlib.ExitStack() as stack:
         readers = [stack.enter_context(connected(served, max_queue=1)) for _ in range(5)]
@@ -167,7 +167,7 @@ def test_pages_that_vanish_or_never_read_do_not_hold_up_others(served: Served) -
 
 
 @pytest.mark.slow
-def test_it_stops_at_once_and_its_port_is_free_again(page_folder: Any) -> None:
+def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
     with serving() as first, contextlib.ExitStack() as stack:
         port = port_of(first)
         open_ones = [stack.enter_context(connected(first)) for _ in range(3)]
@@ -186,7 +186,7 @@ def test_it_stops_at_once_and_its_port_is_free_again(page_folder: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_option_is_said_without_a_traceback() -> None:
+def test_invalid_options_are_reported_without_a_traceback() -> None:
     for flags, words in ((["--port", "99999"], "expected 0"), (["--host", "nowhere.invalid"], "give an address")):
         done = subprocess.run(
             [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", *flags],
