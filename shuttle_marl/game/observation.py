@@ -3,12 +3,13 @@
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, Ints
+from shuttle_marl.arrays import F32, I32, Ints
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import Game, GameError
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""
@@ -66,3 +67,29 @@ def with_efforts(game: Game, rows: F32, state: Ints) -> F32:
 def observations(game: Game, state: Ints) -> F32:
     """``[B, 59]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
     return with_efforts(game, features(game), np.asarray(state))
+
+
+def states_of(game: Game, observation: npt.ArrayLike) -> I32:
+    """``[B]`` states of ``[B, 59]`` observations of the player who is to strike: the inverse of :func:`observations`.
+
+    Args:
+        game: the tables.
+        observation: of ``rally_v0``, or longer ones of ``match_v0``, whose scores are ignored.
+
+    Raises:
+        GameError: an observation is of no state of the game.
+    """
+    seen = np.asarray(observation, dtype=np.float64)
+    if seen.ndim != 2 or seen.shape[1] < RALLY_WIDTH:
+        raise GameError(f"observations of shape {seen.shape}: expected [B, {RALLY_WIDTH}] or wider")
+    table = stroke_features(game)  # the last row is "no stroke yet"
+    parts = (seen[:, :STROKE_WIDTH], seen[:, STROKE_WIDTH : 2 * STROKE_WIDTH])
+    own, incoming = (((part[:, None] - table) ** 2).sum(axis=-1).argmin(axis=1) for part in parts)
+    efforts = np.rint(seen[:, [EFFORT, EFFORT + 1]] * max(1, game.levels - 1)).astype(np.int64)
+    duel = np.rint(seen[:, DUEL] * LONGEST_DUEL).astype(np.int64)
+    state = game.state_of(own, incoming, np.rint(seen[:, CONTACT]).astype(np.int64), duel, *efforts.T)
+    wrong = state < 0
+    wrong[~wrong] = np.abs(observations(game, state[~wrong]) - seen[~wrong, :RALLY_WIDTH]).max(axis=1, initial=0) > 1e-3
+    if wrong.any():
+        raise GameError(f"observation {int(wrong.argmax())} is of no state of game {game.hash[:12]} with this player to strike")
+    return state

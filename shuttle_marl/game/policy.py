@@ -3,13 +3,18 @@
 import dataclasses
 import functools
 import math
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
+from numpy.random import Generator
 
 from shuttle_marl.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
 from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
+from shuttle_marl.game.observation import RALLY_WIDTH, states_of
+from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
@@ -162,6 +167,74 @@ def drawn_strokes(p: F64, draw: Ints) -> Intp:
     """
     total = np.cumsum(p, axis=1)
     return chosen(np.rint(total / total[:, -1:] * CHOICE_ONE), draw)
+
+
+Observation = npt.ArrayLike | Mapping[str, npt.ArrayLike]
+"""Observation of the environments: a vector, or a dictionary with the keys ``observation`` and ``action_mask``."""
+
+
+def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLike | None, rng: Generator) -> int | Intp:
+    """Draw a stroke for an observation of the environments.
+
+    Args:
+        policy: any policy.
+        game: the tables of the environment.
+        observation: ``[59]`` of ``rally_v0``, ``[65]`` of ``match_v0`` (played by BWF rules), or a batch of them.
+        mask: ``[n]`` or ``[B, n]`` allowed strokes; None: that of the dictionary, or all legal ones.
+        rng: random generator.
+
+    Returns:
+        Catalogue index, or ``[B]`` indices for a batch.
+
+    Raises:
+        GameError: an observation is of no state of the game in which the player is to strike.
+        PolicyError: the policy fails, or gives no probability to an allowed stroke.
+    """
+    if isinstance(observation, Mapping):
+        mask = observation["action_mask"] if mask is None else mask
+        observation = observation["observation"]
+    seen = np.asarray(observation, dtype=np.float64)
+    rows = np.atleast_2d(seen)
+    score = None
+    if rows.shape[1] > RALLY_WIDTH:
+        most = np.array([BWF.cap, BWF.cap, BWF.games, BWF.games])
+        score = np.rint(rows[:, RALLY_WIDTH : RALLY_WIDTH + 4] * most).astype(np.int16)
+    states = States(game=game, state=states_of(game, rows), score=score)
+    p = checked_probabilities(policy, states, type(policy).__name__)
+    if mask is not None:
+        p = p * np.asarray(mask, dtype=bool)
+    total = np.cumsum(p, axis=1)
+    if (total[:, -1] <= 0).any():
+        raise PolicyError(f"{type(policy).__name__} plays none of the allowed strokes")
+    # `<=`, so that a draw of 0 does not choose a first stroke of probability 0.
+    strokes = (total <= rng.random((len(p), 1)) * total[:, -1:]).sum(axis=1)
+    return int(strokes[0]) if seen.ndim == 1 else strokes
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GamePolicy:
+    """A policy on one game, which can act in its environments.
+
+    Attributes:
+        policy: the policy; its other attributes are available here too.
+        game: the tables.
+    """
+
+    policy: Policy
+    game: Game
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name in ("policy", "game"):  # while it is copied or unpickled
+            raise AttributeError(name)
+        return getattr(self.policy, name)
+
+    def probabilities(self, states: States) -> Floats:
+        """``[B, n]`` probabilities of the policy."""
+        return self.policy.probabilities(states)
+
+    def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
+        """Draw a stroke for an observation, see :func:`act`; without ``rng``, from fresh entropy."""
+        return act(self.policy, self.game, observation, mask, np.random.default_rng(rng))
 
 
 class UniformPolicy:

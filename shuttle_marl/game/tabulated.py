@@ -9,12 +9,14 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
+from numpy.random import Generator
 
 from shuttle_marl.arrays import F64, I32, U16, Bools, Floats, Intp, Ints
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, checked_probabilities, reads_score
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
@@ -157,6 +159,10 @@ class TabulatedPolicy:
         rows, pairs = game.pairs(states.state)
         p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.probability_of(pairs)
         return p
+
+    def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
+        """Draw a stroke for an observation, see :func:`shuttle_marl.game.policy.act`; without ``rng``, from fresh entropy."""
+        return act(self, self.game, observation, mask, np.random.default_rng(rng))
 
     def choose(self, state: Ints, draw: Ints) -> Intp:
         """``[B]`` which of its legal strokes each state plays.

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.errors import described
-from shuttle_marl.game.policy import Policy, PolicyError, TemperedPolicy, UniformPolicy
+from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import agents, baselines, computed
@@ -161,7 +161,7 @@ def _plugged_in(key: str) -> Family | None:
     return family
 
 
-def resolve(name: str, game: Game) -> Policy:
+def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     """Resolve the name of a policy that the user gave; for names from files use :func:`resolve_recorded`.
 
     Args:
@@ -177,10 +177,11 @@ def resolve(name: str, game: Game) -> Policy:
     _check_depth(name)
     base, temperature = _split(name)
     policy = _resolve_plain(base, game)
-    return limited(policy if temperature is None else TemperedPolicy(policy, temperature))
+    policy = limited(policy if temperature is None else TemperedPolicy(policy, temperature))
+    return policy if isinstance(policy, TabulatedPolicy | GamePolicy) else GamePolicy(policy, game)
 
 
-def resolve_recorded(name: str, game: Game) -> Policy:
+def resolve_recorded(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     """Resolve the name of a policy from a file, without importing modules or opening files of its choice.
 
     Families of installed packages are resolved if they allow it (``from_data``). To find out, the package is imported, which is

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, reads_score
+from shuttle_marl.game.policy import GamePolicy, PolicyError, States, checked_probabilities, reads_score
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.foreign import FunctionPolicy, TimedPolicy, limited, time_limit
 from shuttle_marl.policy.registry import resolve
@@ -29,11 +29,16 @@ def test_within_a_limit_policies_answer_as_without() -> None:
     with time_limit(60):
         timed = resolve("safe@0.5", GAME)
         assert tabulate(resolve("bc", GAME), GAME).hash == tabulate(resolve("bc", GAME), GAME).hash
-    assert isinstance(timed, TimedPolicy)
+    assert isinstance(timed, GamePolicy)
+    assert isinstance(timed.policy, TimedPolicy)
     assert tabulate(timed, GAME).hash == tabulate(resolve("safe@0.5", GAME), GAME).hash
-    assert not isinstance(resolve("safe", GAME), TimedPolicy)
+    after = resolve("safe", GAME)
+    assert isinstance(after, GamePolicy)
+    assert not isinstance(after.policy, TimedPolicy)
     with time_limit(0):
-        assert not isinstance(resolve("safe", GAME), TimedPolicy)
+        unlimited = resolve("safe", GAME)
+        assert isinstance(unlimited, GamePolicy)
+        assert not isinstance(unlimited.policy, TimedPolicy)
 
 
 def test_one_that_hangs_is_given_up_and_never_asked_again() -> None:
