@@ -2,7 +2,9 @@
 
 import threading
 import time
+from collections import OrderedDict
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -14,9 +16,12 @@ from shuttle_marl.watch.match import PERSON, CourtRally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
 
+_MOST_OPEN: Final = 8
+"""Maximum number of open logs: pages in several tabs play matches in turn."""
+
 
 class MatchLog:
-    """Records finished rallies; :meth:`close` finishes the open log.
+    """Records finished rallies; :meth:`close` finishes the open logs.
 
     Args:
         folder: folder of the logs, created with the first rally.
@@ -26,7 +31,7 @@ class MatchLog:
 
     def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:
         self._folder, self._game, self._policies = folder, game, policies
-        self._open: tuple[object, RallyRecorder] | None = None
+        self._open: OrderedDict[object, RallyRecorder] = OrderedDict()
         self._recorded: set[tuple[object, int]] = set()
         self._lock = threading.Lock()
         self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
@@ -50,18 +55,17 @@ class MatchLog:
             self._recorded.add((match, rally.number))
 
     def close(self) -> None:
-        """Finish the open log."""
+        """Finish the open logs."""
         with self._lock:
-            if self._open is not None:
-                self._open[1].close()
-                self._open = None
+            while self._open:
+                self._open.popitem()[1].close()
 
     def _recorder(self, match: object, plan: Plan, rally: CourtRally) -> RallyRecorder:
-        if self._open is not None and self._open[0] == match:
-            return self._open[1]
-        if self._open is not None:
-            self._open[1].close()
-            self._open = None
+        if match in self._open:
+            self._open.move_to_end(match)
+            return self._open[match]
+        if len(self._open) == _MOST_OPEN:
+            self._open.popitem(last=False)[1].close()
         sides = plan.sides_in(rally.number)
         players = tuple(
             Player(name=name) if name == PERSON else Player(name=name, hash=self._policies.table(side).hash)
@@ -73,7 +77,7 @@ class MatchLog:
         self._count += 1
         self._folder.mkdir(parents=True, exist_ok=True)
         recorder = RallyRecorder.create(self._folder / f"played-{self._started}-{self._count}.mcap", header)
-        self._open = match, recorder
+        self._open[match] = recorder
         return recorder
 
     def _row(self, rally: CourtRally, winner: int) -> Rallies:

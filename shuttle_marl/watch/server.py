@@ -6,6 +6,7 @@ refused, the size and rate of messages are limited, and a client that does not r
 
 import asyncio
 import base64
+import contextlib
 import dataclasses
 import importlib.util
 import io
@@ -29,6 +30,7 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.extras import install_hint
@@ -53,6 +55,10 @@ _CONCURRENT: Final = 16
 _THREADS: Final = 4
 _FAST: Final = (HelloRequest, RallyRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
+_REQUEST: Final = 10.0
+"""Time for the head of a request [s]."""
+_STALLED: Final = 30.0
+"""Time for a page to read a reply [s]."""
 _SHUTDOWN: Final = 1
 """Time for connections to close when the server stops [s]."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
@@ -204,7 +210,10 @@ class _Connections:
             content = encode_reply(number, f"the server failed ({type(error).__name__}); see its console")
         try:
             async with sending:
-                await socket.send_bytes(content)
+                await asyncio.wait_for(socket.send_bytes(content), _STALLED)
+        except TimeoutError:  # the page does not read
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+                await asyncio.wait_for(socket.close(1008, "the page does not read"), _SHUTDOWN)
         except (WebSocketDisconnect, RuntimeError):
             pass
 
@@ -255,13 +264,32 @@ def bind(host: str, port: int) -> socket.socket:
     raise AssertionError("unreachable")
 
 
+class _Http(H11Protocol):
+    """HTTP connections that send a request in time, which uvicorn does not require."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._late = self.loop.call_later(_REQUEST, self._close_if_idle)
+
+    def _close_if_idle(self) -> None:
+        if self.cycle is None and self in self.connections:  # not upgraded to a WebSocket
+            self.transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._late.cancel()
+        super().connection_lost(exc)
+
+
 class Server(uvicorn.Server):
     """The HTTP and WebSocket server; :meth:`run` serves until it is interrupted."""
 
     def __init__(self, app: ASGIApp) -> None:
+        # uvicorn prints a traceback for each frame of invalid UTF-8.
+        logging.getLogger("uvicorn.error").addFilter(_is_no_bad_text)
         super().__init__(
             uvicorn.Config(
                 app,
+                http=_Http,
                 log_config=None,
                 access_log=False,
                 lifespan="off",
@@ -273,6 +301,10 @@ class Server(uvicorn.Server):
                 server_header=False,
             )
         )
+
+
+def _is_no_bad_text(record: logging.LogRecord) -> bool:
+    return not record.getMessage().startswith("Invalid UTF-8")
 
 
 def hosts_of(host: str) -> tuple[str, ...]:

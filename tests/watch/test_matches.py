@@ -12,9 +12,11 @@ from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.recording import RallyLog
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
@@ -191,3 +193,18 @@ def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: Pol
         rally = shown.rally(int(row[-1]))
         assert set(rally.names) <= set(row), "both players"
         assert rally.points == (0, 0)
+
+
+def test_pages_that_play_in_turn_have_one_log_each(tables: PolicyTables, tmp_path: Path) -> None:
+    plans = [Plan.parse({**PLAN, "seed": seed}) for seed in range(3)]
+    matches = [Match(plan, tables.game, tables) for plan in plans]
+    log = MatchLog(tmp_path, tables.game, tables)
+    for number in range(4):
+        for plan, played in zip(plans, matches, strict=True):
+            log.add(plan, played.rally(number))
+    log.close()
+    counts = []
+    for path in sorted(tmp_path.glob("*.mcap")):
+        with RallyLog(path) as read:
+            counts.append(read.n_rallies)
+    assert counts == [4, 4, 4]

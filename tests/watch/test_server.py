@@ -9,13 +9,16 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from shuttle_marl.watch import server
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, serving
 
@@ -198,3 +201,39 @@ def test_invalid_options_are_reported_without_a_traceback() -> None:
         assert done.returncode == 1
         assert words in done.stderr
         assert "Traceback" not in done.stderr
+
+
+def test_half_sent_requests_time_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "_REQUEST", 0.2)
+    listener = server.bind("127.0.0.1", 0)
+    running = server.Server(server.application(lambda _: b"", tmp_path))
+    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
+    thread.start()
+    try:
+        with socket.create_connection(listener.getsockname(), timeout=60) as client:
+            client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+            assert client.recv(1) == b""
+    finally:
+        running.should_exit = True
+        thread.join()
+        listener.close()
+
+
+def test_invalid_utf_8_ends_the_connection_without_a_traceback(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listener = server.bind("127.0.0.1", 0)
+    running = server.Server(server.application(lambda _: b"", tmp_path))
+    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
+    thread.start()
+    try:
+        port = listener.getsockname()[1]
+        with connect(f"ws://127.0.0.1:{port}/ws", proxy=None) as client:
+            client.send(b"\xff\xfe", text=True)
+            with pytest.raises(ConnectionClosed):
+                client.recv(timeout=60)
+    finally:
+        running.should_exit = True
+        thread.join()
+        listener.close()
+    assert "Invalid UTF-8" not in caplog.text
