@@ -19,6 +19,7 @@ import math
 import operator
 import os
 import queue
+import secrets
 import select
 import shlex
 import signal
@@ -248,6 +249,10 @@ def _stop(thread: threading.Thread) -> None:
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
 
 
+_MARK: Final = "SHUTTLE_MARL_PROGRAM"
+"""Environment variable that marks a program and its children."""
+
+
 class ProgramPolicy:
     """A program in any language that chooses every stroke, ``program:COMMAND``.
 
@@ -318,17 +323,23 @@ class ProgramPolicy:
     def close(self) -> None:
         """Kill the program."""
         if self._process is not None:
-            _end(self._process)
+            self._finalize()
 
     def _start(self) -> None:
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  open as long as the program runs
+        mark = secrets.token_hex(16)
         try:
             self._process = subprocess.Popen(
-                self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                start_new_session=True,
+                env={**os.environ, _MARK: mark},
             )
         except OSError as error:
             raise PolicyError(f"it cannot be started: {self._command[0]}: {error.strerror}") from error
-        weakref.finalize(self, _end, self._process)
+        self._finalize = weakref.finalize(self, _end, self._process, mark)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._stdin, self._stdout = self._process.stdin.fileno(), self._process.stdout.fileno()
@@ -414,10 +425,14 @@ def _left(end: float | None) -> float | None:
     return None if end is None else max(0.0, end - time.monotonic())
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill a program and its children."""
+def _end(process: "subprocess.Popen[bytes]", mark: str) -> None:
+    """Kill a program and its children, on Linux also those in other sessions, which inherit its environment."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if f"{_MARK}={mark}".encode() in path.read_bytes():
+                os.kill(int(path.parent.name), signal.SIGKILL)
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             with contextlib.suppress(OSError):

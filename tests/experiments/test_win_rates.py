@@ -42,7 +42,7 @@ def test_a_run_ends_in_a_table_and_continues(
     out, saved = tmp_path / "run", tmp_path / "results.json"
     flags = ["--agents", *agents, "--seeds", "2", "--matches", "4", "--jobs", "1", "--out", str(out), "--json", str(saved)]
     assert win_rates.main(flags) == 0
-    assert "beside, not against" in capsys.readouterr().out
+    assert "not directly comparable" in capsys.readouterr().out
     result = json.loads(saved.read_text())
     rows = {row["agent"]: row for row in result["rows"]}
     assert list(rows) == ["bc", "best response", "minimax", "ppo", "ppo, self-play"]

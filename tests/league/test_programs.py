@@ -17,6 +17,7 @@ from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.policy import resolve
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.policy.registry import resolve_recorded
+from tests.waiting import wait_until
 
 HEAD = """
 import json, os, sys, time
@@ -127,3 +128,31 @@ def test_a_program_ends_with_its_policy(small_model: str, tmp_path: Path) -> Non
     del policy
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="needs /proc")
+def test_children_in_other_sessions_end_with_the_program(small_model: str, tmp_path: Path) -> None:
+    written = str(tmp_path / "child")
+    child = f"import os, pathlib, time; pathlib.Path({written!r}).write_text(str(os.getpid())); time.sleep(600)"
+    lines = (
+        "import subprocess",
+        f"subprocess.Popen([sys.executable, '-c', {child!r}], start_new_session=True) if count == 0 else None",
+        f"while not (os.path.exists({written!r}) and open({written!r}).read()): time.sleep(0.01)",
+        "answer(id=number, stroke=legal[0])",
+    )
+    script = tmp_path / "parent.py"
+    script.write_text(HEAD + "".join(f"    {line}\n" for line in lines))
+    game = load_game(small_model)
+    policy = resolve(f"program:{sys.executable} {script}", game)
+    policy.probabilities(States(game=game, state=np.array([ROOT], np.int32)))
+    process = int((tmp_path / "child").read_text())
+    os.kill(process, 0)
+    getattr(policy, "close")()  # noqa: B009  not every policy has it
+    wait_until(lambda: not alive(process), 60, "the child to end")
+
+
+def alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2][0] != "Z"
+    except OSError:
+        return False

@@ -3,7 +3,9 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final
+
+import msgspec
 
 from shuttle_marl.files import Count, FileReadError, Fraction, Sha256, read_json, replace_file, seal
 from shuttle_marl.training.checkpoints import Mark
@@ -79,7 +81,7 @@ class Member:
 
     turns: Count = 0
     strokes: Count = 0
-    hash: Sha256 | Literal[""] = ""
+    hash: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
