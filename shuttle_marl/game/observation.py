@@ -82,6 +82,8 @@ def states_of(game: Game, observation: npt.ArrayLike) -> I32:
     seen = np.asarray(observation, dtype=np.float64)
     if seen.ndim != 2 or seen.shape[1] < RALLY_WIDTH:
         raise GameError(f"observations of shape {seen.shape}: expected [B, {RALLY_WIDTH}] or wider")
+    if not np.isfinite(seen).all():
+        raise GameError("observations contain numbers that are not finite")
     table = stroke_features(game)  # the last row is "no stroke yet"
     parts = (seen[:, :STROKE_WIDTH], seen[:, STROKE_WIDTH : 2 * STROKE_WIDTH])
     own, incoming = (((part[:, None] - table) ** 2).sum(axis=-1).argmin(axis=1) for part in parts)

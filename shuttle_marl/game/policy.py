@@ -14,7 +14,7 @@ from shuttle_marl.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
 from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.observation import RALLY_WIDTH, states_of
-from shuttle_marl.game.scoring import BWF
+from shuttle_marl.game.scoring import scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
@@ -197,8 +197,7 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
     rows = np.atleast_2d(seen)
     score = None
     if rows.shape[1] > RALLY_WIDTH:
-        most = np.array([BWF.cap, BWF.cap, BWF.games, BWF.games])
-        score = np.rint(rows[:, RALLY_WIDTH : RALLY_WIDTH + 4] * most).astype(np.int16)
+        score = scores_of(rows[:, RALLY_WIDTH:])
     states = States(game=game, state=states_of(game, rows), score=score)
     p = checked_probabilities(policy, states, type(policy).__name__)
     if mask is not None:

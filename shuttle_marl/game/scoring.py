@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I8, Bools, Ints
+from shuttle_marl.arrays import F64, I8, I16, Bools, Ints
 from shuttle_marl.errors import ShuttleError
 
 
@@ -131,6 +131,11 @@ def score_fractions(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rule
     Numbers, or arrays of one shape.
     """
     return points[0] / rules.cap, points[1] / rules.cap, games[0] / rules.games, games[1] / rules.games
+
+
+def scores_of(fractions: F64, rules: Rules = BWF) -> I16:
+    """``[B, 4]`` points and games of ``[B, 4]`` or wider fractions: the inverse of :func:`score_fractions`."""
+    return np.rint(fractions[:, :4] * [rules.cap, rules.cap, rules.games, rules.games]).astype(np.int16)
 
 
 def ends_changed(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> bool:

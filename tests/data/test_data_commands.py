@@ -14,6 +14,7 @@ from shuttle_marl.commands.data import main
 from shuttle_marl.data import load_account, load_strokes, upstream
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.data.table import write_parquet
+from shuttle_marl.errors import command
 from tests.data.upstream_layout import Layout, plain_game
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
@@ -110,7 +111,7 @@ def test_validate_names_missing_and_altered_files(published: Path, capsys: pytes
         file.write("\n")
     assert main(["validate", str(published)]) == 1
     out = capsys.readouterr().out
-    assert f"{folder / NAME}: missing set1.csv (train split); download them with `python -m shuttle_marl.data download`" in out
+    assert f"{folder / NAME}: missing set1.csv (train split); download them with `{command('data', 'download')}`" in out
     assert f"{folder / 'match.csv'}: altered: SHA-256 is " in out
     assert "train: 0 of 1 files as published, incomplete" in out
 

@@ -177,7 +177,7 @@ def test_every_problem_is_told_with_its_line(tmp_path: Path, old: str, new: str,
 
 def test_all_problems_are_listed_by_validate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(
-        DataError, match=r"and 1 more; `python -m shuttle_marl.data validate .*own.csv --columns .*map.toml` lists"
+        DataError, match=r"and 1 more; `.*python -m shuttle_marl.data validate .*own.csv --columns .*map.toml` lists"
     ):
         read(tmp_path, rows=ROWS.replace("SMASH", "smahs").replace("lift,,out", "lift,,ouut"))
     flags = ["--columns", str(tmp_path / "map.toml")]
