@@ -4,6 +4,7 @@ Table cells are plain text, not markup.
 """
 
 import contextlib
+import decimal
 import errno
 import functools
 import importlib
@@ -19,6 +20,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
 from shuttle_marl.arrays import F64
@@ -47,6 +49,9 @@ _EXTRAS: Final = {
     "torch": "train",
 }
 """Extra of the package by optional library."""
+_NUMBERS: Final = ConstructorRegistry()
+_SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
+_MOST_DIGITS: Final = 30
 _WIDTH: Final = 160
 """Width of output that is not to a terminal."""
 _SHOWN_SHOTS: Final = 5
@@ -96,10 +101,12 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         _check_encoding(args)
-        if isinstance(commands, dict):
-            tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args)
+        if isinstance(commands, dict) and args and args[0] in commands:  # alone, so that its errors point to its own help
+            tyro.cli(commands[args[0]], prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
+        elif isinstance(commands, dict):
+            tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args, registry=_NUMBERS)
         else:
-            tyro.cli(commands, prog=prog, description=description, args=args)
+            tyro.cli(commands, prog=prog, description=description, args=args, registry=_NUMBERS)
         sys.stdout.flush()
     except ShuttleError as error:
         return _fail(prog, str(error))
@@ -133,6 +140,37 @@ def entry_point(commands: Command | dict[str, Command], prog: str, description: 
         return run(commands, prog=prog, description=description, argv=argv)
 
     return main
+
+
+def whole_number(text: str) -> int:
+    """A whole number from text such as ``2000``, ``60_000``, ``1e6``, ``60k`` or ``2m`` (millions).
+
+    Raises:
+        ValueError: it is not one.
+    """
+    digits = text.lower()
+    scale = _SCALES.get(digits[-1:], 1)
+    try:
+        number = decimal.Decimal(digits[:-1] if scale > 1 else digits) * scale
+        if number.is_finite() and number.adjusted() <= _MOST_DIGITS and number == number.to_integral_value():
+            return int(number)
+    except decimal.DecimalException:
+        pass
+    raise ValueError(f"{text!r}: expected a whole number, such as 2000, 1e6, 60k or 2m")
+
+
+@_NUMBERS.primitive_rule
+def _whole_number_rule(type_info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
+    """Options of type int take all forms of :func:`whole_number`."""
+    if type_info.type is not int:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=lambda words: whole_number(words[0]),
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    )
 
 
 def print_json(value: Any, *, ensure_ascii: bool = True) -> None:

@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import json
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
 
@@ -21,6 +22,11 @@ SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet"
 SELF: Final = "self"
 """Name of the learner itself as opponent."""
 _NO_EFFECT: Final = ("out", "resume", "overwrite")
+_SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
+_LONGEST: Final = 1e6
+_TOLERATED: Final = 1.2
+_FASTEST: Final = 10**7
+"""Upper bound of the strokes per second of training, for runs with a time budget."""
 
 
 class TrainingError(ShuttleError):
@@ -62,6 +68,28 @@ Growth = Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,00
 Seed = Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")]
 
 
+def seconds_of(budget: str) -> float:
+    """Seconds of a time budget such as ``90s``, ``5m`` or ``1h``.
+
+    Raises:
+        TrainingError: it is not a time above 0.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", budget)
+    if found is None or not 0 < float(found[1]) < _LONGEST:
+        raise TrainingError(f"--budget {budget}: expected a time, as in 90s, 5m or 1h")
+    return float(found[1]) * _SECONDS[found[2]]
+
+
+def missed(seconds: float, budget: float) -> str:
+    """A warning that a time budget was missed by more than 20 %; empty if it was not."""
+    if seconds <= _TOLERATED * budget:
+        return ""
+    return (
+        f"took {seconds:.0f} s, more than the --budget of {budget:.0f} s: the machine was busy, or functions were compiled for "
+        "the first time; train again for a run that fits its budget"
+    )
+
+
 def check_bounds(config: Any, error: type[ShuttleError]) -> None:
     """Check the fields of a dataclass that are annotated with :class:`Within`; None is always allowed.
 
@@ -86,6 +114,8 @@ class TrainingConfig:
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count = 2_000_000
     """Strokes of the learner in the whole run."""
+    budget: str | None = None
+    """Time limit of the run, as in 90s, 5m or 1h, instead of the default --strokes; the result then depends on the machine."""
     seed: Seed = 0
     """Random seed."""
     out: Path | None = None
@@ -148,11 +178,18 @@ class TrainingConfig:
             raise TrainingError("--opponent: expected one or more policies, or self")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} cannot be combined with other opponents")
+        if self.seconds is not None and self.strokes == type(self).strokes:
+            object.__setattr__(self, "strokes", math.ceil(self.seconds * _FASTEST))
         self.bonuses()
         if self.self_play and (self.bonus or self.fault_cost):
             raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
         if self.resume and self.overwrite:
             raise TrainingError("--resume continues a run and --overwrite replaces it; give one of them")
+
+    @property
+    def seconds(self) -> float | None:
+        """Time limit of the run [s]; None: limited by strokes alone."""
+        return None if self.budget is None else seconds_of(self.budget)
 
     @property
     def self_play(self) -> bool:

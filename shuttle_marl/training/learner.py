@@ -74,9 +74,11 @@ class Learner(abc.ABC):
         actor: the policy that plays the rollouts.
         modules: networks and losses with weights, by name.
         optimizers: by name.
+        iteration: number of the current iteration, counted from 0; set by :class:`Trainer`.
     """
 
     distinct: ClassVar[bool] = True
+    iteration: int = 0
     actor: ProbabilisticActor
     modules: Mapping[str, nn.Module]
     optimizers: Mapping[str, Optimizer]
@@ -419,6 +421,7 @@ class Trainer:
         Raises:
             DivergedError: a weight, a term of the loss or an output of the network is not finite.
         """
+        self.learner.iteration = self.iteration
         self.learner.prepare(remaining)
         if self._update_opponents is not None:
             self._update_opponents(self.iteration)

@@ -68,7 +68,7 @@ class PPO(Learner):
         set_learning_rate(self.optimizer, config.learning_rate, remaining)
         loss.entropy_coeff.fill_(config.entropy * remaining)
         if self.reference is not None:
-            self.reference.update(round((1 - remaining) * config.iterations))
+            self.reference.update(self.iteration)
         mean = Mean("loss_objective", "loss_critic", "loss_entropy", "clip_fraction", "kl_approx")
         data = normalised(data)  # w(s) = N(s) / N, and A / (N std(A))
         for _ in range(config.epochs):

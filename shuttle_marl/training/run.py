@@ -43,7 +43,7 @@ from shuttle_marl.training.checkpoints import (
     open_log,
     save_checkpoint,
 )
-from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError
+from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError, missed
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
@@ -285,13 +285,19 @@ class _Run:
             SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.iteration) as board,
             _progress(self.console) as bar,
         ):
-            task = bar.add_task(config.algorithm, total=config.iterations, completed=self.iteration, status="")
+            total = config.iterations if config.seconds is None else round(config.seconds)
+            task = bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
+            evaluating = 0.0
 
             def after(losses: dict[str, float]) -> None:
+                nonlocal evaluating
                 self.seconds = time.monotonic() - begun
-                bar.update(task, completed=self.iteration)
-                if self.iteration % config.evaluate_every == 0 or self.iteration == config.iterations:
+                bar.update(task, completed=round(self._fraction() * total))
+                # The last evaluation is part of the budget; it takes as long as the one before.
+                self.stopped = config.seconds is not None and self.seconds + evaluating > config.seconds
+                if self.iteration % config.evaluate_every == 0 or self.iteration == config.iterations or self.stopped:
                     evaluation = self._evaluate(losses, board)
+                    evaluating = time.monotonic() - begun - self.seconds
                     bar.update(task, status=self._status(evaluation))
 
             log = self._open_log()
@@ -304,7 +310,14 @@ class _Run:
                 raise
             if log is not None:
                 log.close()
+        if config.seconds is not None and (warning := missed(time.monotonic() - begun, config.seconds)):
+            self.console.print(f"{self.folder}: {warning}", highlight=False, markup=False, soft_wrap=True)
         return self._finish(about)
+
+    def _fraction(self) -> float:
+        """Fraction of the run that is over, by iterations or by time."""
+        limit, part = self.config.seconds, self.iteration / self.config.iterations
+        return part if limit is None else min(1.0, max(part, self.seconds / limit))
 
     def _open_log(self) -> RunLog | None:
         config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
@@ -327,7 +340,7 @@ class _Run:
 
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
             with self._diverging():
-                losses = trainer.iterate(1 - self.iteration / config.iterations, collected)
+                losses = trainer.iterate(1 - self._fraction(), collected)
             if log is not None:
                 log.settle()
             after(losses)

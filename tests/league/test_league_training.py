@@ -30,7 +30,8 @@ from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, 
 from shuttle_marl.training.league.mixtures import merged, meta_strategy, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs, Tables
 from shuttle_marl.training.league.run import MAIN, train_league
-from shuttle_marl.training.league.state import LEAGUE
+from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
+from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.ppo import PPO
 from tests.waiting import file_versions, wait_until
@@ -363,3 +364,23 @@ def test_the_command_prints_its_figures(model: str, tmp_path: Path, capsys: pyte
     assert figures["run"] == str(tmp_path / "run")
     assert main(["train", *flags, "--resume"]) == 0
     assert "exploitability" in capsys.readouterr().out
+
+
+def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
+    state = LeagueState(game="")
+    schedule = Schedule(config, state, Payoffs(Tables(tmp_path, load_game(model)), {}))
+    first, second = (next(turn for turn in schedule.turns(number, 0.0) if turn.member == "main-agent-0") for number in (1, 2))
+    assert first.seconds == pytest.approx(60 / 6 / 3 / schedule.load, abs=1e-3)
+    assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)
+    # Compilation took the whole budget: the first round has the shortest turns.
+    assert all(turn.seconds <= MIN_SECONDS for turn in schedule.turns(1, 70.0))
+
+
+@pytest.mark.slow
+def test_a_time_budget_is_kept_or_its_miss_is_reported(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--budget", "8s", "--workers", "1", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
+    assert main(["train", *flags, "--json"]) == 0
+    output = capsys.readouterr()
+    seconds = json.loads(output.out)["seconds"]
+    assert ("more than the --budget of 8 s" in output.err) == (seconds > 1.2 * 8)

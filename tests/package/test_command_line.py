@@ -164,3 +164,37 @@ def test_memory_that_runs_out_is_a_message(capsys: pytest.CaptureFixture[str]) -
 
     assert cli.run(greedy, prog="p", description="", argv=[]) == 1
     assert "not enough memory (Unable to allocate 298 GiB)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("2000", 2000), ("60_000", 60_000), ("1e6", 10**6), ("2.5E3", 2500), ("60k", 60_000), ("1.5M", 1_500_000), ("-3", -3)],
+)
+def test_whole_numbers_are_read_in_every_form(text: str, number: int) -> None:
+    got: list[int] = []
+
+    def serve(*, cups: int = 1) -> None:
+        got.append(cups)
+
+    assert cli.run(serve, prog="tea", description="", argv=[f"--cups={text}"]) == 0
+    assert got == [number]
+
+
+@pytest.mark.parametrize("text", ["k", "1.5", "1e", "2x", "nan", "inf", "1e999999999", "9" * 5000, "\u0662x"])
+def test_other_numbers_are_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    def serve(*, cups: int = 1) -> None:
+        raise AssertionError(cups)
+
+    with pytest.raises(SystemExit) as stop:
+        cli.run(serve, prog="tea", description="", argv=[f"--cups={text}"])
+    assert stop.value.code == 2
+    assert "expected a whole number" in "".join(capsys.readouterr())
+
+
+def test_errors_of_a_subcommand_point_to_its_own_help(capsys: pytest.CaptureFixture[str]) -> None:
+    def serve(*, cups: int = 1) -> None:
+        """Serve tea."""
+
+    with pytest.raises(SystemExit):
+        cli.run({"serve": serve, "brew": serve}, prog="tea", description="", argv=["serve", "--cups", "x"])
+    assert "see tea serve --help" in " ".join("".join(capsys.readouterr()).replace("│", " ").split())

@@ -27,7 +27,7 @@ from shuttle_marl.recording.replay import check
 from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.checkpoints import last_checkpoint
-from shuttle_marl.training.config import DivergedError, SelfPlayVariant
+from shuttle_marl.training.config import DivergedError, SelfPlayVariant, missed
 from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
@@ -387,3 +387,25 @@ def test_ppo_collects_more_and_more_sharply() -> None:
     before, _ = never.predict(seen)
     never.prepare(0.0)
     torch.testing.assert_close(never.predict(seen)[0], before)
+
+
+def test_a_time_budget_ends_a_run_and_anneals_over_its_time(tmp_path: Path) -> None:
+    config = PPOConfig(**SMALL | {"record": "none", "evaluate_every": 10**6}, budget="2s", out=tmp_path / "run")
+    assert config.strokes == 2 * 10**7
+    done = train(config)
+    assert done.iterations < config.iterations
+    (line,) = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    # The last iteration starts before the limit; a busy machine and compilation can only delay the end.
+    assert line["seconds"] >= 2
+    assert line["iteration"] == done.iterations
+
+
+@pytest.mark.parametrize("budget", ["2", "0s", "1d", "1e999s", "soon"])
+def test_a_time_budget_is_a_time(budget: str) -> None:
+    with pytest.raises(TrainingError, match=f"--budget {budget}: expected a time, as in 90s, 5m or 1h"):
+        PPOConfig(budget=budget)
+
+
+def test_a_missed_budget_is_reported() -> None:
+    assert missed(71, 60) == ""
+    assert missed(73, 60).startswith("took 73 s, more than the --budget of 60 s")

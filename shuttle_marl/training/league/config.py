@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import re
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
@@ -18,6 +17,7 @@ from shuttle_marl.training.config import (
     Weight,
     Within,
     check_bounds,
+    seconds_of,
 )
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
@@ -30,7 +30,6 @@ POOL: Final = ("bc", "attacking", "defensive", "safe")
 """Default initial policies, if the game has them."""
 MOST_WORKERS: Final = 1024
 _NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
-_SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
 
 
 class LeagueTrainingError(TrainingError):
@@ -123,14 +122,11 @@ class LeagueTrainingConfig:
         """Time budget; None if the run is limited by strokes, or by rounds of an exact oracle.
 
         Raises:
-            LeagueTrainingError: ``budget`` is not a time.
+            TrainingError: ``budget`` is not a time.
         """
         if self.strokes is not None or (self.exact_oracle and self.budget is None and self.rounds is not None):
             return None
-        found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", self.budget or "5m")
-        if found is None or not float(found[1]):
-            raise LeagueTrainingError(f"--budget {self.budget}: expected a time, as in 90s, 5m or 1h")
-        return float(found[1]) * _SECONDS[found[2]]
+        return seconds_of(self.budget or "5m")
 
     @property
     def exact_oracle(self) -> bool:

@@ -21,6 +21,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.training.checkpoints import Metrics
+from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.mixtures import respond, sharpened
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
@@ -122,6 +123,9 @@ class _League:
         }
         runs.write_json(self.folder / runs.MANIFEST, about)
         with Workers(self.config.workers, self.game, cluster) as workers:
+            if self.config.seconds is not None and not self.config.exact_oracle and not self._over():
+                with self.console.status("compiling"):
+                    workers.warm_up(self.config)
             while not self._over():
                 started = time.monotonic()
                 before = self.state.round
@@ -309,6 +313,8 @@ class _League:
             }
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
         draw_exploitability(curve, self.folder / PICTURE)
+        if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
+            self.console.print(f"{self.folder}: {warning}", highlight=False, markup=False, soft_wrap=True)
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)

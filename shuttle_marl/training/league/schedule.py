@@ -19,6 +19,8 @@ _DRAW_OPPONENTS: Final = 1 << 16
 """Stream of random numbers that draws opponents."""
 FLOOR: Final = 0.02
 """Fraction of the weight that is distributed uniformly, so that every opponent is played."""
+_FIRST: Final = 3
+"""Factor by which the first round is planned shorter than the others."""
 _HARD: Final = 2.0
 """Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
 
@@ -131,7 +133,9 @@ class Schedule:
         left = config.seconds - self._elapsed
         # Rounds are at least half learning, so they may be longer than planned; the last one takes the remaining time.
         whole = max(left / max(1, config.n_rounds - number + 1), 2 * self.state.overhead)
-        if left < 1.5 * whole:
+        if number == 1 and config.n_rounds > 1:
+            whole /= _FIRST  # the time that evaluations take is not known yet
+        elif left < 1.5 * whole:
             whole = left
         return max(MIN_SECONDS, (whole - self.state.overhead) / self.load)
 

@@ -5,6 +5,7 @@ its output files, the description last; completed turns are skipped on resume. O
 sent with a turn, and output files are sent back.
 """
 
+import contextlib
 import dataclasses
 import multiprocessing
 import tempfile
@@ -62,6 +63,25 @@ def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game
     if result is not None:
         return result
     return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
+
+
+def warm_up(config: LeagueTrainingConfig) -> None:
+    """Take a turn of one iteration in a temporary folder."""
+    member = "oracle" if config.variant == "psro" else "main-agent-0"
+    with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as folder:
+        turn = Turn(
+            member=member,
+            round=1,
+            fresh=True,
+            opponents=(),
+            fractions=(),
+            response_fraction=config.response_fraction,
+            strokes=1,
+            seconds=None,
+            remaining=(1.0, 1.0),
+            seed=0,
+        )
+        take_turn(Path(folder), config, turn)
 
 
 def input_files(turn: Turn) -> list[Path]:
@@ -254,6 +274,15 @@ class Workers:
             f"{folder}: workers died {_ATTEMPTS} times in one round, perhaps for lack of memory; continue with --resume and "
             "fewer --workers"
         )
+
+    def warm_up(self, config: LeagueTrainingConfig) -> None:
+        """Start the processes, and compile and load what a turn needs, so that turns with a time budget end in time."""
+        if self._cluster is None and self._count > 1:
+            with contextlib.suppress(BrokenProcessPool):  # a turn reports it
+                for each in [self._started().submit(warm_up, config) for _ in range(self._count)]:
+                    each.result()
+        elif self._cluster is None:
+            warm_up(config)
 
     def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
         missing = [turn for turn in turns if completed(folder, turn) is None]
