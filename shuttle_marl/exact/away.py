@@ -19,6 +19,7 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -87,9 +88,9 @@ def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> 
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 
-def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
+def of_all_pairs(odds: Crossplay, rules: Rules = BWF) -> dict[str, Values]:
     """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
-    match = odds.match()
+    match = odds.match(rules)
     others = max(1, len(match) - 1)
     return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
 

@@ -7,7 +7,7 @@ point; the winner of a rally serves next, so the winner of a game serves first i
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from typing import Any, Final, NamedTuple, overload
+from typing import Any, Final, Literal, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +67,15 @@ class RulesTuple(NamedTuple):
 
 BWF: Final = Rules()
 """The rules of the sport since 2006."""
+
+
+RulesName = Literal["21", "15", "11"]
+RULES: Final[dict[RulesName, Rules]] = {
+    "21": BWF,
+    "15": Rules(points=15, cap=21),
+    "11": Rules(points=11, cap=15, games=3),
+}
+"""Rules by the points of a game: those of the sport, and its trials of best of three to 15 and best of five to 11."""
 
 
 class RallyCount(NamedTuple):

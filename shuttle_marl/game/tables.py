@@ -26,7 +26,7 @@ from shuttle_marl.arrays import F64, I32, U16, Ints
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
-from shuttle_marl.game.stroke import Catalogue, frozen
+from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 from shuttle_marl.tensor_files import parsed, read_tensors, tensor_bytes
 
@@ -77,6 +77,42 @@ class Game(Layout):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Game":
         return self  # nothing in it can be changed
+
+    def without(self, *strokes: str) -> "Game":
+        """The game in which some strokes are illegal; the catalogue and the states are those of this game.
+
+        Args:
+            strokes: shot types such as ``net-shot``, or strokes of the catalogue.
+
+        Raises:
+            GameError: a stroke is unknown, or is the only legal one after a stroke that remains.
+        """
+        shots, names = np.array([SHOTS[shot] for shot in self.catalogue.shot]), np.array(self.catalogue.names)
+        unknown = [stroke for stroke in strokes if stroke not in shots and stroke not in names]
+        if unknown:
+            raise GameError(f"no stroke {unknown[0]!r}; shot types are: {', '.join(dict.fromkeys(shots.tolist()))}")
+        removed = np.isin(shots, strokes) | np.isin(names, strokes)
+        legal = self.reply_mask & ~removed
+        # States after a removed stroke never occur; they keep their strokes, because every state has one.
+        emptied = self.reply_mask.any(axis=-1) & ~legal.any(axis=-1)
+        for incoming in np.flatnonzero((emptied & ~np.append(removed, False)[:, None]).any(axis=1)):
+            raise GameError(
+                f"no stroke is legal after {np.append(names, 'the start of a rally')[incoming]} without {', '.join(strokes)}"
+            )
+        legal |= self.reply_mask & emptied[..., None]
+        count = legal.sum(axis=-1, dtype=np.int32)
+        # Stretches of replies are shared by both lengths of the duel, except after net shots.
+        kept = np.zeros(len(self.reply_edge) + 1, dtype=np.bool_)
+        for incoming, longer, contact in np.ndindex(self.reply_start.shape):
+            first = int(self.reply_start[incoming, longer, contact])
+            replies = slice(first, first + int(self.reply_count[incoming, contact]))
+            kept[replies] = legal[incoming, contact, self.edge_incoming[self.reply_edge[replies]]]
+        start = (np.cumsum(kept) - kept)[self.reply_start].astype(np.int32)
+        state = self.base_pair_state
+        keep = legal[self.incoming(state), self.contact(state), self.base_pair_stroke]
+        return dataclasses.replace(
+            self, reply_start=start, reply_count=count, reply_edge=self.reply_edge[kept[:-1]], threshold=self.threshold[keep]
+        )
 
     @property
     def levels(self) -> int:

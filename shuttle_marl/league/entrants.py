@@ -13,6 +13,7 @@ from shuttle_marl.arrays import I32, Intp
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -74,6 +75,8 @@ class LeagueConfig:
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """The game of one discipline; default: the average of both."""
+    rules: RulesName = "21"
+    """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
     """Also solve every pair, the best response to every entrant, and its style exactly: seconds for each entrant."""
     away: bool = False
@@ -126,7 +129,7 @@ class LeagueConfig:
 
     def fixed(self) -> dict[str, Any]:
         """All options that affect the results, as JSON."""
-        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "grown")
+        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "rules", "grown")
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in names}))
         return fixed
 

@@ -14,6 +14,7 @@ from scipy.stats import binomtest
 
 from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
@@ -65,13 +66,14 @@ class ExactOdds:
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 
-def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = ()) -> ExactOdds:
+def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = (), rules: Rules = BWF) -> ExactOdds:
     """Solve every pair of entrants, and the best response to each.
 
     Args:
         game: the tables.
         entrants: N of them.
         refits: other fits of the game, two or more, in which the pairs are solved too; none: they are not.
+        rules: when games and matches are won.
     """
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
 
@@ -83,12 +85,12 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
     )
     tables = {i: entrant.table for i, entrant in enumerate(entrants) if entrant.table is not None}
     try:
-        return _fill(blank, game, tables, refits) if tables else blank
+        return _fill(blank, game, tables, refits, rules) if tables else blank
     except ExactError as error:
         return dataclasses.replace(blank, problem=str(error))
 
 
-def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> ExactOdds:
+def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> ExactOdds:
     from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
@@ -102,7 +104,7 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
         everyone.append(scorer.reference)
     odds = crossplay(everyone)
     match, exploitability, normalised = blank.match.copy(), blank.exploitability.copy(), blank.normalised_score.copy()
-    match[np.ix_(at, at)] = odds.match()[: len(at), : len(at)]
+    match[np.ix_(at, at)] = odds.match(rules)[: len(at), : len(at)]
     exploitability[at] = [odds.value for odds in best_odds(policies)]
     if scorer is not None:
         reference = [table.hash for table in everyone].index(scorer.reference.hash)
@@ -113,11 +115,11 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
     filled = dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
     if not refits:
         return filled
-    away, shares = _away(len(match), tables, refits)
+    away, shares = _away(len(match), tables, refits, rules)
     return dataclasses.replace(filled, away=away, away_shares=shares)
 
 
-def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game]) -> "tuple[Spread, F64]":
+def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> "tuple[Spread, F64]":
     """``[N]`` share of the matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
@@ -125,7 +127,7 @@ def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game])
     def shares(refit: Game) -> "dict[str, Values]":
         odds = crossplay([moved(table, refit) for table in tables.values()], tolerance=_AWAY)
         share = np.full(n, np.nan)
-        share[list(tables)] = np.round(of_all_pairs(odds)["match_share"], _DECIMALS)
+        share[list(tables)] = np.round(of_all_pairs(odds, rules)["match_share"], _DECIMALS)
         each.append(share)
         return {"share": share}
 

@@ -22,6 +22,7 @@ from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import refits_of, resolve_game
+from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
@@ -157,6 +158,7 @@ def _play(
             seed=config.seed,
             batch=config.batch,
             keep_strokes=recorder is not None,
+            rules=RULES[config.rules],
             sample=None if recorder is None else recorder.sample,
             decide=config.decide,
         )
@@ -225,6 +227,7 @@ def _open_recorder(
         strokes=game.catalogue.names,
         policies=tuple(Player(name=entrant.name, hash=entrant.hash) for entrant in present),
         pairings=tuple(pairing.key for pairings in known for pairing in pairings),
+        rules=RULES[config.rules],
         record=config.record,
     )
     if every == 1:
@@ -242,7 +245,7 @@ def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], consol
         refits = ()
         _say(console, "the model has fewer than two refits on resampled matches, so there are no results away from home")
     with console.status("solving every pair exactly"):
-        exact = exact_odds(game, entrants, refits)
+        exact = exact_odds(game, entrants, refits, RULES[config.rules])
     if exact.problem:
         _say(console, f"no exact results: {exact.problem}")
     return exact

@@ -16,6 +16,7 @@ from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.cluster import Cluster, Shared, Task
 from shuttle_marl.files import Count
 from shuttle_marl.game import draws
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.lockstep import Matches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers
@@ -309,6 +310,7 @@ class MatchOptions:
         batch: number of matches that are played in one batch.
         keep_strokes: whether rallies are returned, with their strokes; else only the results are.
         sample: selects the rallies that are returned; None: all.
+        rules: when games and matches are won.
         decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
             all matches are played.
     """
@@ -318,6 +320,7 @@ class MatchOptions:
     batch: int = 8192
     keep_strokes: bool = False
     sample: Callable[[Rallies], Rallies] | None = None
+    rules: Rules = BWF
     decide: float | None = None
 
 
@@ -434,13 +437,13 @@ class Tournament:
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         seated = Matches(entrant=self._table_of[matches.entrant], first_server=matches.first_server, key=matches.key)
-        keep, threads = self._options.keep_strokes, self._threads
-        return play_matches(self._game, seated, self._players, keep_strokes=keep, threads=threads, progress=progress).rallies
+        options = {"rules": self._options.rules, "keep_strokes": self._options.keep_strokes, "threads": self._threads}
+        return play_matches(self._game, seated, self._players, **options, progress=progress).rallies
 
     def _play_calls(self, matches: Matches, progress: Progress | None) -> Rallies:
         """Play matches in which a policy is called for every stroke."""
-        keep = self._options.keep_strokes
-        return play(self._game, matches, self._strikers.choose, keep_strokes=keep, progress=progress).rallies
+        rules, keep = self._options.rules, self._options.keep_strokes
+        return play(self._game, matches, self._strikers.choose, rules=rules, keep_strokes=keep, progress=progress).rallies
 
     @functools.cached_property
     def _shared(self) -> "Shared[Tournament]":

@@ -28,6 +28,7 @@ from shuttle_marl.commands.league import main
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game import default_game, load_game, scoring
 from shuttle_marl.game.rules import FAULT
+from shuttle_marl.game.scoring import RULES
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import Entrant, enter
@@ -584,3 +585,21 @@ def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:
     assert [np.isnan(run.standings[0].exploitability) for run in runs] == [False, True]
     with pytest.raises(LeagueError, match="leave out --no-exact"):
         LeagueConfig(exact=False, away=True)
+
+
+def test_matches_to_eleven_points(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, rules="11", out=out))
+    assert not check(out / "rallies.mcap", reduced_game()).problems
+    with RallyLog(out / "rallies.mcap") as log:
+        batches = [batch for _, batch in log.batches()]
+    match, winner, score = (np.concatenate([getattr(batch, name) for batch in batches]) for name in ("match", "winner", "score"))
+    last = np.flatnonzero(np.r_[match[1:] != match[:-1], True])
+    points, games = score[last, winner[last]] + 1, score[last, 2 + winner[last]]
+    # Best of five: the winner had two games before the last rally, which gave the 11th to 15th point.
+    assert (games == 2).all()
+    assert points.min() == 11
+    assert points.max() <= 15
+    odds = exact_odds(reduced_game(), [enter(name, reduced_game()) for name in POOL], rules=RULES["11"]).match
+    assert "11 points" in (out / "report.md").read_text()
+    assert not np.allclose(odds, exact_odds(reduced_game(), [enter(name, reduced_game()) for name in POOL]).match)

@@ -186,7 +186,7 @@ def page(report: TournamentReport) -> bytes:
     return render(
         "tournament.html.j2",
         title=TITLES[report.config.format],
-        subtitle=f"seed {report.config.seed} · game {report.config.game} ({report.game[:12]})",
+        subtitle=f"seed {report.config.seed} · game {report.config.game} ({report.game[:12]}) · {report.config.rules} points",
         totals={"players": len(standings)} | {what: sum(seat[what] for r in played for seat in r.seats) for what in counted},
         ranking=_ranking(report),
         rating_chart=charts.forest([(s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings], "Elo"),
