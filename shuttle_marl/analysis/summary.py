@@ -14,7 +14,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.recording.log_file import SUFFIX
+from shuttle_marl.recording.reader import is_log
 from shuttle_marl.recording.tables import stroke_table
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
@@ -203,7 +203,7 @@ def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table
         DataError: the file is missing or cannot be read.
         AnalysisError: there are no strokes.
     """
-    if path.suffix == SUFFIX or (path.is_dir() and any(path.glob(f"*{SUFFIX}"))):
+    if is_log(path):
         with RallyLog(path) as log:
             strokes = strokes_of_log(log, rallies=rallies, seed=seed)
     else:

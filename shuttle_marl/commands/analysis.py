@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.commands.options import RallyGameOptions
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.summary import Summary
 
+_MODEL: Final = RallyGameOptions()
 _SHOWN: Final = 12
 _PICTURED: Final = 3
 
@@ -23,8 +24,7 @@ def analysis(
     against: Path | None = None,
     out: Path | None = None,
     reference: str = "bc",
-    game: str = "default",
-    profile: Profile | None = None,
+    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     rallies: int = 20_000,
     json: bool = False,
 ) -> None:
@@ -35,8 +35,7 @@ def analysis(
         against: another of these for comparison, for example real matches; all its players are counted together.
         out: folder for pictures and tables of rallies and strokes.
         reference: policy whose play the values assume.
-        game: model on whose game values are computed: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
+        model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
         json: print JSON.
     """
@@ -46,7 +45,7 @@ def analysis(
     from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    tables = resolve_game(game, profile)
+    tables = model.load_for(path)
     policy = tabulate(resolve(reference, tables), tables, reference)
     valued = add_values(strokes_of(path, rallies=rallies), policy)
     summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}

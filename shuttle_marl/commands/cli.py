@@ -266,12 +266,16 @@ def holes(policy: str, found: "Holes") -> Table:
     for column in table.columns[:2]:
         column.overflow = "fold"
     for hole in found.holes:
-        played = f"{hole.played} {percent(hole.played_share)}"
-        better = "" if hole.best == hole.played else f"\n{hole.best} {percent(hole.best_share)}"
+        played = f"{hole.played} {percent(hole.played_share)}{_real(hole.played_real)}"
+        better = "" if hole.best == hole.played else f"\n{hole.best} {percent(hole.best_share)}{_real(hole.best_real)}"
         seen = (f"{share:.4f}" if share >= 1e-4 else f"{share:.0e}" for share in (hole.in_self_play, hole.against_best_response))
         state = hole.description.replace(", ", "\n", 2)
         table.add_row(Text(state), Text(played + better), *seen, f"{hole.regret:.4f}", f"{hole.loss:.5f}", end_section=True)
     return table
+
+
+def _real(number: float | None) -> str:
+    return "" if number is None else f"\n{number:,.0f} real strokes"
 
 
 def home_and_away(rows: Sequence[Headlines]) -> Table:

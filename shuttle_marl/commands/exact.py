@@ -6,7 +6,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 from rich.progress import track
@@ -15,10 +15,11 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes, refits_of
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
+    from shuttle_marl.arrays import F64
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
     from shuttle_marl.rally.record import Rallies
@@ -38,6 +39,8 @@ class PlotOptions:
 
 Model = tyro.conf.OmitArgPrefixes[GameOptions]
 PlayedModel = tyro.conf.OmitArgPrefixes[PolicyOptions]
+AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
+_AT_LEAST: Final = "--at-least N sets the number"
 _GAME: Final = GameOptions()
 _PLAYED: Final = PolicyOptions()
 _NO_PLOT: Final = PlotOptions()
@@ -170,6 +173,7 @@ def best_response(
     policy: Policy,
     *,
     model: PlayedModel = _PLAYED,
+    at_least: AtLeast = None,
     away: bool = True,
     save: File = None,
     json_output: Json = False,
@@ -179,6 +183,7 @@ def best_response(
     Args:
         policy: name of a policy (docs/league.md).
         model: the game.
+        at_least: real strokes in the data behind every stroke of the response; default: 20 in models of own data, else 0.
         away: also play the response in the refits of the game.
         save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
@@ -188,11 +193,14 @@ def best_response(
     from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
+    _check_at_least(at_least)
     tables = model.load()
     (opponent,) = model.tabulate([policy], tables)
-    answer = respond(opponent)
+    least = least_support(tables) if at_least is None else at_least
+    answer = respond(opponent, at_least=least)
     odds, seen = answer.value.odds(), visits(answer.policy, opponent)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
+    support = _support(tables, seen.base_pairs(0).sum(axis=0))
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
     others = refits_of(tables) if away else ()
@@ -207,6 +215,8 @@ def best_response(
         "rally_length": seen.rally_length,
         "endings": seen.endings(),
         "shot_mix": mix[0],
+        "at_least": least,
+        "support": support,
         "error_bound": max(answer.value.error_bound, seen.error_bound),
         "saved": None if save is None else str(save),
         **cli.home_and_away_json({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
@@ -224,6 +234,7 @@ def best_response(
         .replace("player 1", policy),
         "shots of the response": cli.shares(mix[0]),
         f"shots of {policy}": cli.shares(mix[1]),
+        "real strokes behind it": _support_text(support, least),
     }  # fmt: skip
     if save is not None:
         rows["saved as"] = f"table:{save}"
@@ -236,6 +247,7 @@ def holes(
     *,
     model: PlayedModel = _PLAYED,
     top: int = 10,
+    at_least: AtLeast = None,
     json_output: Json = False,
 ) -> None:
     """List the states in which a policy loses most to its best response.
@@ -244,16 +256,19 @@ def holes(
         policy: name of a policy (docs/league.md).
         model: the game.
         top: number of states to list.
+        at_least: real strokes in the data behind every better stroke; default: 20 in models of own data, else 0.
         json_output: print JSON.
     """
     from shuttle_marl.exact import holes as find  # noqa: PLC0415  numba
 
+    _check_at_least(at_least)
     if top < 1:
         raise ExactError(f"--top {top}: expected a number from 1 on")
     tables = model.load()
-    found = find(*model.tabulate([policy], tables), top=top)
+    least = least_support(tables) if at_least is None else at_least
+    found = find(*model.tabulate([policy], tables), top=top, at_least=least)
     if json_output:
-        cli.print_json({"policy": policy, **found.as_json()})
+        cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
         return
     console = cli.console()
     console.print(cli.holes(policy, found))
@@ -261,7 +276,8 @@ def holes(
         f"{len(found.holes)} of {found.states:,} states with a loss hold {cli.percent(found.share)} of it. The policy loses "
         f"{found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play to get it: "
         f"exploitability {found.exploitability:.5f} (within {found.error_bound:.0e}). in self-play, against its best response: "
-        "how often it strikes there in a rally, both serving equally often."
+        "how often it strikes there in a rally, both serving equally often. "
+        f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST})."
     )
 
 
@@ -368,6 +384,30 @@ def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> N
         stroke = tables.incoming(np.arange(tables.n_states))
         incoming = int(np.bincount(stroke, visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
     pictures.save(pictures.best_replies(solution, incoming, own), path)
+
+
+def _check_at_least(number: int | None) -> None:
+    if number is not None and number < 0:
+        raise ExactError(f"--at-least {number}: expected 0 or more")
+
+
+def _support(game: "Game", played: "F64") -> dict[str, float] | None:
+    """Fractions of strokes with fewer than 5 and fewer than 20 real strokes behind them; None if that is not known."""
+    from shuttle_marl.policy.scorecard import FEW_STROKES  # noqa: PLC0415  numba
+
+    real = real_strokes(game)
+    if real is None:
+        return None
+    behind = real[game.base_pair_edge]
+    return {f"fewer_than_{n}": float(played[behind < n].sum() / played.sum()) for n in (FEW_STROKES, RELIABLE)}
+
+
+def _support_text(support: dict[str, float] | None, least: int) -> str:
+    if support is None:
+        return "not known for this model"
+    few, unreliable = support.values()
+    text = f"fewer than 5 behind {cli.percent(few)} of its strokes, fewer than {RELIABLE} behind {cli.percent(unreliable)}"
+    return f"{text} ({_AT_LEAST})" if not least else f"{text}, at least {least} where a state has any"
 
 
 def _check_some(policies: Sequence[str]) -> None:

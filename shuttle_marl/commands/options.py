@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
+from shuttle_marl.commands.cli import console
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
@@ -36,6 +37,41 @@ class GameOptions:
     def load(self) -> "Game":
         """The tables of the game."""
         return resolve_game(self.game, self.profile)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RallyGameOptions:
+    """The game of recorded rallies."""
+
+    game: str | None = None
+    """Model of the game: a shipped one or a folder; default: the shipped game that the log was played on."""
+    profile: Profile | None = None
+    """Men or women: the game of that discipline alone."""
+
+    def load_for(self, path: Path | None) -> "Game":
+        """The game of a rally log; for annotated matches the shipped one, with a notice.
+
+        Args:
+            path: the log, or annotated matches; None: no recorded rallies.
+
+        Raises:
+            RecordingError: the log cannot be read, or was played on a game that is not shipped.
+        """
+        from shuttle_marl.game.shipped import shipped_game  # noqa: PLC0415
+        from shuttle_marl.recording import RallyLog, RecordingError  # noqa: PLC0415  pyarrow
+        from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
+
+        if path is None or self.game is not None or self.profile is not None:
+            return resolve_game(self.game, self.profile)
+        if not is_log(path):
+            console(stderr=True).print("game: the shipped one, of elite men's and women's singles; --game MODEL names another")
+            return resolve_game(None)
+        with RallyLog(path) as log:
+            played = log.files[0].header.game
+        game = shipped_game(played)
+        if game is None:
+            raise RecordingError(f"{path}: played on game {played[:12]}, which is not shipped; name its model with --game")
+        return game
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

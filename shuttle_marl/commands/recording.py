@@ -10,7 +10,7 @@ import tyro
 
 from shuttle_marl.arrays import Ints
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Appearance, GameOptions
+from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
@@ -34,6 +34,7 @@ File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
+_LOG_GAME: Final = RallyGameOptions()
 _HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
 
 
@@ -72,16 +73,15 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
         _print(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
 
 
-def check(path: Log, *, game: str = "default", profile: Profile | None = None, replay: bool = True) -> None:
+def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME, replay: bool = True) -> None:
     """Check checksums, numbers and scores of a log and replay every stroke; exit status 1 on errors.
 
     Args:
         path: a rally log, or a folder of them.
-        game: model on whose game the log was played: a shipped one or a folder.
-        profile: men or women: the game of that discipline alone; default: the average of both.
+        model: game on which the log was played.
         replay: replay the strokes; needs that game.
     """
-    result = check_log(path, resolve_game(game, profile) if replay else None)
+    result = check_log(path, model.load_for(path) if replay else None)
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
     how = "replayed with equal outcomes" if result.replayed else "not replayed"
@@ -183,7 +183,7 @@ class SceneAppearance(Appearance):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Model(GameOptions):
+class Model(RallyGameOptions):
     """Game and policies of the log."""
 
     policy: Policies = ()
@@ -219,7 +219,7 @@ def scene(
         content, unknown = write_scene(
             log,
             numbers,
-            model.load(),
+            model.load_for(path),
             athletes=appearance.athletes,
             handedness=appearance.hands,
             fps=appearance.fps,

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Appearance
+from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.errors import printable
-from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.watch import WatchError
 
@@ -59,6 +58,21 @@ class RallyOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class AdviceOptions(RallyGameOptions):
+    """The game, and the strokes that are advised."""
+
+    at_least: int | None = None
+    """Real strokes in the data behind a stroke that is advised; default: 20 in models of own data, else 0."""
+
+    def __post_init__(self) -> None:
+        if self.at_least is not None and self.at_least < 0:
+            raise WatchError(f"--at-least {self.at_least}: expected 0 or more")
+
+
+_ADVICE: Final = AdviceOptions()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ServerOptions:
     """The server of the page.
 
@@ -80,8 +94,7 @@ def watch(
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     record: Path = Path("runs/watch"),
     video: Path | None = None,
-    game: str = "default",
-    profile: Profile | None = None,
+    model: tyro.conf.OmitArgPrefixes[AdviceOptions] = _ADVICE,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
     """Watch matches in 3D, analyse them, or play: opens a page in the browser, served by this machine.
@@ -92,8 +105,7 @@ def watch(
         appearance: appearance of the players.
         record: folder for the logs of rallies that you play.
         video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
-        game: model of the game: a shipped one or a folder.
-        profile: men or women: the game of that discipline; default: the average of both.
+        model: game, and strokes that are advised.
         server: server of the page.
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
@@ -113,14 +125,14 @@ def watch(
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    policies = PolicyTables(resolve_game(game, profile), (match.a, match.b))
+    policies = PolicyTables(model.load_for(rallies.replay or rallies.real), (match.a, match.b))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
         contextlib.closing(MatchLog(record, policies.game, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
-        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log)
+        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, at_least=model.at_least)
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
         running = Server(application(answers, page, hosts=hosts_of(server.host)))

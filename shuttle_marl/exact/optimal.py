@@ -27,8 +27,10 @@ from shuttle_marl.exact.profile import InducedChain, PairPolicy, StatePolicy, ch
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, after_block_soft_values, block_choices, block_soft_values
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.thresholds import ONE
 
 P_co = TypeVar("P_co", TabulatedPolicy, PairPolicy, covariant=True)
 
@@ -259,22 +261,36 @@ class Exploitability:
         return self.nash_conv / 2
 
 
-def best_response(policy: StatePolicy | InducedChain, *, game: Game | None = None, tolerance: float = TOLERANCE) -> Response:
+def best_response(
+    policy: StatePolicy | InducedChain, *, game: Game | None = None, at_least: float = 0, tolerance: float = TOLERANCE
+) -> Response:
     """The best response to a policy.
 
     Args:
         policy: of the opponent, player 1, or its chain.
         game: the tables with which the responder, player 0, strikes; None: the symmetric game.
+        at_least: real strokes in the data behind every stroke of the response; in a state without such a stroke it plays the one
+            with the most (:func:`shuttle_marl.game.shipped.supported`).
         tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
+        GameError: ``at_least`` is above 0, and the model has no counts of real strokes.
     """
-    own = _BestStrokes((game or policy.game,))
+    tables = game or policy.game
+    own = _BestStrokes((limited(tables, at_least),))
     check_same_layout(own.game, policy.game)
     opponent = policy if isinstance(policy, InducedChain) else induced(policy)
     value, sweeps = solve_players(own, opponent, tolerance)
-    return Response(game=own.game, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
+    return Response(game=tables, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
+
+
+def limited(game: Game, at_least: float) -> Game:
+    """The game in which strokes with too few real strokes behind them are faults, so that perfect play does without them."""
+    if at_least <= 0:
+        return game
+    allowed = supported(game, at_least)
+    return dataclasses.replace(game, threshold=np.where(allowed[:, None], game.threshold, np.uint16(ONE - 1)))
 
 
 def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, tolerance: float = TOLERANCE) -> Exploitability:

@@ -22,9 +22,10 @@ import numpy as np
 from shuttle_marl.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
-from shuttle_marl.exact.optimal import Response, Solution, best_response, solve
+from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
 from shuttle_marl.exact.profile import StatePolicy, induced
 from shuttle_marl.exact.solver import sweep
+from shuttle_marl.game.shipped import real_strokes, supported
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
@@ -95,6 +96,8 @@ class Hole:
         best_share: its probability under the policy.
         in_self_play: expected strokes of the policy in the state, in a rally against itself.
         against_best_response: the same against its best response.
+        played_real: real strokes in the data behind ``played``; None: not known.
+        best_real: the same behind ``best``.
         regret: mean loss of a stroke there, as a value from 0 to 2.
         loss: expected loss there in a rally against the best response: ``against_best_response * regret``.
     """
@@ -107,6 +110,8 @@ class Hole:
     best_share: float
     in_self_play: float
     against_best_response: float
+    played_real: float | None
+    best_real: float | None
     regret: float
     loss: float
 
@@ -145,6 +150,7 @@ def holes(
     policy: TabulatedPolicy,
     *,
     top: int = 10,
+    at_least: float = 0,
     solution: Solution | None = None,
     response: Response | None = None,
     tolerance: float = TOLERANCE,
@@ -154,6 +160,8 @@ def holes(
     Args:
         policy: the policy.
         top: largest number of states.
+        at_least: real strokes behind the strokes of the best response and of the perfect play that regret compares with, see
+            :func:`shuttle_marl.exact.best_response`.
         solution: the solved game, if known.
         response: the best response to the policy, if known.
         tolerance: error bound of values and visits.
@@ -162,8 +170,9 @@ def holes(
         ExactError: play may never end.
     """
     game = policy.game
-    solution = solution or solve(game, tolerance=tolerance)
-    response = response or best_response(policy, tolerance=tolerance)
+    solution = solution or solve(limited(game, at_least), tolerance=tolerance)
+    response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
+    real, allowed = real_strokes(game), supported(game, at_least)
     mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
     theirs = policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
     alone = visits(policy, policy, tolerance=tolerance).states[0]
@@ -174,7 +183,9 @@ def holes(
             break
         strokes, pairs = game.legal_strokes(state), game.pairs_of(state)
         probability = policy.probability_of(np.arange(pairs.start, pairs.stop))
-        best = int(game.stroke_values(solution.value[1], pairs).argmax())
+        base = np.arange(pairs.start, pairs.stop) % game.n_base_pairs
+        best = int(np.where(allowed[base], game.stroke_values(solution.value[1], pairs), -np.inf).argmax())
+        behind = [None] * len(base) if real is None else real[game.base_pair_edge[base]].tolist()
         most = int(probability.argmax())
         found.append(
             Hole(
@@ -186,6 +197,8 @@ def holes(
                 best_share=float(probability[best]),
                 in_self_play=float(alone[state]),
                 against_best_response=float(mine.weight[state]),
+                played_real=behind[most],
+                best_real=behind[best],
                 regret=float(mine.state[state]),
                 loss=float(lost[state]),
             )

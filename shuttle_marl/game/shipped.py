@@ -11,7 +11,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.errors import command
 from shuttle_marl.files import FileReadError, read_sealed
 from shuttle_marl.game.tables import Game, GameError
@@ -32,6 +32,8 @@ PROFILES: Final = ("men", "women")
 """Variants that are the games of one discipline; the others are refits, named by their number from 1."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
+RELIABLE: Final = 20
+"""Number of real strokes below which the probabilities of a stroke are not reliable."""
 REFITS: Final = 8
 """Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
 CARD: Final = "card.json"
@@ -167,12 +169,24 @@ def origin_of(game: Game) -> Origin | None:
 
     Games of the shipped default are known in every process, also where they were not loaded.
     """
-    if game.hash not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
+    return _origin_of_hash(game.hash)
+
+
+def shipped_game(digest: str) -> Game | None:
+    """The game of a shipped model or variant by its hash; None if none has it."""
+    origin = _origin_of_hash(digest)
+    if origin is None or origin.folder.parent != _MODELS:
+        return None
+    return load_game(origin.folder.name if origin.variant is None else f"{origin.folder.name}:{origin.variant}")
+
+
+def _origin_of_hash(digest: str) -> Origin | None:
+    if digest not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
         folder = _MODELS / "default"
         _ORIGINS[load_game().hash] = Origin(folder, None)
         if (folder / VARIANTS).is_file():
             _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
-    return _ORIGINS.get(game.hash)
+    return _ORIGINS.get(digest)
 
 
 def _reduced(game: Game) -> tuple[Any, ...]:
@@ -229,6 +243,29 @@ def real_strokes(game: Game) -> F64 | None:
         return checked(read_model(folder, SUPPORT).arrays["strokes"], np.float64, (len(game.edge_own),))
     except (OSError, KeyError, ValueError) as error:
         raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
+
+
+def least_support(game: Game) -> int:
+    """Default of the real strokes behind a stroke that is advised: :data:`RELIABLE` in models of own data, 0 in shipped ones."""
+    folder = folder_of(game)
+    return 0 if folder is None or folder.parent == _MODELS or real_strokes(game) is None else RELIABLE
+
+
+def supported(game: Game, at_least: float) -> Bools:
+    """``[base pairs]`` whether a stroke has at least so many real strokes behind it, or the most of its state.
+
+    Raises:
+        GameError: ``at_least`` is above 0, and the numbers are not known.
+    """
+    if at_least <= 0:
+        return np.ones(game.n_base_pairs, dtype=np.bool_)
+    real = real_strokes(game)
+    if real is None:
+        raise GameError("the number of real strokes is not known for this game, which belongs to no model; ask for at least 0")
+    behind = real[game.base_pair_edge]
+    most = np.zeros(game.n_base_states)
+    np.maximum.at(most, game.base_pair_state, behind)
+    return np.asarray((behind >= at_least) | (behind == most[game.base_pair_state]))
 
 
 def resolve_game(game: Game | str | None, profile: str | None = None) -> Game:

@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I32, U16, Ints
+from shuttle_marl.arrays import F64, I32, U16, Bools, Ints
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
@@ -91,11 +91,11 @@ class Game(Layout):
         unknown = [stroke for stroke in strokes if stroke not in shots and stroke not in names]
         if unknown:
             raise GameError(f"no stroke {unknown[0]!r}; shot types are: {', '.join(dict.fromkeys(shots.tolist()))}")
-        removed = np.isin(shots, strokes) | np.isin(names, strokes)
-        legal = self.reply_mask & ~removed
+        removed: Bools = np.isin(shots, strokes) | np.isin(names, strokes)
+        legal: Bools = self.reply_mask & ~removed
         # States after a removed stroke never occur; they keep their strokes, because every state has one.
-        emptied = self.reply_mask.any(axis=-1) & ~legal.any(axis=-1)
-        for incoming in np.flatnonzero((emptied & ~np.append(removed, False)[:, None]).any(axis=1)):
+        emptied = np.asarray(self.reply_mask.any(axis=-1) & ~legal.any(axis=-1))
+        for incoming in np.flatnonzero(emptied.any(axis=-1) & ~np.append(removed, False)):
             raise GameError(
                 f"no stroke is legal after {np.append(names, 'the start of a rally')[incoming]} without {', '.join(strokes)}"
             )
@@ -107,7 +107,7 @@ class Game(Layout):
             first = int(self.reply_start[incoming, longer, contact])
             replies = slice(first, first + int(self.reply_count[incoming, contact]))
             kept[replies] = legal[incoming, contact, self.edge_incoming[self.reply_edge[replies]]]
-        start = (np.cumsum(kept) - kept)[self.reply_start].astype(np.int32)
+        start: I32 = (np.cumsum(kept) - kept)[self.reply_start].astype(np.int32)
         state = self.base_pair_state
         keep = legal[self.incoming(state), self.contact(state), self.base_pair_stroke]
         return dataclasses.replace(

@@ -113,7 +113,8 @@ def report(
         f"# {TITLES[config.format]}",
         "",
         f"{len(standings)} entrants, {matches:,} matches ({config.matches:,} a pair), {rallies:,} rallies, "
-        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}), {config.rules} points.",
+        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}), "
+        f"{config.rules} points.",
         "",
         *_markdown(*ranked_table(standings)),
         "",

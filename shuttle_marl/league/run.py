@@ -21,8 +21,8 @@ from shuttle_marl import runs
 from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.shipped import refits_of, resolve_game
 from shuttle_marl.game.scoring import RULES
+from shuttle_marl.game.shipped import least_support, refits_of, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
@@ -288,13 +288,15 @@ def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dic
     if not best:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
+    from shuttle_marl.exact.optimal import limited  # noqa: PLC0415  numba
     from shuttle_marl.exact.regret import holes  # noqa: PLC0415  numba
 
     losses = {}
     with contextlib.suppress(ExactError):  # play may never end, which was reported with the exact results
-        solution = solve(game, tolerance=_HOLES)
+        least = least_support(game)
+        solution = solve(limited(game, least), tolerance=_HOLES)
         for name in list(tables)[:best]:
-            losses[name] = holes(tables[name], solution=solution, tolerance=_HOLES)
+            losses[name] = holes(tables[name], at_least=least, solution=solution, tolerance=_HOLES)
     return losses
 
 

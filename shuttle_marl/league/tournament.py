@@ -437,8 +437,16 @@ class Tournament:
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         seated = Matches(entrant=self._table_of[matches.entrant], first_server=matches.first_server, key=matches.key)
-        options = {"rules": self._options.rules, "keep_strokes": self._options.keep_strokes, "threads": self._threads}
-        return play_matches(self._game, seated, self._players, **options, progress=progress).rallies
+        options = self._options
+        return play_matches(
+            self._game,
+            seated,
+            self._players,
+            rules=options.rules,
+            keep_strokes=options.keep_strokes,
+            threads=self._threads,
+            progress=progress,
+        ).rallies
 
     def _play_calls(self, matches: Matches, progress: Progress | None) -> Rallies:
         """Play matches in which a policy is called for every stroke."""

@@ -24,6 +24,11 @@ Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
 """Function of a batch that returns further columns ``[N]`` of its strokes."""
 
 
+def is_log(path: Path) -> bool:
+    """Whether a path is a rally log or a folder of them, by its name."""
+    return path.suffix == SUFFIX or (path.is_dir() and any(path.glob(f"*{SUFFIX}")))
+
+
 class RallyLog:
     """All rallies of a file or a folder; a context manager that closes the files.
 

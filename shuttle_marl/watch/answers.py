@@ -19,7 +19,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import real_strokes
+from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import registry
@@ -173,8 +173,8 @@ _POOR, _BAD = 0.10, 0.15
 """Least regret of strokes marked ``?!`` and ``?``."""
 _FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
 """A stroke with at most the first regret is marked ``!`` or ``!!`` if elite players choose it less often than the others."""
-_THIN, _SOME = 20, 100
-"""Numbers of real strokes below which a probability is unreliable, and fairly reliable."""
+_SOME: Final = 100
+"""Number of real strokes from which a probability is reliable."""
 _MAX_STYLES: Final = 64
 
 
@@ -183,10 +183,12 @@ class StrokeValues:
 
     Args:
         policies: policies, their values and the solved game.
+        at_least: real strokes behind strokes that are advised; None: :func:`shuttle_marl.game.shipped.least_support`.
     """
 
-    def __init__(self, policies: PolicyTables) -> None:
+    def __init__(self, policies: PolicyTables, at_least: int | None = None) -> None:
         self._policies, self._game = policies, policies.game
+        self._at_least = least_support(policies.game) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
 
     def players(self, sides: tuple[Side, Side]) -> Players:
@@ -223,7 +225,8 @@ class StrokeValues:
 
     def _stroke(self, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
-        regret, better = float(choice.regret[rank]), int(np.argmax(choice.optimal))
+        better = choice.best(self._at_least)
+        regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
@@ -318,7 +321,7 @@ def _support_sentence(support: F64) -> str:
         return "The number of real strokes behind these probabilities is unknown."
     least = round(float(support.min()))
     real = f"Real strokes behind the rarer of this stroke and the best one: {least:,}"
-    if least < _THIN:
+    if least < RELIABLE:
         return f"{real}; the models are not reliable here."
     return f"{real}; the models are fairly reliable here." if least < _SOME else f"{real}; the models are reliable here."
 
@@ -337,6 +340,7 @@ class Answers:
         recorded: recorded rallies to show instead of matches.
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
+        at_least: real strokes behind strokes that are advised, see :class:`StrokeValues`.
     """
 
     def __init__(
@@ -348,10 +352,11 @@ class Answers:
         recorded: Recorded | None = None,
         first: int = 0,
         log: MatchLog | None = None,
+        at_least: int | None = None,
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
-        self._values, self._stager, self._log = StrokeValues(policies), stager, log
+        self._values, self._stager, self._log = StrokeValues(policies, at_least), stager, log
         self._matches, self._packed = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED)
 
     def __call__(self, request: messages.Request) -> bytes:

@@ -1,5 +1,6 @@
 """Figures of strokes: from rallies written down by hand, from logs beside what was recorded, and the commands."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.summary import ENDINGS, players_of
 from shuttle_marl.commands.analysis import main as analysis
+from shuttle_marl.commands.options import RallyGameOptions
+from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 
@@ -182,3 +185,25 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "men's singles" in capsys.readouterr().out
     assert stroke_value.main(["--least-matches", "99"]) == 1
     assert "ask for fewer" in capsys.readouterr().err
+
+
+def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from shuttle_marl.league import LeagueConfig, run_league
+    from tests.reduced import reduced_model
+
+    config = LeagueConfig(pool=("random", "safe"), matches=2, exact=False, game="default:men", out=tmp_path / "men")
+    log = str(run_league(config).folder / "rallies.mcap")
+    for command in (analysis, recording):
+        words = [log, "--json"] if command is analysis else ["check", log]
+        assert command(words) == 0
+        assert "replayed with equal outcomes" in capsys.readouterr().out or command is analysis
+    assert RallyGameOptions().load_for(Path(log)).hash == load_game("default:men").hash
+    own = run_league(dataclasses.replace(config, game=reduced_model(), out=tmp_path / "own")).folder / "rallies.mcap"
+    assert analysis([str(own)]) == 1
+    assert "which is not shipped; name its model with --game" in capsys.readouterr().err
+    assert analysis([str(own), "--game", reduced_model(), "--json"]) == 0
+    assert "game:" not in capsys.readouterr().err
+    assert analysis([str(SAMPLE), "--json"]) == 0
+    assert "game: the shipped one, of elite men's and women's singles; --game MODEL" in capsys.readouterr().err

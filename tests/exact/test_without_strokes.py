@@ -21,8 +21,7 @@ def test_only_the_named_strokes_are_missing(names: tuple[str, ...]) -> None:
         strokes = [stroke for stroke in GAME.legal_strokes(state).tolist() if not removed[stroke]]
         assert smaller.legal_strokes(state).tolist() == strokes
     pairs = np.flatnonzero(~removed[GAME.pair_stroke] & reachable[GAME.pair_state])
-    state, stroke = GAME.pair_state[pairs], GAME.pair_stroke[pairs]
-    moved = smaller.pair(state, stroke)
+    moved = smaller.pair(GAME.pair_state[pairs], GAME.pair_stroke[pairs])
     assert np.array_equal(smaller.outcome_probabilities(moved), GAME.outcome_probabilities(pairs))
     assert np.array_equal(smaller.arrivals(moved), GAME.arrivals(pairs))
     assert smaller.hash != GAME.hash

@@ -272,9 +272,14 @@ _HOLES: "Final[Sequence[Column[Hole]]]" = (
            about="visits in a rally against its best response"),
     Column("loses a rally", lambda hole: number(hole.loss, ".5f"),
            about="loss there in a rally against its best response, as a value"),
-    Column("plays most", lambda hole: name(f"{hole.played} ({100 * hole.played_share:.0f} %)"), left=True, wrap=True),
-    Column("best stroke", lambda hole: name(f"{hole.best} ({100 * hole.best_share:.0f} %)"), left=True, wrap=True),
+    Column("plays most", lambda hole: _stroke(hole.played, hole.played_share, hole.played_real), left=True, wrap=True),
+    Column("best stroke", lambda hole: _stroke(hole.best, hole.best_share, hole.best_real), left=True, wrap=True),
 )  # fmt: skip
+
+
+def _stroke(stroke: str, share: float, real: float | None) -> Cell:
+    """A stroke with its probability and the number of real strokes behind it."""
+    return name(f"{stroke} ({100 * share:.0f} %{'' if real is None else f', {real:,.0f} real strokes'})")
 
 
 def _holes(player: str, holes: "Holes") -> Table:

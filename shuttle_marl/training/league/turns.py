@@ -10,11 +10,11 @@ import dataclasses
 import multiprocessing
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import torch
@@ -37,6 +37,8 @@ from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
 from shuttle_marl.training.networks import tabulated, weights_of
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
 from shuttle_marl.training.study import end_with_parent
+
+T = TypeVar("T")
 
 LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
@@ -262,7 +264,7 @@ class Workers:
             return [take_turn(folder, config, turn) for turn in turns]
         for _ in range(_ATTEMPTS):
             try:
-                waiting = [self._started().submit(take_turn, folder, config, turn) for turn in turns]
+                waiting = [self._submit(take_turn, folder, config, turn) for turn in turns]
                 return [future.result() for future in waiting]
             except BrokenProcessPool:
                 # A worker that was starting when another one died can outlive the pool, which would wait for it forever.
@@ -279,7 +281,7 @@ class Workers:
         """Start the processes, and compile and load what a turn needs, so that turns with a time budget end in time."""
         if self._cluster is None and self._count > 1:
             with contextlib.suppress(BrokenProcessPool):  # a turn reports it
-                for each in [self._started().submit(warm_up, config) for _ in range(self._count)]:
+                for each in [self._submit(warm_up, config) for _ in range(self._count)]:
                     each.result()
         elif self._cluster is None:
             warm_up(config)
@@ -296,12 +298,20 @@ class Workers:
                 replace_file(folder / path, files[path])
         return [take_turn(folder, config, turn) for turn in turns]
 
-    def _started(self) -> ProcessPoolExecutor:
+    def _submit(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Submit a call to the pool, which is started if there is none.
+
+        Raises:
+            BrokenProcessPool: a worker died.
+        """
         if self._pool is None:
             self._others = {child.pid for child in multiprocessing.active_children()}
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=end_with_parent)
-        return self._pool
+        try:
+            return self._pool.submit(function, *arguments)
+        except OSError as error:  # the pool closed its pipes while another worker was starting
+            raise BrokenProcessPool(str(error)) from error
 
 
 def take_remotely(
