@@ -20,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -80,6 +81,7 @@ def stroke_value(
     valued = add_values(strokes, policy)
     least = {"least_matches": least_matches, "least_strokes": least_strokes}
     players = rank_players(valued, **least, centred=True)
+    left_out = len(pc.unique(valued["player"])) - len(players)
     refits = refits_of(game)
     away = (
         over(refits, functools.partial(_values_in, strokes, policy, [p.player for p in players], least))
@@ -109,11 +111,13 @@ def stroke_value(
             }
             for i, player in enumerate(players)
         ]
-        sys.stdout.write(json_format.dumps({**result, "players": listed}) + "\n")
+        sys.stdout.write(json_format.dumps({**result, "left_out": left_out, "players": listed}) + "\n")
         return
     spreads = {p.player: away["value"].at(i) for i, p in enumerate(players)} if away is not None else {}
     for text, mine in groups.items():
         _print(text, mine, spreads)
+    if left_out:
+        sys.stdout.write(f"{left_out} players with fewer than {least_matches} matches or {least_strokes} strokes are left out.\n")
 
 
 def _values_in(

@@ -8,10 +8,17 @@ from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.commands.cli import Command, console, entry_point
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
 
 
 def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
+    # Unknown names are reported before PyTorch is imported, which takes seconds.
+    game = resolve_game(config.game, config.profile)
+    for name in () if config.self_play else config.opponent:
+        if ":" not in name:
+            resolve(name, game)
     if seeds > 1:
         _train_seeds(config, seeds, jobs)
         return

@@ -23,7 +23,6 @@ from shuttle_marl.data.upstream import SPLITS, Split, split_of
 from shuttle_marl.errors import command
 from shuttle_marl.files import problem
 
-_ADVICE: Final = f"`{command('data', 'download')}` downloads them; import your own matches with `{command('data', 'import')}`"
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -167,7 +166,8 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
         if columns is not None:
             return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
-            nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {_ADVICE}")
+            advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"
+            nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {advice}")
             return Report(problems=(nothing,), notes=(), splits=_compare(path, ())[0], account=None)
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:

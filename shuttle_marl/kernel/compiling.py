@@ -9,7 +9,6 @@ notice changes of inlined functions. The subclasses here fix these three defects
 
 import functools
 import hashlib
-import io
 import logging
 import pickle
 import tempfile
@@ -91,10 +90,11 @@ class _SealedFile(caching.IndexDataCacheFile):
             content = Path(self._index_path).read_bytes()
         except FileNotFoundError:
             return {}
-        stream = io.BytesIO(content)
-        if pickle.load(stream) != self._version:
+        # numba writes its version first; it is compared without being unpickled.
+        version = pickle.dumps(self._version, protocol=-1)
+        if not content.startswith(version):
             return {}
-        stamp, overloads = pickle.loads(_unsealed(stream.read()))
+        stamp, overloads = pickle.loads(_unsealed(content[len(version) :]))
         return overloads if stamp == self._source_stamp else {}
 
     def _load_data(self, name: str) -> Any:

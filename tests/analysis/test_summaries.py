@@ -11,6 +11,7 @@ import pytest
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.summary import ENDINGS, players_of
+from shuttle_marl.analysis.values import LEAST_MATCHES
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
@@ -181,8 +182,11 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "landings.png", "players.csv", "rally.png", "ranking.png", "replies.png", "shots.png"
     }  # fmt: skip
+    assert found["left_out"] == len(set(players_of(strokes_of(SAMPLE)))) - len(players)
     assert stroke_value.main([]) == 0
     assert "men's singles" in capsys.readouterr().out
+    assert stroke_value.main(["--least-strokes", str(max(p["strokes"] for p in players))]) == 0
+    assert f"players with fewer than {LEAST_MATCHES} matches or" in capsys.readouterr().out
     assert stroke_value.main(["--least-matches", "99"]) == 1
     assert "ask for fewer" in capsys.readouterr().err
 

@@ -104,6 +104,15 @@ def test_damaged_machine_code_is_compiled_again(filled: Path) -> None:
     assert run(filled) == ("42,1", ""), "and kept again"
 
 
+def test_a_forged_index_is_never_unpickled(filled: Path, tmp_path: Path) -> None:
+    """The version precedes the digest; it is compared as bytes."""
+    (index,) = [path for path in kept(filled) if path.suffix == ".nbi" and "twice" in path.name]
+    whole = index.read_bytes()
+    index.write_bytes(f"cos\nmkdir\n(V{tmp_path / 'pwned'}\ntR.".encode() + whole)
+    assert run(filled)[0] == "42"
+    assert not (tmp_path / "pwned").exists()
+
+
 def flipped(content: bytes, at: float) -> bytes:
     damaged = bytearray(content)
     damaged[int(at * len(content))] ^= 16

@@ -409,3 +409,13 @@ def test_a_time_budget_is_a_time(budget: str) -> None:
 def test_a_missed_budget_is_reported() -> None:
     assert missed(71, 60) == ""
     assert missed(73, 60).startswith("took 73 s, more than the --budget of 60 s")
+
+
+def test_misspelt_opponents_are_reported_without_pytorch(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(TrainingError, match=r"--opponent selff: no such policy; did you mean self\?"):
+        PPOConfig(opponent=("selff",))
+    call = "main(['ppo', '--opponent', 'bcx']); print('torch' in sys.modules)"
+    code = f"import sys; from shuttle_marl.commands.training import main; {call}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert "did you mean bc?" in done.stderr
+    assert done.stdout.strip() == "False"

@@ -325,6 +325,8 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     file = tmp_path / "rally.html"
     download.value.save_as(file)
     assert file.stat().st_size <= 2e6
+    policy = '<meta http-equiv="Content-Security-Policy" content="default-src \'none\';'
+    assert policy in file.read_text(encoding="utf-8")[:400]
     context = browser.new_context(offline=True)
     shared = type(viewer)(context.new_page()).open(file.as_uri())
     assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]

@@ -77,13 +77,18 @@ async function condensedReply(reply: ArrayBuffer, seconds: number): Promise<Arra
   return new Blob([reply.slice(0, reply.byteLength - body.byteLength), motion]).arrayBuffer();
 }
 
+/** Content security policy of a saved page: its own inline scripts, and no connection to any host. */
+const POLICY =
+  "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; connect-src data: blob:; worker-src blob:; base-uri 'none'; form-action 'none'";
+
 /** HTML of the page with script, style and content. */
 function written(script: string, style: string, shared: Shared, title: string, hash: string): Blob {
   const safe = (text: string) => text.replaceAll("<", "\\u003c");
   const plain = title.replace(/[<>&"]/g, "");
   return new Blob(
     [
-      `<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1"><title>${plain}</title>`,
+      `<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${POLICY}">`,
+      `<meta name="viewport" content="width=device-width, initial-scale=1"><title>${plain}</title>`,
       `<style>${style.replaceAll("</", "<\\/")}</style></head><body>`,
       `<script>if (!location.hash) location.hash = ${safe(JSON.stringify(hash))};</script>`,
       `<script type="application/json" id="shared">${safe(JSON.stringify(shared))}</script>`,
