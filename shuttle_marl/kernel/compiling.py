@@ -64,7 +64,7 @@ def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
         return None
     numba.config.CACHE_DIR = folder.name  # type: ignore[attr-defined]
     _LOG.warning(
-        "neither the folder of the package nor that of the user's caches is writable: the kernel is compiled for this process "
+        "neither the folder of the user's caches nor that of the package is writable: the kernel is compiled for this process "
         "alone, in %s; set NUMBA_CACHE_DIR to a writable folder to keep it", folder.name,
     )  # fmt: skip
     return folder
@@ -108,8 +108,18 @@ def _unsealed(content: bytes) -> bytes:
     return content
 
 
+class _Folders(caching.CompileResultCacheImpl):
+    """numba's choice of a folder, with that of the package last: an uninstalled package leaves no files behind."""
+
+    _locator_classes = sorted(
+        caching.CompileResultCacheImpl._locator_classes, key=lambda locator: locator.__name__.endswith("InTreeCacheLocator")
+    )
+
+
 class _Cache(caching.FunctionCache):
     """numba's cache of one function; unreadable entries are recompiled."""
+
+    _impl_class = _Folders
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)

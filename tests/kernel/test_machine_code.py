@@ -38,7 +38,7 @@ def run(folder: Path, *, factor: int = 2, **environment: str) -> tuple[str, str]
     # The module is imported, as numba keeps nothing for a main script of another run.
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder)!r}); import numbers_of_two"],
-        env={**inherited, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        env={**inherited, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), **environment},
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
     return done.stdout.strip(), done.stderr
@@ -91,6 +91,11 @@ def test_the_kernel_itself_needs_no_writable_folder(tmp_path: Path) -> None:
     assert done.stdout.split() == ["draw", "NullCache"]
     assert "no folder is writable" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_machine_code_lies_in_the_cache_of_the_user(filled: Path) -> None:
+    assert kept(filled)
+    assert all(filled / "cache" in path.parents for path in kept(filled))
 
 
 def test_damaged_machine_code_is_compiled_again(filled: Path) -> None:

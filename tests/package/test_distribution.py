@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -57,16 +58,41 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
 
 def test_wheel_carries_licence_and_extras(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
-        (licence,) = (name for name in archive.namelist() if name.endswith("/licenses/LICENSE"))
-        assert archive.read(licence) == (ROOT / "LICENSE").read_bytes()
+        licences = {name.partition("/licenses/")[2]: name for name in archive.namelist() if "/licenses/" in name}
+        assert set(licences) == {
+            "LICENSE",
+            "THIRD_PARTY_NOTICES.md",
+            "shuttle_marl/data/upstream/LICENSE",
+            "shuttle_marl/staging/athletes/LICENSE-CC0.md",
+        }
+        for file, name in licences.items():
+            assert archive.read(name) == (ROOT / file).read_bytes()
         (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         text = archive.read(metadata).decode()
         (points,) = (name for name in archive.namelist() if name.endswith(".dist-info/entry_points.txt"))
         assert "shuttle-marl = shuttle_marl.__main__:main" in archive.read(points).decode().splitlines()
-    assert "License-Expression: MIT" in text
+    header, _, description = text.partition("\n\n")
+    assert "License-Expression: MIT AND CC0-1.0" in header
+    assert re.findall(r"^Project-URL: [^,]+, (\S+)$", header, re.MULTILINE)
+    # Relative links would be broken on a package index.
+    assert re.findall(r"\]\((?!https?:|#)", description) == []
+    assert "## Data and citations" in description
     needed = [line for line in text.splitlines() if line.startswith("Requires-Dist:") and "extra ==" not in line]
     assert needed
     assert [line for line in needed if "torch" in line] == []
+
+
+def test_notices_hold_the_licence_of_every_bundled_library() -> None:
+    notices = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8")
+    lock = json.loads((ROOT / "shuttle_marl/watch/page/package-lock.json").read_text(encoding="utf-8"))
+    bundled = {name.rpartition("node_modules/")[2]: each for name, each in lock["packages"].items() if name and "dev" not in each}
+    assert set(bundled) == {"three"}
+    assert bundled["three"]["license"] == "MIT"
+    assert f"## three.js {bundled['three']['version']}" in notices
+    text = notices.replace("> ", "").replace(">", "")
+    for licence in (ROOT / "shuttle_marl/data/upstream/LICENSE", ROOT / "LICENSE"):
+        conditions = licence.read_text(encoding="utf-8").partition("Permission is hereby granted")[2].strip()
+        assert " ".join(conditions.split()) in " ".join(text.split())
 
 
 def test_installed_wheel_loads_its_models_elsewhere(wheel: Path, tmp_path: Path) -> None:
