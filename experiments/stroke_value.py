@@ -88,7 +88,7 @@ def stroke_value(
         if len(refits) > 1
         else None
     )
-    groups = {text: mine for kind, text in _GROUPS.items() if (mine := [p for p in players if p.discipline == kind])}
+    groups = groups_of(players)
     if out is not None:
         _write(out, players)
         everyone = {"all players": summarise(valued)} | {
@@ -157,6 +157,11 @@ def _print(title: str, players: Sequence[PlayerValue], away: Mapping[str, Spread
     console.print(table)
     if away:
         console.print("away: 95 % interval for the same matches in one more refit of the game on resampled matches.")
+
+
+def groups_of(players: Sequence[PlayerValue]) -> dict[str, list[PlayerValue]]:
+    """Players by discipline."""
+    return {text: mine for kind, text in _GROUPS.items() if (mine := [p for p in players if p.discipline == kind])}
 
 
 def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:

@@ -285,8 +285,10 @@ def home_and_away(rows: Sequence[Headlines]) -> Table:
     for name, home, away in rows:
         known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
         for i, (figure, value, there) in enumerate(known):
-            mean, low, high = (percent(float(part)) for part in (there.value, there.low, there.high))
-            table.add_row(Text("") if i else _name(name), _FIGURES[figure], percent(value), mean, f"{low} to {high}")
+            # Exploitability is a value from 0 to 1, as everywhere; the others are probabilities.
+            written = (lambda part: f"{part:.3f}") if figure == "exploitability" else percent
+            mean, low, high = (written(min(1.0, max(0.0, float(part)))) for part in (there.value, there.low, there.high))
+            table.add_row(Text("") if i else _name(name), _FIGURES[figure], written(value), mean, f"{low} to {high}")
     return table
 
 

@@ -266,7 +266,8 @@ def _code(text: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+    # Normal intervals of probabilities may reach beyond 0 and 1.
+    return "-" if math.isnan(share) else f"{100 * min(1.0, max(0.0, share)):.1f} %"
 
 
 def _number(value: float, form: str) -> str:

@@ -1,5 +1,6 @@
 """The tables of the documentation come from results."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -84,3 +85,12 @@ def test_a_table_that_no_page_shows_and_an_unknown_one_are_found(pages: Path, ru
     page.write_text("", encoding="utf-8")
     with pytest.raises(TableError, match=r"no page shows ranking$"):
         tables.main(run=run, check=True)
+
+
+def test_no_page_states_a_probability_beyond_100_percent() -> None:
+    """Normal intervals of probabilities are cut at 0 and 100 %, and exploitability is a value from 0 to 1 everywhere."""
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        text = path.read_text(encoding="utf-8")
+        beyond = [number for number in re.findall(r"(\d+\.\d+) (?:% )?(?:to \d|\))", text) if 100 < float(number) < 101]
+        assert beyond == [], path
+        assert not re.findall(r"exploitab\w+ (?:of |is |about )?\d+(?:\.\d+)? %", text), path

@@ -1,0 +1,157 @@
+"""Pictures of the documentation and the data they are drawn from: ``python -m docs.tools.pictures [--only NAME ...] [--check]``.
+
+``docs/images/sources.json`` holds the digest of the data of each picture. ``--check`` fails for a picture whose data have changed
+since it was drawn. Pictures of the court need the extras ``scene`` and ``video``, Chromium, and Foxglove Studio.
+"""
+
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from docs.tools.markdown import IMAGES, ROOT, saved
+from shuttle_marl.commands import cli
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+from shuttle_marl.game import model_folder
+from shuttle_marl.game.shipped import read_model_card
+
+SOURCES: Final = IMAGES / "sources.json"
+_RANKING: Final = "ranking of docs/league.md"
+_GAME: Final = "game"
+_REPORT: Final = (1240, 2300)
+"""Width of the page and height of the picture of a report [px]."""
+
+
+def _module(*command: str) -> Callable[[], None]:
+    def run() -> None:
+        subprocess.run([sys.executable, "-m", *command], cwd=ROOT, check=True)
+
+    return run
+
+
+def _stroke_value() -> None:
+    from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
+    from shuttle_marl.analysis import PlayerValue, pictures  # noqa: PLC0415
+
+    found = saved("experiments", "stroke_value")["players"]
+    players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]
+    pictures.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
+
+
+def _human() -> None:
+    from experiments.human import draw  # noqa: PLC0415  matplotlib
+
+    draw(saved("experiments", "human"), IMAGES / "human.png")
+
+
+def _analysis() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        _module("shuttle_marl.league", "--pool", "bc", "attacking", "safe", "--matches", "20", "--out", str(run))()
+        _module("shuttle_marl.analysis", str(run / "rallies.mcap"), "--out", folder)()
+        replace_file(IMAGES / "landings.png", (Path(folder) / "landings.png").read_bytes())
+        replace_file(IMAGES / "replies.png", (Path(folder) / "replies-attacking.png").read_bytes())
+
+
+def _league_report() -> None:
+    """The first screens of the report of the default tournament."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
+
+    from shuttle_marl.league.entrants import LeagueConfig  # noqa: PLC0415
+    from shuttle_marl.league.run import run_league  # noqa: PLC0415
+    from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
+
+    width, height = _REPORT
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        run = run_league(LeagueConfig(out=Path(folder) / "run", record="none")).folder
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.goto((run / "report.html").as_uri())
+        replace_file(IMAGES / "league_report.png", page.screenshot())
+        browser.close()
+
+
+_COURT: Final = {
+    (
+        "foxglove.png",
+        "foxglove_broadcast.png",
+        "foxglove_follow.png",
+        "foxglove_match.png",
+        "foxglove_side.png",
+    ): "foxglove_picture",
+    ("film.webp", "moments.png", "scene.png"): "scene_picture",
+    ("rally.png",): "rally_picture",
+    ("strokes.png",): "strokes_picture",
+    tuple(
+        f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")
+    ): "watch_pictures",
+}
+PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
+    ("human.png",): (_human, "experiments/results/human.json"),
+    ("landings.png", "replies.png"): (_analysis, _GAME),
+    ("league_report.png",): (_league_report, _RANKING),
+    ("learning_curves.png",): (_module("experiments.learning_curves"), "experiments/results/win_rates.json"),
+    ("reliability.png",): (
+        _module("shuttle_marl.dynamics", "card", "--plot", str(IMAGES / "reliability.png")),
+        "shuttle_marl/models/default/card.json",
+    ),
+    ("stroke_value.png",): (_stroke_value, "experiments/results/stroke_value.json"),
+    ("value.png",): (
+        _module(
+            "shuttle_marl.exact", "solve", "--plot", str(IMAGES / "value.png"), "--incoming", "smash:middle-left:above:forehand"
+        ),
+        _GAME,
+    ),
+    ("filmstrips.png",): (_module("docs.tools.strokes_picture", "--film"), _GAME),
+    **{names: (_module(f"docs.tools.{tool}"), _GAME) for names, tool in _COURT.items()},
+}
+"""Pictures, what draws them, and the data they show."""
+
+
+def digest(source: str) -> str:
+    """SHA-256 of the data of pictures: the game, the published ranking, or a file of the repository."""
+    if source == _GAME:
+        return str(read_model_card(model_folder())["game_hash"])
+    if source == _RANKING:
+        page = (ROOT / "docs" / "league.md").read_text(encoding="utf-8")
+        content = page.partition("<!-- begin: ranking -->")[2].partition("<!-- end: ranking -->")[0].encode()
+    else:
+        content = (ROOT / source).read_bytes()
+    return hashlib.sha256(content).hexdigest()
+
+
+def outdated() -> list[str]:
+    """Pictures whose data are not those that they were drawn from, and pictures without data."""
+    recorded: dict[str, Any] = json.loads(SOURCES.read_text(encoding="utf-8"))
+    current = {name: digest(source) for names, (_, source) in PICTURES.items() for name in names}
+    shown = {path.name for path in IMAGES.iterdir() if path != SOURCES}
+    return sorted(name for name in shown | set(current) if name not in shown or current.get(name) != recorded.get(name))
+
+
+def main(*, only: tuple[str, ...] = (), check: bool = False) -> None:
+    """Draw the pictures again, or check that they are up to date.
+
+    Args:
+        only: file names of pictures; default: those whose data have changed.
+        check: draw nothing; fail if a picture is out of date.
+    """
+    old = outdated()
+    if check:
+        if old:
+            raise ShuttleError(f"out of date: {', '.join(old)}; draw them with `python -m docs.tools.pictures`")
+        return
+    recorded: dict[str, str] = json.loads(SOURCES.read_text(encoding="utf-8"))
+    for names, (draw, source) in PICTURES.items():
+        if set(names) & set(only or old):
+            draw()
+            recorded |= dict.fromkeys(names, digest(source))
+            replace_file(SOURCES, (json.dumps(recorded, indent=1, sort_keys=True) + "\n").encode())
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main, prog="python -m docs.tools.pictures", description="Draw the pictures of the documentation."))
