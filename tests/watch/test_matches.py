@@ -146,6 +146,13 @@ def test_valid_plans_are_decoded() -> None:
     assert plan.chosen_in(3) == {}
 
 
+def test_a_plan_from_an_earlier_stroke_keeps_what_was_chosen_before_it() -> None:
+    plan = Plan.parse({**PLAN, "chosen": {"0": {"1": 5}, "1": {"3": 6}, "2": {"0": 3, "1": 7, "4": 2}, "3": {"0": 8}}})
+    assert plan.without(2, 1).chosen == {0: {1: 5}, 1: {3: 6}, 2: {0: 3}}
+    assert plan.without(2, 0).chosen == {0: {1: 5}, 1: {3: 6}}
+    assert plan.without(1, 4).chosen == {0: {1: 5}, 1: {3: 6}}
+
+
 def test_equal_plans_have_equal_keys() -> None:
     first = Plan.parse({**PLAN, "chosen": {"2": {"1": 7, "0": 3}, "0": {"0": 1}}})
     second = Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3, "1": 7}}})

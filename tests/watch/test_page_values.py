@@ -41,6 +41,7 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
     game = default_game()
     plan = Plan(seed=9, sides=SIDES)
     match = Match(plan, game, PolicyTables(game))
+    value = evaluate(*(tabulate(resolve(side.policy, game), game) for side in SIDES))
     for number in range(5):
         rally = match.rally(number)
         found = values.analysis(rally, values.players(SIDES))
@@ -51,7 +52,11 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
             assert {rally.stroke[i], entry.better} <= set(names)
             assert len(names) == len(set(names))
             assert entry.regret >= 0
-            assert 0 <= entry.win <= 1
+            state, seat = int(rally.states(game)[i]), int(rally.striker[i])
+            pair = game.pair(np.array([state]), rally.stroke[i : i + 1])
+            striker = (1 + value.striking[seat][state]) / 2, (1 + game.stroke_values(value.striking[1 - seat], pair)[0]) / 2
+            seat_0 = striker if seat == 0 else (1 - striker[0], 1 - striker[1])
+            assert (entry.win, entry.chosen) == pytest.approx(seat_0, abs=1e-4)
             assert 0 <= entry.match <= 1
             assert (entry.mark in ("?", "?!")) == (entry.regret >= 0.1)
         assert all(share is None or 0 <= share <= 1 for share in found.accuracy)
